@@ -1,0 +1,33 @@
+"""Signorini problems on FEniCSx: one-sided constraints on the boundary, solved with PETSc TAO.
+
+The parts, in the order data flows: meshes, quadrature, manufactured (known solutions), assembly,
+optimality, tao, active_set, patch, contact, cascade, problem, norms, rates, study, plotting, cli.
+"""
+
+from dolfinx_signorini.cascade import solve_cascade
+from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.manufactured import ManufacturedSolution, christof_haubner, interpolated
+from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.optimality import SolveResult
+from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.quadrature import QuadratureRule
+
+__all__ = [
+    "ContactState",
+    "InputError",
+    "ManufacturedSolution",
+    "NotConvergedError",
+    "QuadratureRule",
+    "SignoriniProblem",
+    "SolveResult",
+    "christof_haubner",
+    "error_norms",
+    "friedrichs_keller",
+    "interpolated",
+    "paper_problem",
+    "solve_cascade",
+]
+
+__version__ = "0.1.0"

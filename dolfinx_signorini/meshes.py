@@ -1,0 +1,86 @@
+"""Meshes, and which of their cells and facets a computation touches.
+
+Everything here is local to the rank that calls it, except the creation of meshes.
+"""
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+
+def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
+    """Return the Friedrichs-Keller triangulation of the unit square.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        n: Cells per side; every one of the n * n squares is cut into two triangles.
+
+    Raises:
+        ValueError: n is smaller than 1.
+    """
+    if n < 1:
+        raise ValueError(f"a mesh needs at least one cell per side, not {n}")
+    return mesh.create_unit_square(comm, n, n, diagonal=mesh.DiagonalType.right)
+
+
+def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the indices of the cells that this rank owns."""
+    return np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+
+
+def cells_near_ball(
+    domain: mesh.Mesh, centre: tuple[float, ...], radius: float
+) -> npt.NDArray[np.int32]:
+    """Return the owned cells that meet a ball, and possibly some next to it.
+
+    Args:
+        domain: The mesh; its cells are straight-sided.
+        centre: Coordinates of the centre, as many as the mesh has space dimensions.
+        radius: Radius of the ball.
+    """
+    cells = domain.geometry.dofmap[: len(owned_cells(domain))]
+    x = domain.geometry.x[:, : len(centre)]
+    # A cell whose vertices are all farther away than radius + diameter cannot meet the ball.
+    diameter = 0.0
+    for k in range(cells.shape[1]):
+        edge = x[cells[:, k]] - x[cells[:, k - 1]]
+        diameter = max(diameter, float(np.sqrt((edge**2).sum(axis=1).max(initial=0.0))))
+    near = ((x - np.asarray(centre)) ** 2).sum(axis=1) <= (radius + diameter) ** 2
+    return np.flatnonzero(near[cells].any(axis=1)).astype(np.int32)
+
+
+def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the facets on the boundary of the domain that this rank owns."""
+    tdim = domain.topology.dim
+    domain.topology.create_connectivity(tdim - 1, tdim)
+    return mesh.exterior_facet_indices(domain.topology)
+
+
+def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return boundary facets as (cell, local facet) pairs, shape (facets, 2)."""
+    tdim = domain.topology.dim
+    domain.topology.create_connectivity(tdim - 1, tdim)
+    domain.topology.create_connectivity(tdim, tdim - 1)
+    pairs = fem.compute_integration_domains(
+        fem.IntegralType.exterior_facet, domain.topology, facets, tdim - 1
+    )
+    return np.asarray(pairs, dtype=np.int32).reshape(-1, 2)
+
+
+def facet_scale(
+    domain: mesh.Mesh, facets: npt.NDArray[np.int32]
+) -> npt.NDArray[np.float64]:
+    """Return the ratio of each facet's size to that of the reference facet.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra.
+        facets: (cell, local facet) pairs, shape (facets, 2).
+    """
+    cell = basix.CellType[domain.topology.cell_name()]
+    corners = np.array(basix.topology(cell)[domain.topology.dim - 1])
+    x = domain.geometry.x[domain.geometry.dofmap[facets[:, 0, None], corners[facets[:, 1]]]]
+    edges = x[:, 1:] - x[:, :1]
+    gram = np.einsum("fik,fjk->fij", edges, edges)
+    return np.sqrt(np.linalg.det(gram))

@@ -1,0 +1,317 @@
+"""Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
+
+All norms that are asked for share one evaluation of the error at the points of a named quadrature
+rule, cell by cell in blocks. The p-th powers are summed relative to the largest error met so far,
+so that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20.
+
+Definitions (those that reproduce the tables of Christof and Haubner):
+    L^p        (integral of |e|^p)^{1/p}
+    W^{1,p}    (integral of |e|^p plus |de/dx_i|^p for each i)^{1/p}: componentwise
+    L^inf      the largest |e| at the vertices and edge midpoints of all cells
+    W^{1,inf}  the largest |e| or |de/dx_i| at the quadrature points
+    on the boundary the same with the tangential gradient, and
+    H^{1/2}    estimated by interpolation: sqrt(||e||_L2 ||e||_H1) on the boundary; the true
+               fractional norm is in `dolfinx_signorini.fractional`
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.fractional import fractional_norm
+from dolfinx_signorini.manufactured import ManufacturedSolution
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_scale, owned_cells
+from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
+
+BLOCK = 8192  # cells whose point values are held at a time
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Norm:
+    """A norm by name.
+
+    Attributes:
+        derivatives: Order of differentiability: 0 (L^p), 1 (W^{1,p}) or 0.5 (H^{1/2}).
+        p: Exponent, from 1 to infinity; 2 for H^{1/2}.
+        boundary: Whether it is taken on the boundary of the domain.
+        spectral: For H^{1/2}: the true fractional norm in place of the interpolation estimate.
+    """
+
+    derivatives: float
+    p: float
+    boundary: bool = False
+    spectral: bool = False
+
+    def __str__(self) -> str:
+        where = "_boundary" if self.boundary else ""
+        if self.derivatives == 0.5:
+            return f"H1_2{where}" + ("_spectral" if self.spectral else "")
+        exponent = "inf" if math.isinf(self.p) else f"{self.p:.12g}"
+        return f"L{exponent}{where}" if self.derivatives == 0 else f"W1_{exponent}{where}"
+
+
+def parse_norm(name: str) -> Norm:
+    """Return the norm of a name such as L4, Linf, W1_4, W1_inf, L2_boundary or H1_2_boundary.
+
+    H1 stands for W1_2, H1_2_boundary for the interpolation estimate of the H^{1/2} norm and
+    H1_2_boundary_spectral for the norm itself.
+
+    Raises:
+        ValueError: The name is unknown or p is smaller than 1.
+    """
+    if name in ("H1_2_boundary", "H1_2_boundary_spectral"):
+        return Norm(0.5, 2.0, boundary=True, spectral=name.endswith("spectral"))
+    match = re.fullmatch(r"(?:(L|W1_)(inf|[0-9.]+(?:e[+-]?[0-9]+)?)|(H1))(_boundary)?", name)
+    try:
+        if match is None:
+            raise ValueError
+        p = 2.0 if match[3] else float(match[2])
+    except ValueError:
+        raise ValueError(
+            f"unknown norm {name!r}; known are Lp and W1_p with 1 <= p <= inf (L4, Linf, W1_16, "
+            "W1_inf), H1, each with or without _boundary, H1_2_boundary, H1_2_boundary_spectral"
+        ) from None
+    if not p >= 1.0:
+        raise ValueError(f"norm {name!r}: p must be at least 1")
+    return Norm(0.0 if match[1] == "L" else 1.0, p, boundary=match[4] is not None)
+
+
+class PowerSum:
+    """The p-th power sum of point values, kept as largest value m and sum of w (|v| / m)^p."""
+
+    def __init__(self, p: float):
+        self.p = p
+        self.largest = 0.0
+        self.total = 0.0
+
+    def add(self, values: Array, largest: float, weights: Array, factors: Array) -> None:
+        """Add sum_c factors_c sum_q weights_q |values_cq|^p.
+
+        Args:
+            values: Absolute values, shape (cells, points).
+            largest: The largest of them.
+            weights: Shape (points,).
+            factors: Shape (cells,) where they are the same at all points, or (cells, points).
+        """
+        self.include(largest)
+        if largest == 0.0 or math.isinf(self.p):
+            return
+        powers = _power(values / self.largest, self.p)
+        if factors.ndim == 2:
+            self.total += float(((powers * factors) @ weights).sum())
+        else:
+            self.total += float(factors @ (powers @ weights))
+
+    def merge(self, other: "PowerSum") -> None:
+        """Add another sum for the same p."""
+        self.include(other.largest)
+        if other.largest > 0.0 and not math.isinf(self.p):
+            self.total += other.total * (other.largest / self.largest) ** self.p
+
+    def include(self, largest: float) -> None:
+        """Make the sum relative to a value if that is larger than all before."""
+        if not largest <= self.largest:  # also when it is not a number: that is kept, and reported
+            if not math.isinf(self.p):
+                self.total *= (self.largest / largest) ** self.p
+            self.largest = largest
+
+    def reduce(self, comm: MPI.Comm) -> "PowerSum":
+        """Return the sum over all ranks."""
+        result = PowerSum(self.p)
+        for largest, total in comm.allgather((self.largest, self.total)):
+            if not math.isfinite(largest):
+                raise FloatingPointError(f"the error is {largest} at a point of evaluation")
+            part = PowerSum(self.p)
+            part.largest, part.total = largest, total
+            result.merge(part)
+        return result
+
+    @property
+    def root(self) -> float:
+        """The p-th root of the sum; for p = inf the largest value."""
+        if math.isinf(self.p) or self.largest == 0.0:
+            return self.largest
+        return self.largest * self.total ** (1.0 / self.p)
+
+
+def _power(values: Array, p: float) -> Array:
+    """Return values^p, for a power of two by squaring (several times faster than pow)."""
+    exponent = math.log2(p)
+    if exponent != int(exponent):
+        return values**p
+    for _ in range(int(exponent)):
+        values = np.square(values, out=values)
+    return values
+
+
+def error_norms(
+    u_h: fem.Function,
+    exact: ManufacturedSolution | None,
+    norms: Iterable[str],
+    rule: QuadratureRule = PAPER_RULE,
+    boundary_rule: QuadratureRule = BOUNDARY_RULE,
+) -> dict[str, float]:
+    """Compute norms of the error u_h - u, all of them from one evaluation at the rule's points.
+
+    Args:
+        u_h: The discrete solution.
+        exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
+        norms: Names of the norms, see `parse_norm`.
+        rule: Quadrature rule of the volume norms, on cells.
+        boundary_rule: Quadrature rule of the boundary norms, on facets.
+
+    Returns:
+        The value of each norm, by name, the same on all ranks.
+
+    Raises:
+        ValueError: A norm is unknown.
+        FloatingPointError: The error is not a number at some quadrature point.
+    """
+    wanted = {name: parse_norm(name) for name in norms}
+    volume = [n for n in wanted.values() if not n.boundary]
+    boundary = [n for n in wanted.values() if n.boundary and not n.spectral]
+    values = _volume_norms(u_h, exact, volume, rule)
+    values |= _boundary_norms(u_h, exact, boundary, boundary_rule)
+    for norm in wanted.values():
+        if norm.spectral:
+            values[norm] = fractional_norm(u_h, exact)
+    return {name: values[norm] for name, norm in wanted.items()}
+
+
+def _volume_norms(
+    u_h: fem.Function,
+    exact: ManufacturedSolution | None,
+    norms: Sequence[Norm],
+    rule: QuadratureRule,
+) -> dict[Norm, float]:
+    domain = u_h.function_space.mesh
+    cell = basix.CellType[domain.topology.cell_name()]
+    points, weights = rule.points(cell)
+    gradient = any(n.derivatives == 1 for n in norms)
+    integrated = [n for n in norms if n.derivatives == 1 or not math.isinf(n.p)]
+    sums = _power_sums(integrated)
+    if sums:
+        scale = abs(ufl.JacobianDeterminant(domain))
+        for cells, components in _error_on_cells(u_h, exact, gradient):
+            for _, values in _sample([*components, scale], domain, points, cells):
+                factors = values[:, :, -1]
+                if (factors == factors[:, :1]).all():  # affine cells
+                    factors = factors[:, 0]
+                _add(sums, values[:, :, :-1], weights, factors)
+    result = _roots(integrated, sums, domain.comm)
+    if any(n.derivatives == 0 and math.isinf(n.p) for n in norms):
+        lattice = basix.create_lattice(cell, 2, basix.LatticeType.equispaced, True)
+        result[Norm(0.0, math.inf)] = _largest(u_h, exact, lattice)
+    return result
+
+
+def _boundary_norms(
+    u_h: fem.Function,
+    exact: ManufacturedSolution | None,
+    norms: Sequence[Norm],
+    rule: QuadratureRule,
+) -> dict[Norm, float]:
+    if not norms:
+        return {}
+    domain = u_h.function_space.mesh
+    tdim = domain.topology.dim
+    facet = basix.cell.subentity_types(basix.CellType[domain.topology.cell_name()])[tdim - 1][0]
+    points, weights = rule.points(facet)
+    simple = [n for n in norms if n.derivatives != 0.5]
+    if len(simple) < len(norms):  # the ends of the interpolation
+        simple += [Norm(0.0, 2.0, True), Norm(1.0, 2.0, True)]
+    sums = _power_sums(simple)
+    error, gradient = _error(u_h, exact)
+    normal = ufl.FacetNormal(domain)
+    tangential = gradient - ufl.dot(gradient, normal) * normal
+    components = [error, *(tangential[i] for i in range(domain.geometry.dim))]
+    facets = facet_cells(domain, boundary_facets(domain))
+    scale = facet_scale(domain, facets)
+    for block, values in _sample(components, domain, points, facets):
+        _add(sums, values, weights, scale[block])
+    result = _roots(simple, sums, domain.comm)
+    if len(simple) > len(norms):
+        ends = result[Norm(0.0, 2.0, True)], result[Norm(1.0, 2.0, True)]
+        result[Norm(0.5, 2.0, True)] = math.sqrt(ends[0]) * math.sqrt(ends[1])
+    return result
+
+
+def _power_sums(norms: Iterable[Norm]) -> dict[tuple[float, bool], PowerSum]:
+    """One sum per exponent for the values and, for W^{1,p}, one for the derivatives."""
+    keys = {(n.p, False) for n in norms} | {(n.p, True) for n in norms if n.derivatives == 1}
+    return {key: PowerSum(key[0]) for key in keys}
+
+
+def _add(
+    sums: dict[tuple[float, bool], PowerSum], errors: Array, weights: Array, factors: Array
+) -> None:
+    """Add point errors, shape (cells, points, 1 or 1 + dim), to the sums."""
+    for i in range(errors.shape[2]):
+        values = np.abs(errors[:, :, i])
+        largest = float(values.max(initial=0.0))
+        for (_, derivative), power_sum in sums.items():
+            if derivative == (i > 0):
+                power_sum.add(values, largest, weights, factors)
+
+
+def _roots(
+    norms: Iterable[Norm], sums: dict[tuple[float, bool], PowerSum], comm: MPI.Comm
+) -> dict[Norm, float]:
+    total = {key: sums[key].reduce(comm) for key in sorted(sums)}
+    result = {}
+    for norm in norms:
+        power_sum = PowerSum(norm.p)
+        power_sum.merge(total[norm.p, False])
+        if norm.derivatives == 1:
+            power_sum.merge(total[norm.p, True])
+        result[norm] = power_sum.root
+    return result
+
+
+def _error(u_h: fem.Function, exact: ManufacturedSolution | None) -> tuple[Expr, Expr]:
+    if exact is None:
+        return u_h, ufl.grad(u_h)
+    return u_h - exact.u, ufl.grad(u_h) - ufl.as_vector(exact.grad)
+
+
+def _error_on_cells(
+    u_h: fem.Function, exact: ManufacturedSolution | None, gradient: bool
+) -> Iterator[tuple[npt.NDArray[np.int32], list[Expr]]]:
+    """Yield the error with its derivatives where u may be non-zero, and u_h's own elsewhere."""
+    cells = owned_cells(u_h.function_space.mesh)
+    support = cells if exact is None else exact.support_cells()
+    rest = np.setdiff1d(cells, support, assume_unique=True)
+    for part, reference in ((support, exact), (rest, None)):
+        error, derivatives = _error(u_h, reference)
+        dim = u_h.function_space.mesh.geometry.dim if gradient else 0
+        yield part, [error, *(derivatives[i] for i in range(dim))]
+
+
+def _sample(
+    components: Sequence[Expr], domain: mesh.Mesh, points: Array, entities: npt.NDArray[np.int32]
+) -> Iterator[tuple[slice, Array]]:
+    """Yield blocks of the entities, and the components' values (entities, points, components)."""
+    compiled = fem.Expression(ufl.as_vector(components), points, comm=domain.comm)
+    for start in range(0, len(entities), BLOCK):
+        block = slice(start, start + BLOCK)
+        values = compiled.eval(domain, entities[block].flatten())
+        yield block, values.reshape(-1, len(points), len(components))
+
+
+def _largest(u_h: fem.Function, exact: ManufacturedSolution | None, points: Array) -> float:
+    domain = u_h.function_space.mesh
+    power_sum = PowerSum(math.inf)
+    for cells, components in _error_on_cells(u_h, exact, gradient=False):
+        for _, values in _sample(components, domain, points, cells):
+            power_sum.include(float(np.abs(values).max(initial=0.0)))
+    return power_sum.reduce(domain.comm).root

@@ -1,0 +1,101 @@
+"""Small variational inequalities around chosen dofs, which tell the active set there.
+
+Where the active set of a start is nearly right, what is wrong with it sits at its ends: the
+detachment points. The discrete problem restricted to a patch around them, with everything outside
+frozen, is solved exactly in milliseconds. Each rank solves the patch around the dofs that it owns,
+with rows of other ranks where the patch crosses over.
+"""
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from petsc4py import PETSc
+from scipy.sparse.linalg import splu
+
+from dolfinx_signorini.assembly import DiscreteProblem
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+
+RINGS = 12  # layers of neighbours around the chosen dofs
+MAX_STEPS = 40
+
+
+def patch_dofs(problem: DiscreteProblem, seeds: Indices, rings: int = RINGS) -> Indices:
+    """Return the global indices of the dofs within some layers of neighbours of the seeds.
+
+    Args:
+        problem: The problem, whose matrix tells who is a neighbour.
+        seeds: Owned dofs, local indices.
+        rings: Number of layers.
+    """
+    rows = seeds.astype(np.int32) + problem.A.getOwnershipRange()[0]
+    index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
+    problem.A.increaseOverlap(index_set, rings)
+    dofs = np.unique(index_set.getIndices())
+    index_set.destroy()
+    return dofs
+
+
+def active_in_patch(
+    problem: DiscreteProblem, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices
+) -> Mask:
+    """Return the active set with the part near the seeds replaced by that of the patch problem.
+
+    Args:
+        problem: The problem.
+        x: Feasible vector whose values outside the patch are kept.
+        multiplier: A x - b, right in the patch.
+        held: The active set so far, one entry per contact dof of this rank.
+        seeds: Owned dofs around which to correct it, local indices.
+    """
+    dofs = patch_dofs(problem, seeds)
+    lower = problem.A.createVecRight()
+    lower.set(-np.inf)
+    lower.array_w[problem.contact_dofs] = problem.obstacle
+    index_set = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
+    (matrix,) = problem.A.createSubMatrices(index_set)
+    start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
+    indptr, indices, data = matrix.getValuesCSR()
+    for item in (lower, index_set, matrix):
+        item.destroy()
+    if len(dofs) == 0:
+        return held
+    A = sp.csr_matrix((data, indices, indptr), shape=(len(dofs), len(dofs)))
+    active = _solve(A, A @ start - residual, bound, start <= bound)
+    first, last = problem.A.getOwnershipRange()
+    owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
+    local = np.zeros(last - first, dtype=np.int8)
+    local[problem.contact_dofs] = held
+    local[dofs[owned] - first] = active[owned]
+    return local[problem.contact_dofs] == 1
+
+
+def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
+    target = PETSc.Vec().createSeq(index_set.getLocalSize())
+    scatter = PETSc.Scatter().create(vec, index_set, target, None)
+    scatter.scatter(vec, target)
+    values = target.array_r.copy()
+    scatter.destroy()
+    target.destroy()
+    return values
+
+
+def _solve(A: sp.csr_matrix, b: Array, bound: Array, active: Mask) -> Mask:
+    """Primal-dual active set steps with sparse LU; the last set where they do not settle."""
+    contact = np.isfinite(bound)
+    g = np.where(contact, bound, 0.0)
+    diagonal = A.diagonal()
+    for _ in range(MAX_STEPS):
+        free = ~active
+        x = np.where(active, g, 0.0)
+        if free.any():
+            lu = splu(A[free][:, free].tocsc())
+            x[free] = lu.solve(b[free] - A[free][:, active] @ x[active])
+        multiplier = A @ x - b
+        update = contact & (multiplier - diagonal * (x - g) > 0.0)
+        if (update == active).all():
+            break
+        active = update
+    return active
