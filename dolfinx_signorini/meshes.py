@@ -51,6 +51,15 @@ def cells_near_ball(
     return np.flatnonzero(near[cells].any(axis=1)).astype(np.int32)
 
 
+def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Tell which cells number their vertices clockwise; always none but for plane triangles."""
+    if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
+        return np.zeros(len(cells), dtype=bool)
+    x = domain.geometry.x[domain.geometry.dofmap[cells]]
+    (a, b), (c, d) = (x[:, 1] - x[:, 0])[:, :2].T, (x[:, 2] - x[:, 0])[:, :2].T
+    return np.asarray(a * d - b * c < 0.0)
+
+
 def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     """Return the facets on the boundary of the domain that this rank owns."""
     tdim = domain.topology.dim

@@ -29,7 +29,13 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_scale, owned_cells
+from dolfinx_signorini.meshes import (
+    boundary_facets,
+    clockwise,
+    facet_cells,
+    facet_scale,
+    owned_cells,
+)
 from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
 
 BLOCK = 8192  # cells whose point values are held at a time
@@ -196,18 +202,22 @@ def _volume_norms(
 ) -> dict[Norm, float]:
     domain = u_h.function_space.mesh
     cell = basix.CellType[domain.topology.cell_name()]
-    points, weights = rule.points(cell)
     gradient = any(n.derivatives == 1 for n in norms)
     integrated = [n for n in norms if n.derivatives == 1 or not math.isinf(n.p)]
     sums = _power_sums(integrated)
     if sums:
         scale = abs(ufl.JacobianDeterminant(domain))
         for cells, components in _error_on_cells(u_h, exact, gradient):
-            for _, values in _sample([*components, scale], domain, points, cells):
-                factors = values[:, :, -1]
-                if (factors == factors[:, :1]).all():  # affine cells
-                    factors = factors[:, 0]
-                _add(sums, values[:, :, :-1], weights, factors)
+            # The rule follows the counterclockwise order of vertices, not that of their numbers.
+            turned = clockwise(domain, cells)
+            for reverse in (False, True):
+                points, weights = rule.points(cell, reverse)
+                part = cells[turned == reverse]
+                for _, values in _sample([*components, scale], domain, points, part):
+                    factors = values[:, :, -1]
+                    if (factors == factors[:, :1]).all():  # affine cells
+                        factors = factors[:, 0]
+                    _add(sums, values[:, :, :-1], weights, factors)
     result = _roots(integrated, sums, domain.comm)
     if any(n.derivatives == 0 and math.isinf(n.p) for n in norms):
         lattice = basix.create_lattice(cell, 2, basix.LatticeType.equispaced, True)

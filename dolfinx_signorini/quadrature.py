@@ -26,14 +26,27 @@ class QuadratureRule:
         return {"quadrature_rule": self.scheme, "quadrature_degree": self.degree}
 
     def points(
-        self, cell: basix.CellType
+        self, cell: basix.CellType, reverse: bool = False
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return the points, shape (q, dim), and the weights, shape (q,), on a reference cell."""
+        """Return the rule on a reference cell.
+
+        Args:
+            cell: The cell.
+            reverse: Lay the points out as for the reverse order of the cell's vertices. It only
+                matters for rules without the symmetry of the cell, such as Gauss-Jacobi rules.
+
+        Returns:
+            The points, shape (q, dim), and the weights, shape (q,).
+        """
         kind = {
             "default": basix.QuadratureType.default,
             "Gauss-Jacobi": basix.QuadratureType.gauss_jacobi,
         }[self.scheme]
-        return basix.make_quadrature(cell, self.degree, rule=kind)
+        points, weights = basix.make_quadrature(cell, self.degree, rule=kind)
+        if reverse:
+            barycentric = np.column_stack((1.0 - points.sum(axis=1), points))
+            points = np.ascontiguousarray(barycentric[:, ::-1][:, 1:])
+        return points, weights
 
     def __str__(self) -> str:
         return f"{self.scheme} rule of degree {self.degree}"

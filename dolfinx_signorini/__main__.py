@@ -1,0 +1,7 @@
+"""python3 -m dolfinx_signorini is the command line."""
+
+import sys
+
+from dolfinx_signorini.cli import main
+
+sys.exit(main())

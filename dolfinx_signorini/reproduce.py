@@ -1,0 +1,138 @@
+"""The job `reproduce`: the paper's numerical experiment, its tables and pictures."""
+
+import argparse
+import json
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini import plotting
+from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.problem import METHODS
+from dolfinx_signorini.records import write_file
+from dolfinx_signorini.study import PAPER_NORMS, StudySettings, run_study
+from dolfinx_signorini.tables import error_table, order_table
+
+FIRST, STEP, LARGEST = 101, 100, 5001
+PICTURE_CELLS = 101
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument(
+        "--max-n",
+        type=int,
+        default=401,
+        metavar="N",
+        help="largest number of cells per side: 101, 201, ... up to N (default 401; "
+        "1001 is the paper's whole table)",
+    )
+    parser.add_argument(
+        "--method",
+        default="cascade",
+        help=f"solver: {', '.join(METHODS)} (default cascade)",
+    )
+    parser.add_argument(
+        "--norms",
+        default=",".join(PAPER_NORMS),
+        help="norms of the error, separated by commas (default: the paper's; others: L2, H1, "
+        "W1_8, L2_boundary, H1_2_boundary_spectral, ...)",
+    )
+    parser.add_argument(
+        "--rtol",
+        type=float,
+        default=DEFAULT_RTOL,
+        help="relative natural residual of every solve (default %(default)g)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results"),
+        metavar="DIR",
+        help="folder for rows, tables and pictures; a run that was stopped goes on from what it "
+        "finds there (default %(default)s)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study and write tables and pictures; print the tables on rank 0.
+
+    Raises:
+        InputError: An argument makes no sense or the folder cannot be used.
+        NotConvergedError: Some problem could not be solved.
+    """
+    comm = MPI.COMM_WORLD
+    settings = _settings(args)
+    rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
+    picture = plotting.paper_picture(comm, PICTURE_CELLS)
+    if picture is not None:
+        _write(args.out, rows, settings, picture)
+    comm.barrier()
+    return 0
+
+
+def _settings(args: argparse.Namespace) -> StudySettings:
+    if not FIRST <= args.max_n <= LARGEST:
+        raise InputError(f"--max-n: must lie between {FIRST} and {LARGEST}, not {args.max_n}")
+    if args.method not in METHODS:
+        raise InputError(f"--method: unknown {args.method!r}, known are {', '.join(METHODS)}")
+    if not 0.0 < args.rtol < 1.0:
+        raise InputError(f"--rtol: must lie between 0 and 1, not {args.rtol}")
+    norms = tuple(dict.fromkeys(name.strip() for name in args.norms.split(",")))
+    for name in norms:
+        try:
+            parse_norm(name)
+        except ValueError as error:
+            raise InputError(f"--norms: {error}") from None
+    return StudySettings(method=args.method, norms=norms, rtol=args.rtol)
+
+
+def _write(
+    folder: Path, rows: list[dict[str, Any]], settings: StudySettings, picture: plotting.PaperPicture
+) -> None:
+    """Write and print the results; rank 0 only."""
+    tables = [error_table(rows, settings.norms)]
+    if len(rows) > 1:
+        tables.append(order_table(rows, settings.norms))
+    for number, table in enumerate(tables, start=1):
+        print(table.text(), flush=True)
+        write_file(folder / f"table{number}.md", table.markdown())
+        write_file(folder / f"table{number}.csv", table.csv())
+    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables))
+    report = {
+        "versions": versions(),
+        "settings": vars(settings) | {"norms": list(settings.norms)},
+        "rows": rows,
+        "tables": {
+            f"table{number}": {
+                label: {
+                    norm: {"value": c.value, "paper": c.paper, "difference": c.difference}
+                    for norm, c in zip(table.columns, cells, strict=True)
+                }
+                for label, cells in table.rows
+            }
+            for number, table in enumerate(tables, start=1)
+        },
+    }
+    write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
+    plotting.save(plotting.draw_solution_and_load(picture), folder / "solution_and_load")
+    plotting.save(plotting.draw_convergence(rows, settings.norms), folder / "convergence")
+    plotting.save(plotting.draw_bottom_edge(picture), folder / "bottom_edge")
+    print(f"tables and pictures: {folder}/", file=sys.stderr)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    try:
+        own = version("dolfinx_signorini")
+    except PackageNotFoundError:  # run from a checkout
+        from dolfinx_signorini import __version__ as own
+    petsc = ".".join(str(part) for part in PETSc.Sys.getVersion())
+    return {"dolfinx_signorini": own, "dolfinx": dolfinx.__version__, "petsc": petsc}
