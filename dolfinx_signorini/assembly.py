@@ -10,6 +10,7 @@ does not mention is neither assembled nor stored; the obstacle is an array over 
 
 import time
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ from dolfinx_signorini.meshes import facet_cells
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
-Obstacle = float | Expr | fem.Function | Callable[[Array], Array]
+Obstacle: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
 
 SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 
@@ -118,7 +119,7 @@ class DiscreteProblem:
         return int(self.space.dofmap.index_map.size_global)
 
     def start_values(self) -> PETSc.Vec:
-        """Return a vector that is zero but for the Dirichlet data, and no lower than the obstacle."""
+        """Return zero, lifted to the obstacle, with the Dirichlet data."""
         x = self.A.createVecRight()
         x.set(0.0)
         self.project(x)

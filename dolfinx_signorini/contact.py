@@ -1,4 +1,4 @@
-"""What happens at the contact boundary: the pressure, its density, and which dofs are in contact."""
+"""The contact boundary of a discrete solution: contact pressure and its density."""
 
 from dataclasses import dataclass
 

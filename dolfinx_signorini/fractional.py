@@ -10,6 +10,8 @@ with the Fourier coefficients e_k of e. The trace of a function on a triangle me
 O(N) values: each rank samples its own facets, one rank adds up the series.
 """
 
+from typing import Any, TypeAlias
+
 import basix
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +25,7 @@ from dolfinx_signorini.meshes import boundary_facets, facet_cells
 NODES = 9  # interpolation nodes per facet
 SAMPLES = 64  # samples per facet: what lies above their frequency is 2e-4 of the norm
 
-Array = npt.NDArray[np.float64]
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
 
 def fractional_norm(
@@ -104,9 +106,7 @@ def _facet_samples(
     return vertices, domain.geometry.x[dofs][:, :, :2], values.reshape(-1, NODES)
 
 
-def _global_indices(
-    domain: mesh.Mesh, dofs: npt.NDArray[np.int32]
-) -> npt.NDArray[np.int64]:
+def _global_indices(domain: mesh.Mesh, dofs: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
     return domain.geometry.index_map().local_to_global(dofs.ravel()).reshape(dofs.shape)
 
 

@@ -78,9 +78,7 @@ def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return np.asarray(pairs, dtype=np.int32).reshape(-1, 2)
 
 
-def facet_scale(
-    domain: mesh.Mesh, facets: npt.NDArray[np.int32]
-) -> npt.NDArray[np.float64]:
+def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     """Return the ratio of each facet's size to that of the reference facet.
 
     Args:

@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import basix
 import numpy as np
@@ -39,7 +40,7 @@ from dolfinx_signorini.meshes import (
 from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
 
 BLOCK = 8192  # cells whose point values are held at a time
-Array = npt.NDArray[np.float64]
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ def _volume_norms(
     result = _roots(integrated, sums, domain.comm)
     if any(n.derivatives == 0 and math.isinf(n.p) for n in norms):
         lattice = basix.create_lattice(cell, 2, basix.LatticeType.equispaced, True)
-        result[Norm(0.0, math.inf)] = _largest(u_h, exact, lattice)
+        result[Norm(0.0, math.inf)] = _largest(u_h, exact, np.asarray(lattice, dtype=np.float64))
     return result
 
 

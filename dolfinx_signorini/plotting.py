@@ -80,7 +80,7 @@ def draw_solution_and_load(picture: PaperPicture) -> Figure:
     x = np.linspace(0.0, 1.0, picture.n + 1)
     grid = np.meshgrid(x, x)
     for place, (values, name) in enumerate(((picture.u, "solution u"), (picture.load, "load f"))):
-        axes = figure.add_subplot(1, 2, place + 1, projection="3d")
+        axes: Any = figure.add_subplot(1, 2, place + 1, projection="3d")
         axes.plot_surface(*grid, values, cmap="viridis", rcount=80, ccount=80, linewidth=0)
         axes.set(title=name, xlabel="$x_1$", ylabel="$x_2$")
         axes.view_init(elev=28, azim=-122)
@@ -109,7 +109,8 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) ->
     axes.set_xticks(n, [f"{value:.0f}" for value in n], minor=False)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
-    axes.legend(title="markers: measured; lines: theory", loc="center left", bbox_to_anchor=(1, 0.5))
+    title = "markers: measured\nlines: theory"
+    axes.legend(title=title, loc="center left", bbox_to_anchor=(1, 0.5))
     figure.tight_layout()
     return figure
 
@@ -118,10 +119,11 @@ def draw_bottom_edge(picture: PaperPicture) -> Figure:
     """Draw solution and contact pressure along the bottom edge, with the detachment point."""
     figure, (above, below) = plt.subplots(2, 1, figsize=(7.2, 5.6), sharex=True)
     x = np.linspace(0.0, 1.0, picture.n + 1)
+    dots: dict[str, Any] = {"marker": ".", "linestyle": "", "color": COLOURS[1], "markersize": 4}
     above.plot(x, picture.u[0], color=COLOURS[0], label="exact $u$")
-    above.plot(x, picture.u_h[0], ".", color=COLOURS[1], markersize=4, label=f"$u_h$, N = {picture.n}")
+    above.plot(x, picture.u_h[0], label=f"$u_h$, N = {picture.n}", **dots)
     below.plot(x, picture.flux, color=COLOURS[0], label=r"exact $\partial_n u$")
-    below.plot(x, picture.pressure, ".", color=COLOURS[1], markersize=4, label=r"pressure of $u_h$")
+    below.plot(x, picture.pressure, label=r"pressure of $u_h$", **dots)
     for axes, name in ((above, "solution"), (below, "contact pressure")):
         axes.axvline(DETACHMENT[0], color="black", linestyle=":", label="detachment point")
         axes.set_ylabel(name)

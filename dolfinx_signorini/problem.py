@@ -6,18 +6,16 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from dolfinx_signorini import cascade, tao
 from dolfinx_signorini.assembly import DiscreteProblem
-from dolfinx_signorini.cascade import DEFAULT_RTOL, solve_contact
 from dolfinx_signorini.contact import ContactState, contact_state
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.optimality import SolveResult
 from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
-from dolfinx_signorini.tao import METHODS as TAO_METHODS
-from dolfinx_signorini.tao import solve_tao
 
-METHODS = ("cascade", *TAO_METHODS)
+METHODS = ("cascade", *tao.METHODS)
 
 
 class SignoriniProblem(DiscreteProblem):
@@ -35,7 +33,7 @@ class SignoriniProblem(DiscreteProblem):
         method: str = "cascade",
         *,
         coarse: ContactState | None = None,
-        rtol: float = DEFAULT_RTOL,
+        rtol: float | None = None,
         options: Mapping[str, Any] | None = None,
         **limits: Any,
     ) -> SolveResult:
@@ -44,9 +42,11 @@ class SignoriniProblem(DiscreteProblem):
         Args:
             method: "cascade" predicts the active set from the coarse solution, if there is one,
                 solves linear systems with CG and algebraic multigrid, and lets TAO accept the
-                result. Any bound-constrained type of TAO (`TAO_METHODS`) does it all alone.
+                result. Any bound-constrained type of TAO (`tao.METHODS`) does it all alone.
             coarse: The contact state of a coarser solution (`contact_state`).
-            rtol: The natural residual to reach, relative to the data.
+            rtol: The natural residual to reach, relative to the data; the method's own default
+                (`cascade.DEFAULT_RTOL`, `tao.DEFAULT_RTOL`) keeps the algebraic error small
+                against that of the discretisation.
             options: PETSc options, without prefix, of the linear solver or of TAO.
             limits: For TAO: start, max_iterations, max_evaluations, see `solve_tao`.
 
@@ -57,10 +57,12 @@ class SignoriniProblem(DiscreteProblem):
         if method == "cascade":
             if limits:
                 raise InputError(f"{', '.join(limits)}: only for the methods of TAO")
-            return solve_contact(self, coarse, rtol=rtol, options=options)
+            rtol = cascade.DEFAULT_RTOL if rtol is None else rtol
+            return cascade.solve_contact(self, coarse, rtol=rtol, options=options)
         if coarse is not None:
             raise InputError("coarse: only for the cascade; TAO's methods take start")
-        return solve_tao(self, method, rtol=rtol, options=options, **limits)
+        rtol = tao.DEFAULT_RTOL if rtol is None else rtol
+        return tao.solve_tao(self, method, rtol=rtol, options=options, **limits)
 
     def contact_state(self, u: fem.Function) -> ContactState:
         """Return a solution with its pressure density, for the next finer mesh."""

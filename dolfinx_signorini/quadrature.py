@@ -42,7 +42,8 @@ class QuadratureRule:
             "default": basix.QuadratureType.default,
             "Gauss-Jacobi": basix.QuadratureType.gauss_jacobi,
         }[self.scheme]
-        points, weights = basix.make_quadrature(cell, self.degree, rule=kind)
+        rule = basix.make_quadrature(cell, self.degree, rule=kind)
+        points, weights = (np.asarray(part, dtype=np.float64) for part in rule)
         if reverse:
             barycentric = np.column_stack((1.0 - points.sum(axis=1), points))
             points = np.ascontiguousarray(barycentric[:, ::-1][:, 1:])

@@ -5,10 +5,10 @@ of its diagonal, in the unit s in which the natural residual of x0 has size one:
 
     minimise 1/2 d.A'd - r'.d  over  d >= (g - x0) / s,    A' = A / |A|,  r' = (b - A x0) / (s |A|).
 
-So neither the size of the load nor that of the operator matters (scaling by powers of two is exact),
-and neither do the absolute safeguards inside TAO, nor cancellation: a round ends after a few digits,
-the next one starts from the point reached, in a unit of its own, and the residual goes down to
-rounding. In one round, BQNLS and BNCG stall at 1e-9 for tens of thousands of iterations.
+So neither the size of the load nor that of the operator matters (scaling by powers of two is
+exact), and neither do the absolute safeguards inside TAO, nor cancellation: a round ends after a
+few digits, the next one starts from the point reached, in a unit of its own, and the residual goes
+down to rounding. In one round, BQNLS and BNCG stall at 1e-9 for tens of thousands of iterations.
 """
 
 import itertools
@@ -20,9 +20,9 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+from dolfinx_signorini.assembly import DiscreteProblem
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.optimality import Optimality, SolveResult, power_of_two
-from dolfinx_signorini.assembly import DiscreteProblem
 
 FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
@@ -30,6 +30,7 @@ METHODS = FIRST_ORDER + SECOND_ORDER
 
 # One round reduces the residual by this factor at the most: the energy is then known to its square.
 ROUND_REDUCTION = 1e-4
+DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
 
@@ -55,7 +56,7 @@ def solve_tao(
     problem: DiscreteProblem,
     method: str = "bqnls",
     *,
-    rtol: float = 1e-10,
+    rtol: float = DEFAULT_RTOL,
     start: fem.Function | None = None,
     max_iterations: int = MAX_ITERATIONS,
     max_evaluations: int = MAX_EVALUATIONS,
@@ -188,9 +189,7 @@ class TaoRounds:
     def exhausted(self) -> bool:
         return self.iterations >= self.max_iterations or self.evaluations >= self.max_evaluations
 
-    def round(
-        self, x: PETSc.Vec, optimality: Optimality, residual: float, target: float
-    ) -> None:
+    def round(self, x: PETSc.Vec, optimality: Optimality, residual: float, target: float) -> None:
         """Run TAO on the correction to x, and add it.
 
         Args:

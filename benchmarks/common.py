@@ -1,0 +1,139 @@
+"""What the benchmarks share: three scenes, one plain linear solve, medians, and a JSON file.
+
+Times are wall-clock seconds, the largest over the ranks, after a warm-up that compiles all forms.
+"""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini import SignoriniProblem, christof_haubner, friedrichs_keller, paper_problem
+from dolfinx_signorini.active_set import LINEAR_FRACTION
+from dolfinx_signorini.cascade import solve_contact
+from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.optimality import SolveResult
+from dolfinx_signorini.reproduce import versions
+from dolfinx_signorini.study import coarse_levels
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def paper(comm: MPI.Comm, n: int) -> SignoriniProblem:
+    """The paper's problem: on most of the contact set the pressure is zero."""
+    return paper_problem(christof_haubner(friedrichs_keller(comm, n)))
+
+
+def pressed(comm: MPI.Comm, n: int) -> SignoriniProblem:
+    """A load that presses one part down hard: pressure or gap is positive almost everywhere."""
+    return _square(comm, n, load=lambda x: 40.0 * (0.45 - x[0] + 0.2 * x[1]), obstacle=0.0)
+
+
+def wavy(comm: MPI.Comm, n: int) -> SignoriniProblem:
+    """A wavy obstacle under a uniform load: several contact arcs on every side."""
+    return _square(
+        comm,
+        n,
+        load=lambda x: -20.0 + 0.0 * x[0],
+        obstacle=lambda x: 0.3 * np.cos(3.0 * np.pi * x[0]) * np.cos(2.0 * np.pi * x[1]),
+    )
+
+
+SCENES: dict[str, Callable[[MPI.Comm, int], SignoriniProblem]] = {
+    "paper": paper,
+    "pressed": pressed,
+    "wavy": wavy,
+}
+
+
+def _square(
+    comm: MPI.Comm, n: int, load: Callable[[Any], Any], obstacle: float | Callable[[Any], Any]
+) -> SignoriniProblem:
+    domain = friedrichs_keller(comm, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    right = load(x) * v * ufl.dx(metadata={"quadrature_degree": 3})
+    return SignoriniProblem(a, right, contact=boundary_facets(domain), obstacle=obstacle)
+
+
+def timed(comm: MPI.Comm, action: Callable[..., Any], *args: Any) -> tuple[float, Any]:
+    """Return the seconds of a call, the largest over the ranks, and what it returned."""
+    comm.barrier()
+    start = time.perf_counter()
+    value = action(*args)
+    return comm.allreduce(time.perf_counter() - start, op=MPI.MAX), value
+
+
+def linear_solve(problem: SignoriniProblem, rtol: float) -> int:
+    """Solve A x = b by CG with BoomerAMG from zero, and return the iterations.
+
+    The relative residual is the one that the contact solve asks of its linear solves.
+    """
+    x = problem.A.createVecRight()
+    ksp = PETSc.KSP().create(problem.comm)
+    ksp.setOperators(problem.A)
+    ksp.setType("cg")
+    ksp.getPC().setType("hypre")
+    ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+    ksp.setTolerances(rtol=rtol * LINEAR_FRACTION, atol=0.0)
+    ksp.solve(problem.b, x)
+    iterations = ksp.getIterationNumber()
+    ksp.destroy()
+    x.destroy()
+    return int(iterations)
+
+
+def coarse_state(
+    comm: MPI.Comm, scene: str, n: int, rtol: float
+) -> tuple[ContactState | None, list[int]]:
+    """Solve all levels below n, and return the last one's contact state and their solves."""
+    state, solves = None, []
+    for level in coarse_levels(n):
+        problem = SCENES[scene](comm, level)
+        result = solve_contact(problem, state, rtol=rtol)
+        state = problem.contact_state(result.u)
+        problem.destroy()
+        solves.append(result.linear_solves)
+    return state, solves
+
+
+def contact_solve(
+    problem: SignoriniProblem, scene: str, n: int, rtol: float
+) -> tuple[SolveResult, list[int]]:
+    """Solve by the cascade: mesh, assembly and solve of all coarse levels, solve of the finest."""
+    state, solves = coarse_state(problem.comm, scene, n, rtol)
+    result = solve_contact(problem, state, rtol=rtol)
+    return result, [*solves, result.linear_solves]
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """Return minimum, median and maximum."""
+    return {"min": min(values), "median": median(values), "max": max(values)}
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a table for the terminal."""
+    cells = [list(columns)] + [
+        [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows
+    ]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    lines = ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in cells]
+    return "\n".join([title, lines[0], "-" * len(lines[0]), *lines[1:], ""])
+
+
+def write_json(comm: MPI.Comm, name: str, content: Mapping[str, Any]) -> None:
+    """Write results to a JSON file in the results folder, on rank 0."""
+    if comm.rank == 0:
+        RESULTS.mkdir(exist_ok=True)
+        text = json.dumps({"versions": versions(), "ranks": comm.size} | dict(content), indent=1)
+        (RESULTS / f"{name}.json").write_text(text + "\n")
