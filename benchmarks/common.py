@@ -4,6 +4,9 @@ Times are wall-clock seconds, the largest over the ranks, after a warm-up that c
 """
 
 import json
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -114,6 +117,27 @@ def contact_solve(
     state, solves = coarse_state(problem.comm, scene, n, rtol)
     result = solve_contact(problem, state, rtol=rtol)
     return result, [*solves, result.linear_solves]
+
+
+def child(*arguments: str, ranks: int = 0) -> dict[str, Any] | None:
+    """Run a Python script in a process of its own, and return the JSON of its last line.
+
+    Args:
+        arguments: The script, and its arguments.
+        ranks: Run it under mpirun with so many ranks; 0 for without.
+
+    Returns:
+        What it printed; None where its alarm clock ended it.
+    """
+    launcher = ["mpirun", "-n", str(ranks)] if ranks else []
+    done = subprocess.run(
+        [*launcher, sys.executable, *arguments], stdout=subprocess.PIPE, text=True
+    )
+    if done.returncode == -signal.SIGALRM:
+        return None
+    if done.returncode:
+        raise SystemExit(f"{' '.join(arguments)}: exit code {done.returncode}")
+    return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:

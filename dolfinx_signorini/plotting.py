@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compat
 from dolfinx_signorini.manufactured import DETACHMENT, christof_haubner
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import parse_norm
@@ -106,7 +107,11 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) ->
         if order is not None:
             axes.loglog(n, errors[-1] * (n / n[-1]) ** -order, color=colour, linewidth=0.9)
     axes.set(xlabel="cells per side N", ylabel="error $u - u_h$")
-    axes.set_xticks(n, [f"{value:.0f}" for value in n], minor=False)
+    ticks = [n[-1]]
+    for value in n[-2::-1]:
+        if ticks[-1] >= 1.2 * value:  # closer labels would overlap
+            ticks.append(value)
+    axes.set_xticks(ticks, [f"{value:.0f}" for value in ticks], minor=False)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     title = "markers: measured\nlines: theory"
@@ -143,7 +148,7 @@ def save(figure: Figure, path: Path) -> None:
 
 def _interpolate(space: fem.FunctionSpace, expression: Expr) -> fem.Function:
     function = fem.Function(space)
-    points = space.element.interpolation_points()
+    points = compat.interpolation_points(space.element)
     function.interpolate(fem.Expression(expression, points, comm=space.mesh.comm))
     return function
 

@@ -1,0 +1,228 @@
+"""(b) The cascade against what else one would use, on the same matrix, in one run.
+
+    python3 -m pip install --target benchmarks/peers --python-version 3.13 \
+        --only-binary=:all: --no-deps -r benchmarks/requirements.txt
+    PYTHONPATH=benchmarks/peers ./with-dolfinx python3 benchmarks/peers.py [--cells 1001]
+
+Every solver runs in a process of its own, which assembles the paper's problem; the time is that of
+the solver alone: its set-up, and for the cascade all coarse levels from their meshes on. It starts
+cold and is asked for the relative natural residual of the cascade; what it reached is measured and
+printed. A solver that has not finished after --limit seconds is stopped, and the table says so.
+Whoever needs less than a fifth of the limit is run --repeats times, and the table shows the median.
+"""
+
+import argparse
+import json
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from common import child, contact_solve, paper, table, write_json
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.optimality import Optimality
+
+Peer = Callable[[SignoriniProblem], "np.ndarray[Any, Any]"]
+
+
+def cascade(problem: SignoriniProblem) -> Any:
+    """The default of this package, with all its coarse levels."""
+    n = round(np.sqrt(problem.unknowns)) - 1
+    result, _ = contact_solve(problem, "paper", n, DEFAULT_RTOL)
+    return result.u.x.array
+
+
+def tao(method: str) -> Peer:
+    """A TAO type from zero."""
+    return lambda problem: problem.solve(method, rtol=DEFAULT_RTOL).u.x.array
+
+
+def snes(method: str) -> Peer:
+    """A variational inequality solver of SNES with BoomerAMG, as PETSc's manual sets it up."""
+
+    def solve(problem: SignoriniProblem) -> Any:
+        A, b, x = problem.A, problem.b, problem.start_values()
+        lower, upper = x.duplicate(), x.duplicate()
+        lower.set(PETSc.NINFINITY)
+        lower.array_w[problem.contact_dofs] = problem.obstacle
+        upper.set(PETSc.INFINITY)
+
+        def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+            A.mult(x, f)
+            f.axpy(-1.0, b)
+
+        optimality = Optimality(problem)
+        snes = PETSc.SNES().create(problem.comm)
+        snes.setType(method)
+        snes.setFunction(residual, b.duplicate())
+        # vinewtonssls changes the matrix in place
+        snes.setJacobian(lambda snes, x, J, P: A.copy(J), A.copy())
+        snes.setVariableBounds(lower, upper)
+        atol = 0.5 * DEFAULT_RTOL * optimality.scale
+        snes.setTolerances(rtol=0.0, stol=0.0, atol=atol, max_it=500)
+        snes.getKSP().setType("cg" if method == "vinewtonrsls" else "gmres")
+        snes.getKSP().getPC().setType("hypre")
+        snes.solve(None, x)
+        return x.array_r.copy()
+
+    return solve
+
+
+def _quadratic_program(problem: SignoriniProblem) -> tuple[sp.csc_matrix, Any, Any]:
+    """Return A, b and the lower bounds (-inf where there is none)."""
+    indptr, indices, data = problem.A.getValuesCSR()
+    lower = np.full(problem.unknowns, -np.inf)
+    lower[problem.contact_dofs] = problem.obstacle
+    return sp.csr_matrix((data, indices, indptr)).tocsc(), problem.b.array_r, lower
+
+
+def piqp(problem: SignoriniProblem) -> Any:
+    """PIQP: proximal interior point."""
+    import piqp
+
+    A, b, lower = _quadratic_program(problem)
+    solver = piqp.SparseSolver()
+    solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-12
+    solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 1e-12
+    solver.setup(P=A, c=-b, x_l=lower)
+    solver.solve()
+    return np.array(solver.result.x)
+
+
+def clarabel(problem: SignoriniProblem) -> Any:
+    """Clarabel: interior point."""
+    import clarabel
+
+    A, b, lower = _quadratic_program(problem)
+    bounded = np.flatnonzero(np.isfinite(lower))
+    cone = sp.csc_matrix(
+        (-np.ones(len(bounded)), (np.arange(len(bounded)), bounded)), (len(bounded), len(b))
+    )
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 1e-12
+    solver = clarabel.DefaultSolver(
+        sp.triu(A).tocsc(),
+        -b,
+        cone,
+        -lower[bounded],
+        [clarabel.NonnegativeConeT(len(bounded))],
+        settings,
+    )
+    return np.array(solver.solve().x)
+
+
+def highs(problem: SignoriniProblem) -> Any:
+    """HiGHS: active set on the quadratic program."""
+    import highspy
+
+    A, b, lower = _quadratic_program(problem)
+    half = sp.tril(A).tocsc()
+    model = highspy.HighsModel()
+    lp, hessian, n = model.lp_, model.hessian_, len(b)
+    lp.num_col_, lp.num_row_ = n, 0
+    lp.col_cost_, lp.col_lower_, lp.col_upper_ = -b, lower, np.full(n, highspy.kHighsInf)
+    lp.a_matrix_.start_ = np.zeros(n + 1, dtype=np.int32)
+    hessian.dim_, hessian.format_ = n, highspy.HessianFormat.kTriangular
+    hessian.start_, hessian.index_, hessian.value_ = half.indptr, half.indices, half.data
+    solver = highspy.Highs()
+    solver.setOptionValue("output_flag", False)
+    solver.passModel(model)
+    solver.run()
+    return np.array(solver.getSolution().col_value)
+
+
+def scikit_fem(problem: SignoriniProblem) -> Any:
+    """A primal-dual active set loop with scikit-fem's condense and SciPy's sparse LU."""
+    import skfem
+
+    A, b, lower = _quadratic_program(problem)
+    A, diagonal = A.tocsr(), A.diagonal()
+    contact = np.flatnonzero(np.isfinite(lower))
+    x, active = np.where(np.isfinite(lower), lower, 0.0), contact
+    for _ in range(100):
+        x = skfem.solve(*skfem.condense(A, b, x=np.where(np.isfinite(lower), lower, 0.0), D=active))
+        force = (A @ x - b)[contact]
+        gap = diagonal[contact] * (x - lower)[contact]
+        if np.linalg.norm(np.minimum(force, gap)) <= DEFAULT_RTOL * np.linalg.norm(b):
+            break
+        active = contact[force > gap]
+    return x
+
+
+PEERS: dict[str, Peer] = {
+    "cascade": cascade,
+    "TAO bntr": tao("bntr"),
+    "SNES vinewtonrsls": snes("vinewtonrsls"),
+    "SNES vinewtonssls": snes("vinewtonssls"),
+    "scikit-fem, SciPy": scikit_fem,
+    "Clarabel": clarabel,
+    "PIQP": piqp,
+    "TAO bqnls": tao("bqnls"),
+    "TAO bncg": tao("bncg"),
+    "HiGHS": highs,
+}
+
+
+def measure(name: str, n: int, limit: float) -> dict[str, Any]:
+    """Run one peer in this process, which the alarm clock ends after the limit."""
+    PEERS[name](paper(MPI.COMM_SELF, 21))  # compiles the forms
+    problem = paper(MPI.COMM_SELF, n)
+    signal.setitimer(signal.ITIMER_REAL, limit)
+    start = time.perf_counter()
+    values = PEERS[name](problem)
+    seconds = time.perf_counter() - start
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    x = problem.start_values()
+    x.array_w[:] = values[: x.getLocalSize()]
+    problem.project(x)
+    return {"seconds": seconds, "residual": Optimality(problem).measure(x)}
+
+
+def main() -> None:
+    """Measure all peers and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, default=1001)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds for one solve")
+    parser.add_argument("--only", nargs="+", choices=list(PEERS), default=list(PEERS))
+    parser.add_argument("--measure", choices=list(PEERS), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.measure:
+        print(json.dumps(measure(args.measure, args.cells, args.limit)))
+        return
+    script = str(Path(__file__))
+    options = ["--cells", str(args.cells), "--limit", str(args.limit)]
+    results: dict[str, list[dict[str, Any] | None]] = {}
+    for name in args.only:
+        runs = results[name] = []
+        while len(runs) < args.repeats:
+            runs.append(child(script, "--measure", name, *options))
+            if runs[-1] is None or runs[-1]["seconds"] > args.limit / 5:
+                break
+        print(f"{name}: {runs}", flush=True)
+    own = median(run["seconds"] for run in results["cascade"] if run)
+    rows = []
+    for name, runs in results.items():
+        done = [run for run in runs if run]
+        if done:
+            seconds = median(run["seconds"] for run in done)
+            residual = done[0]["residual"]
+            reached = f"{residual:.1e}" + (" FAILED" if residual > 1e-2 else "")
+            rows.append((name, f"{seconds:.3g}", f"{seconds / own:.3g}", reached))
+        else:
+            rows.append((name, f"> {args.limit:g}", f"> {args.limit / own:.3g}", "did not finish"))
+    title = f"paper's problem, N = {args.cells}, to a natural residual of {DEFAULT_RTOL:g}"
+    print(table(title, ("solver", "seconds", "/ cascade", "residual"), rows))
+    write_json(MPI.COMM_WORLD, "peers", {"cells": args.cells, "limit": args.limit, "runs": results})
+
+
+main()

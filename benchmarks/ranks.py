@@ -1,0 +1,64 @@
+"""(d) How contact and linear solve speed up from 1 to 2 ranks, side by side.
+
+    ./with-dolfinx python3 benchmarks/ranks.py [--cells 1001] [--repeats 5]
+
+Each repeat starts mpirun with 1 and with 2 ranks in turn; a run measures the linear solve and the
+contact solve, all its levels included, after a warm-up.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from common import SCENES, child, contact_solve, linear_solve, spread, table, timed, write_json
+from mpi4py import MPI
+
+from dolfinx_signorini.cascade import DEFAULT_RTOL
+
+
+def measure(scene: str, n: int) -> None:
+    """Print the seconds of both solves."""
+    comm = MPI.COMM_WORLD
+    problem = SCENES[scene](comm, n)
+    contact_solve(SCENES[scene](comm, 63), scene, 63, DEFAULT_RTOL)
+    linear_solve(problem, DEFAULT_RTOL)
+    linear, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
+    contact, _ = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
+    if comm.rank == 0:
+        print(json.dumps({"linear": linear, "contact": contact}))
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, default=1001)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--measure", choices=list(SCENES), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.measure:
+        measure(args.measure, args.cells)
+        return
+    rows, results = [], []
+    for scene in SCENES:
+        runs: dict[int, list[Any]] = {1: [], 2: []}
+        for _ in range(args.repeats):
+            for ranks in runs:
+                options = ("--measure", scene, "--cells", str(args.cells))
+                runs[ranks].append(child(str(Path(__file__)), *options, ranks=ranks))
+        line: list[Any] = [scene]
+        entry: dict[str, Any] = {"scene": scene}
+        for what in ("linear", "contact"):
+            one, two = ([run[what] for run in runs[ranks]] for ranks in (1, 2))
+            speedup = spread([a / b for a, b in zip(one, two, strict=True)])
+            entry[what] = {"1": spread(one), "2": spread(two), "speedup": speedup}
+            line += [spread(one)["median"], spread(two)["median"], speedup["median"]]
+        results.append(entry)
+        rows.append(line)
+    columns = ("scene", "linear 1", "linear 2", "speed-up", "contact 1", "contact 2", "speed-up")
+    title = f"seconds on 1 and on 2 ranks, N = {args.cells}, medians of {args.repeats}"
+    print(table(title, columns, rows))
+    write_json(MPI.COMM_WORLD, "ranks", {"cells": args.cells, "results": results})
+
+
+main()

@@ -1,0 +1,82 @@
+"""(f) The study's phases beside the linear pipeline: mesh, assembly, one linear solve.
+
+    ./with-dolfinx python3 benchmarks/study_phases.py [--max-n 1001] [--repeats 5]
+
+In turn, --repeats times: the command `reproduce` with all its rows, tables and pictures, in this
+process; and for each of its meshes the linear pipeline. Forms are compiled before.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import tempfile
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from common import linear_solve, spread, table, timed, write_json
+from mpi4py import MPI
+
+from dolfinx_signorini import christof_haubner, cli, friedrichs_keller, paper_problem
+from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.reproduce import FIRST, STEP
+
+PHASES = ("coarse", "mesh", "assembly", "solve", "errors")
+
+
+def reproduce(max_n: int) -> list[dict[str, float]]:
+    """Run the command, and return the seconds of each row's phases."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        if cli.main(["reproduce", "--max-n", str(max_n), "--out", folder]):
+            raise SystemExit("reproduce failed")
+        rows = json.loads((Path(folder) / "results.json").read_text())["rows"]
+    return [row["seconds"] for row in rows]
+
+
+def linear_pipeline(n: int) -> dict[str, float]:
+    """Return the seconds of mesh, assembly and linear solve."""
+    comm = MPI.COMM_SELF
+    mesh, exact = timed(comm, lambda: christof_haubner(friedrichs_keller(comm, n)))
+    assembly, problem = timed(comm, paper_problem, exact)
+    solve, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
+    problem.destroy()
+    return {"mesh": mesh, "assembly": assembly, "solve": solve}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--max-n", type=int, default=1001)
+    parser.add_argument("--repeats", type=int, default=5)
+    args = parser.parse_args()
+    cells = range(FIRST, args.max_n + 1, STEP)
+    reproduce(FIRST)
+    whole, rows, linear = [], [], []
+    for _ in range(args.repeats):
+        seconds, phases = timed(MPI.COMM_SELF, reproduce, args.max_n)
+        whole.append(seconds)
+        rows.append(phases)
+        linear.append([linear_pipeline(n) for n in cells])
+    lines: list[tuple[Any, ...]] = []
+    ratios = []
+    for i, n in enumerate(cells):
+        phases = [median(run[i].get(phase, 0.0) for run in rows) for phase in PHASES]
+        pairs = zip(rows, linear, strict=True)
+        ratio = spread([sum(row[i].values()) / sum(line[i].values()) for row, line in pairs])
+        ratios.append({"n": n, "ratio": ratio})
+        own = median(sum(run[i].values()) for run in linear)
+        lines.append((n, *(f"{value:.2f}" for value in phases), f"{own:.2f}", ratio["median"]))
+    sums = [sum(sum(line.values()) for line in run) for run in linear]
+    total = spread([a / b for a, b in zip(whole, sums, strict=True)])
+    columns = ("N", *PHASES, "linear pipeline", "row / linear pipeline")
+    print(table(f"seconds, medians of {args.repeats}", columns, lines))
+    print(
+        f"reproduce --max-n {args.max_n}: {median(whole):.1f} s with tables and pictures, "
+        f"linear pipelines {median(sums):.1f} s, ratio {total['median']:.2f}"
+    )
+    content = {"whole": spread(whole), "linear": spread(sums), "ratio": total, "rows": ratios}
+    write_json(MPI.COMM_SELF, "study_phases", content | {"phases": rows, "pipelines": linear})
+
+
+main()
