@@ -21,7 +21,7 @@ from dolfinx_signorini.assembly import DiscreteProblem
 from dolfinx_signorini.contact import ContactState, boundary_weights, contact_state
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.optimality import Optimality, SolveResult
-from dolfinx_signorini.patch import RINGS, active_in_patch, patch_dofs
+from dolfinx_signorini.patch import MAX_PATCH, active_in_patch, patch_dofs
 from dolfinx_signorini.tao import TaoRounds
 
 Mask = npt.NDArray[np.bool_]
@@ -30,7 +30,6 @@ Indices = npt.NDArray[np.int32]
 # With it the algebraic error is below 1e-6 of the discretisation error in every norm of the paper.
 DEFAULT_RTOL = 1e-7
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
-MAX_PATCH = 50_000  # dofs; a larger patch is no cheap prediction any more
 
 
 def solve_contact(
@@ -130,7 +129,7 @@ def predict(problem: DiscreteProblem, coarse: ContactState | None) -> Mask:
     contact.x.array[dofs] = 1.0
     contact.x.scatter_forward()
     layer = _cells_with(problem, contact.x.array > 0.0)
-    _interpolate([(coarse.u, u), (coarse.density, density)], layer)
+    interpolate_between([(coarse.u, u), (coarse.density, density)], layer)
     gap = u.x.array[dofs] - problem.obstacle
     pressure = boundary_weights(problem) * density.x.array[dofs]
     held = pressure - problem.contact_diagonal * gap > 0.0
@@ -138,17 +137,17 @@ def predict(problem: DiscreteProblem, coarse: ContactState | None) -> Mask:
     seeds = _ends(problem, held, layer)
     marked = problem.A.createVecRight()
     marked.set(0.0)
-    near = patch_dofs(problem, seeds, RINGS + 1)
+    near = patch_dofs(problem, seeds, more=1)
     marked.setValues(near, np.ones(len(near)))
     marked.assemble()
-    if not 0.0 < marked.sum() <= MAX_PATCH:
+    if not 0.0 < marked.sum() <= problem.comm.size * MAX_PATCH:
         marked.destroy()
         return held
     patch = fem.Function(problem.space)
     patch.x.array[: len(marked.array_r)] = marked.array_r
     patch.x.scatter_forward()
     marked.destroy()
-    _interpolate([(coarse.u, u)], _cells_with(problem, patch.x.array > 0.0))
+    interpolate_between([(coarse.u, u)], _cells_with(problem, patch.x.array > 0.0))
     x = problem.vector_of(u)
     x.array_w[dofs[held]] = problem.obstacle[held]
     problem.project(x)
@@ -161,7 +160,7 @@ def predict(problem: DiscreteProblem, coarse: ContactState | None) -> Mask:
     return held
 
 
-def _interpolate(pairs: Sequence[tuple[fem.Function, fem.Function]], cells: Indices) -> None:
+def interpolate_between(pairs: Sequence[tuple[fem.Function, fem.Function]], cells: Indices) -> None:
     """Interpolate functions between two meshes, on some cells of the target mesh only."""
     source, target = (function.function_space for function in pairs[0])
     topology = source.mesh.topology

@@ -2,7 +2,7 @@
 
 Where the active set of a start is nearly right, what is wrong with it sits at its ends: the
 detachment points. The discrete problem restricted to a patch around them, with everything outside
-frozen, is solved exactly in milliseconds. Each rank solves the patch around the dofs that it owns,
+frozen, is solved in milliseconds. Each rank solves the patch around the dofs that it owns,
 with rows of other ranks where the patch crosses over.
 """
 
@@ -10,29 +10,34 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from petsc4py import PETSc
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, cg
 
 from dolfinx_signorini.assembly import DiscreteProblem
+from dolfinx_signorini.optimality import power_of_two
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]
 
-RINGS = 12  # layers of neighbours around the chosen dofs
+# Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
+# curves.
+RINGS = {1: 12, 2: 12, 3: 3}
+MAX_PATCH = 50_000  # dofs of a rank; a larger patch is no cheap prediction any more
 MAX_STEPS = 40
+RTOL = 1e-8  # of the linear solves of a patch
 
 
-def patch_dofs(problem: DiscreteProblem, seeds: Indices, rings: int = RINGS) -> Indices:
+def patch_dofs(problem: DiscreteProblem, seeds: Indices, more: int = 0) -> Indices:
     """Return the global indices of the dofs within some layers of neighbours of the seeds.
 
     Args:
         problem: The problem, whose matrix tells who is a neighbour.
         seeds: Owned dofs, local indices.
-        rings: Number of layers.
+        more: Layers beyond those of the patch.
     """
     rows = seeds.astype(np.int32) + problem.A.getOwnershipRange()[0]
     index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    problem.A.increaseOverlap(index_set, rings)
+    problem.A.increaseOverlap(index_set, RINGS[problem.space.mesh.topology.dim] + more)
     dofs = np.unique(index_set.getIndices())
     index_set.destroy()
     return dofs
@@ -42,6 +47,8 @@ def active_in_patch(
     problem: DiscreteProblem, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices
 ) -> Mask:
     """Return the active set with the part near the seeds replaced by that of the patch problem.
+
+    Where the patch is too large to be cheap, the set stays as it is.
 
     Args:
         problem: The problem.
@@ -60,10 +67,11 @@ def active_in_patch(
     indptr, indices, data = matrix.getValuesCSR()
     for item in (lower, index_set, matrix):
         item.destroy()
-    if len(dofs) == 0:
+    if not 0 < len(dofs) <= MAX_PATCH:
         return held
-    A = sp.csr_matrix((data, indices, indptr), shape=(len(dofs), len(dofs)))
-    active = _solve(A, A @ start - residual, bound, start <= bound)
+    size = power_of_two(np.abs(data).max())
+    A = sp.csr_matrix((data / size, indices, indptr), shape=(len(dofs), len(dofs)))
+    active = _solve(A, A @ start - residual / size, bound, start)
     first, last = problem.A.getOwnershipRange()
     owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
     local = np.zeros(last - first, dtype=np.int8)
@@ -82,19 +90,22 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
     return values
 
 
-def _solve(A: sp.csr_matrix, b: Array, bound: Array, active: Mask) -> Mask:
-    """Primal-dual active set steps with sparse LU; the last set where they do not settle."""
+def _solve(A: sp.csr_matrix, b: Array, bound: Array, x: Array) -> Mask:
+    """Primal-dual active set steps from x; the last active set where they do not settle."""
     contact = np.isfinite(bound)
     g = np.where(contact, bound, 0.0)
     diagonal = A.diagonal()
+    jacobi = LinearOperator(A.shape, lambda v: v / diagonal)
+    active = x <= bound
     for _ in range(MAX_STEPS):
-        free = ~active
-        x = np.where(active, g, 0.0)
-        if free.any():
-            lu = splu(A[free][:, free].tocsc())
-            x[free] = lu.solve(b[free] - A[free][:, active] @ x[active])
-        multiplier = A @ x - b
-        update = contact & (multiplier - diagonal * (x - g) > 0.0)
+        x = np.where(active, g, x)
+        free = np.where(active, 0.0, 1.0)
+        residual = free * (b - A @ x)
+        unit = power_of_two(np.abs(residual).max()) if residual.any() else 1.0
+        operator = LinearOperator(A.shape, lambda v, free=free: free * (A @ v))
+        correction, _ = cg(operator, residual / unit, rtol=RTOL, atol=0.0, M=jacobi)
+        x = x + unit * correction
+        update = contact & (A @ x - b - diagonal * (x - g) > 0.0)
         if (update == active).all():
             break
         active = update
