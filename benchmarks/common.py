@@ -37,16 +37,16 @@ def paper(comm: MPI.Comm, n: int) -> SignoriniProblem:
 
 
 def pressed(comm: MPI.Comm, n: int) -> SignoriniProblem:
-    """A load that presses one part down hard: pressure or gap is positive almost everywhere."""
-    return _square(comm, n, load=lambda x: 40.0 * (0.45 - x[0] + 0.2 * x[1]), obstacle=0.0)
+    """A load that presses a third of the boundary down hard, and lifts the rest."""
+    return _square(comm, n, load=lambda x: 40.0 * (0.35 - x[0] + 0.2 * x[1]), obstacle=0.0)
 
 
 def wavy(comm: MPI.Comm, n: int) -> SignoriniProblem:
-    """A wavy obstacle under a uniform load: several contact arcs on every side."""
+    """A wavy obstacle under a uniform load: half of the boundary in contact, in several arcs."""
     return _square(
         comm,
         n,
-        load=lambda x: -20.0 + 0.0 * x[0],
+        load=lambda x: -4.0 + 0.0 * x[0],
         obstacle=lambda x: 0.3 * np.cos(3.0 * np.pi * x[0]) * np.cos(2.0 * np.pi * x[1]),
     )
 

@@ -19,18 +19,21 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.assembly import DiscreteProblem
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.optimality import Optimality
+from dolfinx_signorini.optimality import Optimality, power_of_two
 from dolfinx_signorini.patch import active_in_patch
 
+Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 LINEAR_FRACTION = 1e-2  # of rtol is left to the linear solver
 LOOSE = 1e-3  # how far a linear solve goes, relative to the residual, while the set is a guess
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change
+TRUST = 1e-3  # relative residual from which on a set corrected locally is solved for to the end
 LOCAL_FRACTION = 0.02  # of the contact dofs have to change at most, for a change to count as local
 STALL = 8  # steps without a lower residual that end the iteration
 MAX_STEPS = 60
 MAX_LINEAR_ITERATIONS = 200
+ROUNDED = 1e-6  # of the first residual: below it a negative curvature may be rounding
 
 DEFAULT_OPTIONS: dict[str, Any] = {
     "ksp_type": "cg",
@@ -58,6 +61,7 @@ class HeldSystem:
         self._held: Mask | None = None
         self.matrix: PETSc.Mat | None = None
         self.rhs = problem.A.createVecLeft()
+        problem.ledger.add("vector", "right-hand side with held dofs", self.rhs)
         self.ksp = PETSc.KSP().create(problem.comm)
         prefix = "dolfinx_signorini_held_"
         self.ksp.setOptionsPrefix(prefix)
@@ -71,7 +75,6 @@ class HeldSystem:
             for key in settings:
                 database.delValue(prefix + key)
         self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        self.ksp.setInitialGuessNonzero(True)
 
     def solve(self, x: PETSc.Vec, held: Mask, atol: float) -> None:
         """Solve for the dofs that are not held, from x on, until the residual norm is atol.
@@ -84,15 +87,25 @@ class HeldSystem:
         dofs = problem.contact_dofs[held]
         x.array_w[dofs] = problem.obstacle[held]
         x.array_w[problem.fixed_dofs] = problem.fixed_values
-        self.ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=MAX_LINEAR_ITERATIONS)
-        self.ksp.solve(self._right_hand_side(x, dofs), x)
+        # The correction to x in the unit of its residual: no square overflows or underflows.
+        unit = self._residual(x, dofs)
+        self.ksp.setTolerances(
+            rtol=0.0, atol=atol / unit, divtol=1e30, max_it=MAX_LINEAR_ITERATIONS
+        )
+        correction = x.duplicate()
+        problem.ledger.add("vector", "correction with held dofs", correction)
+        self.ksp.solve(self.rhs, correction)
+        x.axpy(unit, correction)
+        correction.destroy()
         self.solves += 1
         self.iterations += self.ksp.getIterationNumber()
         reason = self.ksp.getConvergedReason()
-        if reason in (
+        indefinite = reason in (
             PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
             PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
-        ):
+        )
+        # A small residual or a form that vanishes on constants looks indefinite through rounding.
+        if indefinite and not problem.singular and self.ksp.getResidualNorm() > ROUNDED:
             raise InputError("form a: not positive definite, found by conjugate gradients")
 
     def _hold(self, held: Mask) -> None:
@@ -102,6 +115,7 @@ class HeldSystem:
             return
         if self.matrix is None:
             self.matrix = problem.A.copy()
+            problem.ledger.add("matrix", "A with held dofs", self.matrix)
         else:
             problem.A.copy(self.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         offset = self.matrix.getOwnershipRange()[0]
@@ -119,19 +133,17 @@ class HeldSystem:
         total, count = self.problem.comm.allreduce(np.array([entries.sum(), len(entries)]))
         return float(total / count) if count else 1.0
 
-    def _right_hand_side(self, x: PETSc.Vec, dofs: npt.NDArray[np.int32]) -> PETSc.Vec:
-        """b - A x_held on the free dofs, d x_held on the held ones."""
+    def _residual(self, x: PETSc.Vec, dofs: npt.NDArray[np.int32]) -> float:
+        """Set the right-hand side to b - A x on the free dofs, 0 on others; return its unit."""
         problem = self.problem
-        values = np.zeros(x.getLocalSize())
-        values[dofs] = x.array_r[dofs]
-        held = x.duplicate()
-        held.array_w[:] = values
-        problem.A.mult(held, self.rhs)
+        problem.A.mult(x, self.rhs)
         self.rhs.aypx(-1.0, problem.b)
-        self.rhs.array_w[dofs] = self._diagonal() * values[dofs]
-        held.destroy()
-        self.rhs.array_w[problem.fixed_dofs] = problem.fixed_values
-        return self.rhs
+        self.rhs.array_w[dofs] = 0.0
+        self.rhs.array_w[problem.fixed_dofs] = 0.0
+        largest = self.rhs.norm(PETSc.NormType.INFINITY)
+        unit = power_of_two(largest) if largest > 0.0 else 1.0
+        self.rhs.scale(1.0 / unit)
+        return unit
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -162,7 +174,7 @@ def solve_active_set(
         The relative natural residual reached; larger than rtol where the set does not settle.
     """
     problem = system.problem
-    residual, best, stalled = 1.0, np.inf, 0
+    residual, best, stalled, local = 1.0, np.inf, 0, 0
     for _ in range(MAX_STEPS):
         target = (
             rtol * LINEAR_FRACTION if trusted else max(rtol * LINEAR_FRACTION, LOOSE * residual)
@@ -171,32 +183,53 @@ def solve_active_set(
         residual = optimality.measure(x)
         if residual <= rtol:
             break
-        stalled = 0 if residual < best else stalled + 1
-        best = min(best, residual)
+        stalled = 0 if optimality.norm < best else stalled + 1
+        best = min(best, optimality.norm)
         if stalled == STALL:
             break
-        held, trusted = _correct(problem, optimality, x, held, local=stalled < STALL // 2)
+        update = None
+        if stalled < STALL // 2:
+            update = _correct_locally(problem, optimality, x, held, reach=2**local)
+        local = 0 if update is None else local + 1
+        held = _defect(problem, optimality, x) > 0.0 if update is None else update
+        trusted = local > 0 and (trusted or residual < TRUST)
     return residual
 
 
-def _correct(
-    problem: DiscreteProblem, optimality: Optimality, x: PETSc.Vec, held: Mask, local: bool
-) -> tuple[Mask, bool]:
-    """Return the next active set, and whether the change was a local one."""
+def _defect(problem: DiscreteProblem, optimality: Optimality, x: PETSc.Vec) -> Array:
+    """Return multiplier minus scaled gap at the contact dofs: positive where to hold."""
     gap = x.array_r[problem.contact_dofs] - problem.obstacle
     pressure = optimality.multiplier.array_r[problem.contact_dofs]
-    defect = pressure - problem.contact_diagonal * gap
+    return np.asarray(pressure - problem.contact_diagonal * gap)
+
+
+def _correct_locally(
+    problem: DiscreteProblem, optimality: Optimality, x: PETSc.Vec, held: Mask, reach: int
+) -> Mask | None:
+    """Return the active set with its wrong parts replaced by those of patch problems.
+
+    Args:
+        problem: The problem.
+        optimality: Holds the multiplier of x.
+        x: The solution for the set held; made feasible if there is a local change.
+        held: The active set.
+        reach: How far the patches go, as a multiple of their usual size: doubled from one local
+            correction to the next, so that an end of the contact set can move far in a few.
+
+    Returns:
+        The set, or None where the change is no local one.
+    """
+    defect = _defect(problem, optimality, x)
     wrong = (defect > 0.0) != held
     # What is far below the largest defect may be its consequence.
     largest = problem.comm.allreduce(float(np.abs(defect[wrong]).max(initial=0.0)), op=MPI.MAX)
     severe = wrong & (np.abs(defect) >= SEVERE * largest)
     counts = problem.comm.allreduce(np.array([severe.sum(), len(held)]))
-    if local and counts[0] <= max(LOCAL_FRACTION * counts[1], 8):
-        problem.project(x)
-        optimality.measure(x)
-        update = active_in_patch(
-            problem, x, optimality.multiplier, held, problem.contact_dofs[severe]
-        )
-        if problem.comm.allreduce(bool((update != held).any()), op=MPI.LOR):
-            return update, True
-    return defect > 0.0, False
+    if counts[0] > max(LOCAL_FRACTION * counts[1], 8):
+        return None
+    problem.project(x)
+    optimality.measure(x)
+    seeds = problem.contact_dofs[severe]
+    update = active_in_patch(problem, x, optimality.multiplier, held, seeds, reach)
+    changed = problem.comm.allreduce(bool((update != held).any()), op=MPI.LOR)
+    return update if changed else None

@@ -27,24 +27,31 @@ MAX_STEPS = 40
 RTOL = 1e-8  # of the linear solves of a patch
 
 
-def patch_dofs(problem: DiscreteProblem, seeds: Indices, more: int = 0) -> Indices:
+def patch_dofs(problem: DiscreteProblem, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
     """Return the global indices of the dofs within some layers of neighbours of the seeds.
 
     Args:
         problem: The problem, whose matrix tells who is a neighbour.
         seeds: Owned dofs, local indices.
+        reach: How many times as far as usual the patch goes.
         more: Layers beyond those of the patch.
     """
     rows = seeds.astype(np.int32) + problem.A.getOwnershipRange()[0]
     index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    problem.A.increaseOverlap(index_set, RINGS[problem.space.mesh.topology.dim] + more)
+    rings = reach * RINGS[problem.space.mesh.topology.dim] + more
+    problem.A.increaseOverlap(index_set, rings)
     dofs = np.unique(index_set.getIndices())
     index_set.destroy()
     return dofs
 
 
 def active_in_patch(
-    problem: DiscreteProblem, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices
+    problem: DiscreteProblem,
+    x: PETSc.Vec,
+    multiplier: PETSc.Vec,
+    held: Mask,
+    seeds: Indices,
+    reach: int = 1,
 ) -> Mask:
     """Return the active set with the part near the seeds replaced by that of the patch problem.
 
@@ -56,8 +63,9 @@ def active_in_patch(
         multiplier: A x - b, right in the patch.
         held: The active set so far, one entry per contact dof of this rank.
         seeds: Owned dofs around which to correct it, local indices.
+        reach: How many times as far as usual the patch goes.
     """
-    dofs = patch_dofs(problem, seeds)
+    dofs = patch_dofs(problem, seeds, reach)
     lower = problem.A.createVecRight()
     lower.set(-np.inf)
     lower.array_w[problem.contact_dofs] = problem.obstacle
