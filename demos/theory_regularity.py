@@ -1,0 +1,45 @@
+"""Regularity and orders: what Corollaries 4.1 and 4.2 prove, and what is measured.
+
+Run: python3 demos/theory_regularity.py [FOLDER]    (or under mpirun)
+
+The solutions are r^{1/2-2/p} w for p < 4 and (1 + r^{1/2-2/p}) w for p > 4, w the paper's: like
+r^{2-2/p} at the detachment point, so that they are in W^{2,q} for q < p only.
+"""
+
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.plotting import save
+from dolfinx_signorini.theory.checks import entry, orders, table
+from dolfinx_signorini.theory.experiments import ROUGH_EXPONENTS, compute_family, rough_name
+from dolfinx_signorini.theory.figures import draw_regularity
+from dolfinx_signorini.theory.orders import Regularity, proven_order, singular_order
+from dolfinx_signorini.theory.section4 import corollary_norms
+
+comm = MPI.COMM_WORLD
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
+
+CELLS = (51, 101, 201)
+rows = {rough_name(p): compute_family(comm, rough_name(p), CELLS) for p in ROUGH_EXPONENTS}
+rows["paper"] = compute_family(comm, "paper", CELLS)
+
+if comm.rank == 0:
+    lines = []
+    for p in ROUGH_EXPONENTS:
+        for norm in corollary_norms(p):
+            proven = proven_order(Regularity(p), norm)
+            allowed = singular_order(min(1.5, 2.0 - 2.0 / p), norm)
+            order = orders(rows[rough_name(p)], entry("errors", norm))[-1]
+            cells = [f"{p:g}", norm, str(proven), f"{order:.3f}", f"{allowed:.3f}", proven.source]
+            lines.append(cells)
+    print(table(["p", "norm", "proven", "measured", "allowed", "source"], lines))
+    print(f"Measured between N = {CELLS[-2]} and {CELLS[-1]}. 'Allowed' is the order of the")
+    print(
+        "interpolation error of r^{2-2/p} at one point. The corollaries hold for all functions of"
+    )
+    print("the same regularity; those with one singular point do better.")
+    folder.mkdir(parents=True, exist_ok=True)
+    save(draw_regularity(rows), folder / "theory_regularity")
+    print(f"\npicture: {folder}/theory_regularity.png")

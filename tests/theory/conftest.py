@@ -1,0 +1,23 @@
+"""What the tests of the theory share: discretisations, solved once."""
+
+import functools
+
+import pytest
+from mpi4py import MPI
+
+from dolfinx_signorini.theory.experiments import discretise
+from dolfinx_signorini.theory.scenes import paper_scene, rough_scene, smooth_scene
+
+
+@functools.cache
+def solved(name, n):
+    """A scene on n x n squares; it lives as long as the tests do."""
+    scenes = {"paper": paper_scene, "smooth": smooth_scene}
+    scene = scenes[name]() if name in scenes else rough_scene(float(name))
+    return discretise(MPI.COMM_WORLD, scene, n)
+
+
+@pytest.fixture
+def discretisation():
+    """The function (scene, cells per side) -> Discretisation; an exponent names a rough scene."""
+    return solved
