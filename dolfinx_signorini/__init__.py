@@ -1,7 +1,8 @@
 """Signorini problems on FEniCSx: one-sided constraints on the boundary, solved with PETSc TAO.
 
-The parts, in the order data flows: meshes, quadrature, manufactured (known solutions), assembly,
-optimality, tao, active_set, patch, contact, cascade, problem, norms, rates, study, plotting, cli.
+The parts, in the order data flows: meshes, quadrature, manufactured (known solutions), costs,
+checks, assembly, optimality, tao, active_set, patch, contact, cascade, problem, norms, rates,
+study, plotting, cli.
 """
 
 from dolfinx_signorini.cascade import solve_cascade

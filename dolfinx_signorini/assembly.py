@@ -4,8 +4,9 @@ A problem is assembled once, into the matrix A and the load b of
 
     minimise 1/2 v.A v - b.v  over all v with  v_i >= g_i at the contact dofs,
 
-with Dirichlet data already eliminated (symmetrically: A has unit rows there). What the problem
-does not mention is neither assembled nor stored; the obstacle is an array over the contact dofs.
+with Dirichlet data already eliminated (symmetrically: A has only a diagonal there). What the
+problem does not mention is neither assembled nor stored; the obstacle is an array over the contact
+dofs.
 """
 
 import time
@@ -21,14 +22,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini import checks, compat
+from dolfinx_signorini.costs import Cost, Ledger
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import facet_cells
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
 Obstacle: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
-
-SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 
 
 class DiscreteProblem:
@@ -51,6 +52,7 @@ class DiscreteProblem:
         obstacle: The obstacle at these dofs.
         contact_diagonal: The diagonal of A at these dofs.
         fixed_dofs, fixed_values: The owned dofs with Dirichlet data, and the data.
+        singular: Whether the form vanishes on constants, so that only contact holds u.
         seconds: Wall-clock seconds of each phase so far.
 
     Raises:
@@ -70,13 +72,16 @@ class DiscreteProblem:
     ):
         start = time.perf_counter()
         self.space = _scalar_space(a)
+        if len(L.arguments()) != 1:
+            raise InputError(f"load: the form L needs one test function, has {len(L.arguments())}")
         self.a = a
+        self.ledger = Ledger()
         self.contact = np.asarray(contact, dtype=np.int32)
-        form, load = fem.form(a), fem.form(L)
+        form, load = self._compile("a", a), self._compile("L", L)
         self.fixed_dofs, self.fixed_values = _dirichlet_data(self.space, bcs)
         dofs = _dofs_on_facets(self.space, self.contact)
         values = _values_at(self.space, obstacle, dofs)
-        self._check_obstacle(dofs, values)
+        checks.check_bounds(self, dofs, values)
         free = ~np.isin(dofs, self.fixed_dofs)
         self.contact_dofs, self.obstacle = dofs[free], values[free]
         compiled = time.perf_counter()
@@ -88,19 +93,29 @@ class DiscreteProblem:
         if bcs:
             fem_petsc.apply_lifting(self.b, [form], bcs=[list(bcs)])
         self.b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(self.b, list(bcs))
+        if bcs:
+            self._fix_rows()
         vector = time.perf_counter()
         try:
-            self._check_operator()
+            diagonal = checks.check_entries(self)
+            self.contact_diagonal = diagonal[self.contact_dofs]
+            checks.check_range(self, diagonal)
+            checks.check_symmetry(self)
+            self.singular = checks.check_definite(self, diagonal)
         except InputError:
             self.destroy()
             raise
+        self._note(matrix - compiled, vector - matrix)
         self.seconds = {
             "forms": compiled - start,
             "matrix": matrix - compiled,
             "load": vector - matrix,
             "checks": time.perf_counter() - vector,
         }
+
+    def costs(self) -> list[Cost]:
+        """Return what was made for this problem so far; the call is collective."""
+        return self.ledger.read(self.comm)
 
     @property
     def contact_integrals(self) -> Indices:
@@ -142,81 +157,33 @@ class DiscreteProblem:
         for item in (self.A, self.b):
             item.destroy()
 
-    def _check_obstacle(self, dofs: Indices, values: Array) -> None:
-        comm = self.comm
-        bad = ~np.isfinite(values)
-        x = self.space.tabulate_dof_coordinates()
-        where = x[dofs[bad][0]] if bad.any() else None
-        require(comm, not bad.any(), f"obstacle: it is not a finite number at {_point(where)}")
-        bad = ~np.isfinite(self.fixed_values)
-        where = x[self.fixed_dofs[bad][0]] if bad.any() else None
-        require(comm, not bad.any(), f"Dirichlet data: not a finite number at {_point(where)}")
-        common, i, j = np.intersect1d(dofs, self.fixed_dofs, return_indices=True)
-        above = np.flatnonzero(values[i] > self.fixed_values[j])
-        message = ""
-        if len(above):
-            k = above[0]
-            message = (
-                f"obstacle: {values[i[k]]:.6g} lies above the Dirichlet data "
-                f"{self.fixed_values[j[k]]:.6g} at {_point(x[common[k]])}"
-            )
-        require(comm, not message, message)
+    def _compile(self, name: str, form: ufl.Form) -> fem.Form:
+        start = time.perf_counter()
+        compiled = fem.form(form)
+        self.ledger.add("form", name, form, time.perf_counter() - start)
+        return compiled
 
-    def _check_operator(self) -> None:
-        comm, owned = self.comm, self.A.getOwnershipRange()
-        finite = bool(np.isfinite(self.b.array_r).all())
-        require(comm, finite, "load: the assembled form L has an entry that is not finite")
+    def _fix_rows(self) -> None:
+        """Give the Dirichlet rows the size of the others, so that the unit of the form is free."""
         diagonal = self.A.getDiagonal()
-        entries = diagonal.array_r.copy()
+        diagonal.array_w[self.fixed_dofs] = 0.0
+        largest = diagonal.norm(PETSc.NormType.INFINITY)
+        size = largest if largest > 0.0 else 1.0
+        diagonal.array_w[self.fixed_dofs] = size
+        self.A.setDiagonal(diagonal)
+        self.A.assemble()
         diagonal.destroy()
-        self.contact_diagonal = entries[self.contact_dofs]
-        finite = bool(np.isfinite(entries).all())
-        require(comm, finite, "form a: the assembled matrix has an entry that is not finite")
-        positive = bool((entries > 0.0).all())
-        require(comm, positive, "form a: not positive definite, a diagonal entry is not positive")
+        self.b.array_w[self.fixed_dofs] = size * self.fixed_values
 
-        # x.(A y) against y.(A x) for two vectors without structure.
-        x, y, product = (self.A.createVecRight() for _ in range(3))
-        index = np.arange(*owned, dtype=np.float64)
-        x.array_w[:] = np.cos(1.7 * index**2)
-        y.array_w[:] = np.sin(2.3 * index**2 + 1.0)
-        self.A.mult(y, product)
-        forward, size = x.dot(product), product.norm() * x.norm()
-        self.A.mult(x, product)
-        defect = abs(forward - y.dot(product))
-        symmetric = defect <= SYMMETRY_TOLERANCE * size
-        # One without Dirichlet data: constants are the only functions a form may leave out.
-        x.set(1.0)
-        x.array_w[self.fixed_dofs] = 0.0
-        self.A.mult(x, product)
-        energy, bound = x.dot(product), comm.allreduce(float(entries.sum()))
-        work = self.b.dot(x)
-        singular = comm.allreduce(len(self.fixed_dofs)) == 0 and product.norm() <= 1e-12 * bound
-        loads = comm.allreduce(float(np.abs(self.b.array_r).sum()))
-        for vec in (x, y, product):
-            vec.destroy()
-        require(comm, symmetric, "form a: not symmetric, so that no energy is minimised")
-        definite = energy >= -1e-12 * bound
-        require(comm, definite, "form a: not positive definite, a(1, 1) is negative")
-        if singular:
-            self._check_singular(work, loads)
-
-    def _check_singular(self, work: float, loads: float) -> None:
-        """A form that vanishes on constants needs a load that presses against the obstacle."""
-        contact = self.comm.allreduce(len(self.contact_dofs))
-        require(
-            self.comm,
-            contact > 0,
-            "contact: empty, while the form a vanishes on constants: the operator is singular; "
-            "give contact facets, a Dirichlet condition or a reaction term",
-        )
-        require(
-            self.comm,
-            work < -1e-12 * loads,
-            f"load: L(1) = {work:.6g} is not negative, while the form a vanishes on constants: "
-            + ("the energy is unbounded" if work > 1e-12 * loads else "the solution is not unique")
-            + "; the load must press against the obstacle",
-        )
+    def _note(self, matrix: float, vector: float) -> None:
+        """Enter what was made into the ledger, with the seconds of matrix and load."""
+        self.ledger.add("matrix", "A", self.A, matrix)
+        self.ledger.add("vector", "load b", self.b, vector)
+        bounds = self.contact_dofs.nbytes + self.obstacle.nbytes + self.contact_diagonal.nbytes
+        self.ledger.add("array", "contact dofs, their obstacle and diagonal", bounds)
+        if self.comm.allreduce(len(self.fixed_dofs)):
+            fixed = self.fixed_dofs.nbytes + self.fixed_values.nbytes
+            self.ledger.add("array", "Dirichlet dofs and data", fixed)
 
 
 def _scalar_space(a: ufl.Form) -> fem.FunctionSpace:
@@ -224,13 +191,10 @@ def _scalar_space(a: ufl.Form) -> fem.FunctionSpace:
     if len(arguments) != 2:
         raise InputError(f"form a: needs a trial and a test function, has {len(arguments)}")
     space = arguments[0].ufl_function_space()
-    if space.dofmap.bs != 1 or space.element.basix_element.family.name != "P":
-        raise InputError("form a: the space must be a scalar Lagrange space")
+    element = space.ufl_element()
+    if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
+        raise InputError("form a: the space must be a scalar, continuous Lagrange space")
     return space
-
-
-def _point(x: Array | None) -> str:
-    return "" if x is None else "(" + ", ".join(f"{c:.6g}" for c in x) + ")"
 
 
 def _dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
@@ -266,7 +230,7 @@ def _values_at(space: fem.FunctionSpace, value: Obstacle, dofs: Indices) -> Arra
         x = space.tabulate_dof_coordinates()[dofs]
         return np.broadcast_to(np.asarray(value(x.T), dtype=np.float64), (len(dofs),)).copy()
     cells = np.flatnonzero(np.isin(space.dofmap.list, dofs).any(axis=1)).astype(np.int32)
-    points = space.element.interpolation_points()
+    points = compat.interpolation_points(space.element)
     g = fem.Function(space)
     g.interpolate(fem.Expression(value, points, comm=space.mesh.comm), cells0=cells)
     return g.x.array[dofs].copy()

@@ -29,6 +29,7 @@ Indices = npt.NDArray[np.int32]
 
 # With it the algebraic error is below 1e-6 of the discretisation error in every norm of the paper.
 DEFAULT_RTOL = 1e-7
+LARGE = 0.25  # of all dofs: a patch of so many costs more than the linear solves that it saves
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
 
 
@@ -56,7 +57,7 @@ def solve_contact(
         raise InputError(f"rtol: must lie between 0 and 1, not {rtol}")
     began = time.perf_counter()
     x = problem.start_values()
-    optimality, system = Optimality(problem), HeldSystem(problem, options)
+    optimality, system = Optimality(problem, rtol), HeldSystem(problem, options)
     try:
         held = predict(problem, coarse)
         predicted = time.perf_counter()
@@ -140,7 +141,7 @@ def predict(problem: DiscreteProblem, coarse: ContactState | None) -> Mask:
     near = patch_dofs(problem, seeds, more=1)
     marked.setValues(near, np.ones(len(near)))
     marked.assemble()
-    if not 0.0 < marked.sum() <= problem.comm.size * MAX_PATCH:
+    if not 0.0 < marked.sum() <= min(problem.comm.size * MAX_PATCH, LARGE * problem.unknowns):
         marked.destroy()
         return held
     patch = fem.Function(problem.space)

@@ -51,6 +51,7 @@ def boundary_weights(problem: DiscreteProblem) -> Array:
     ds = ufl.Measure("ds", space.mesh, subdomain_data=[(1, problem.contact_integrals)])(1)
     matrix = fem_petsc.assemble_matrix(fem.form(u * v * ds))
     matrix.assemble()
+    problem.ledger.add("matrix", "boundary mass matrix", matrix)
     diagonal = matrix.getDiagonal()
     ones = diagonal.duplicate()
     ones.set(1.0)

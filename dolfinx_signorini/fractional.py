@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem, mesh
 from scipy.interpolate import BarycentricInterpolator
 
+from dolfinx_signorini import compat
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 
@@ -40,6 +41,7 @@ def fractional_norm(
 
     Raises:
         ValueError: The domain is not plane, or its boundary is not made of closed curves.
+        FloatingPointError: The error is not a number at some point of evaluation.
     """
     domain = u_h.function_space.mesh
     if domain.topology.dim != 2 or domain.geometry.dim != 2:
@@ -55,6 +57,8 @@ def fractional_norm(
     norm, message = domain.comm.bcast(result, root=0)
     if message:
         raise ValueError(message)
+    if not np.isfinite(norm):
+        raise FloatingPointError(f"the error is {norm} at a point of evaluation")
     return norm
 
 
@@ -99,7 +103,7 @@ def _facet_samples(
     facets = facet_cells(domain, boundary_facets(domain))
     error = u_h if exact is None else u_h - exact.u
     expression = fem.Expression(ufl.as_vector([error]), _nodes()[:, None], comm=domain.comm)
-    values = expression.eval(domain, facets.flatten())
+    values = compat.evaluate(expression, domain, facets)
     corners = np.array(basix.topology(basix.CellType[domain.topology.cell_name()])[1])
     dofs = domain.geometry.dofmap[facets[:, 0, None], corners[facets[:, 1]]]
     vertices = _global_indices(domain, dofs)
@@ -116,8 +120,8 @@ def _nodes() -> Array:
 
 def _norm(vertices: npt.NDArray[np.int64], ends: Array, values: Array) -> float:
     largest = float(np.abs(values).max(initial=0.0))
-    if largest == 0.0:
-        return 0.0
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest
     total = 0.0
     for curve in closed_curves(vertices):
         edges, reverse = curve[:, 0], curve[:, 1] == 1

@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compat
 from dolfinx_signorini.meshes import cells_near_ball, owned_cells
 
 DETACHMENT = (0.5, 0.0)
@@ -117,7 +118,7 @@ def interpolated(exact: ManufacturedSolution, degree: int) -> ManufacturedSoluti
     """
     space = fem.functionspace(exact.mesh, ("Lagrange", degree))
     u = fem.Function(space)
-    u.interpolate(fem.Expression(exact.u, space.element.interpolation_points()))
+    u.interpolate(fem.Expression(exact.u, compat.interpolation_points(space.element)))
     gradient = ufl.grad(u)
     return ManufacturedSolution(
         mesh=exact.mesh,

@@ -6,8 +6,10 @@ Everything here is local to the rank that calls it, except the creation of meshe
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from mpi4py import MPI
+
+from dolfinx_signorini import compat
 
 
 def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
@@ -72,10 +74,7 @@ def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
     domain.topology.create_connectivity(tdim, tdim - 1)
-    pairs = fem.compute_integration_domains(
-        fem.IntegralType.exterior_facet, domain.topology, facets, tdim - 1
-    )
-    return np.asarray(pairs, dtype=np.int32).reshape(-1, 2)
+    return compat.exterior_facet_pairs(domain.topology, facets).reshape(-1, 2)
 
 
 def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:

@@ -28,6 +28,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compat
 from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import (
@@ -111,7 +112,7 @@ class PowerSum:
             factors: Shape (cells,) where they are the same at all points, or (cells, points).
         """
         self.include(largest)
-        if largest == 0.0 or math.isinf(self.p):
+        if largest == 0.0 or math.isinf(self.p) or not math.isfinite(self.largest):
             return
         powers = _power(values / self.largest, self.p)
         if factors.ndim == 2:
@@ -127,10 +128,11 @@ class PowerSum:
 
     def include(self, largest: float) -> None:
         """Make the sum relative to a value if that is larger than all before."""
-        if not largest <= self.largest:  # also when it is not a number: that is kept, and reported
-            if not math.isinf(self.p):
-                self.total *= (self.largest / largest) ** self.p
-            self.largest = largest
+        if largest <= self.largest or math.isnan(self.largest):
+            return  # what is not a number is kept, and reported
+        if not math.isinf(self.p):
+            self.total *= (self.largest / largest) ** self.p
+        self.largest = largest
 
     def reduce(self, comm: MPI.Comm) -> "PowerSum":
         """Return the sum over all ranks."""
@@ -315,7 +317,7 @@ def _sample(
     compiled = fem.Expression(ufl.as_vector(components), points, comm=domain.comm)
     for start in range(0, len(entities), BLOCK):
         block = slice(start, start + BLOCK)
-        values = compiled.eval(domain, entities[block].flatten())
+        values = compat.evaluate(compiled, domain, entities[block])
         yield block, values.reshape(-1, len(points), len(components))
 
 

@@ -7,13 +7,13 @@ killed leaves at the most one unfinished line at the end, which is dropped when 
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, require
 
 
 class Records:
@@ -23,36 +23,51 @@ class Records:
         comm: The communicator; all methods are collective.
         path: The file; its folder is made if it is missing.
         settings: What the rows depend on; a file with other settings is refused.
+        keys: What every row must have.
 
     Raises:
         InputError: The file cannot be written, is not a records file, or has other settings.
     """
 
-    def __init__(self, comm: MPI.Comm, path: Path, settings: Mapping[str, Any]):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        path: Path,
+        settings: Mapping[str, Any],
+        keys: Sequence[str] = (),
+    ):
         self.comm, self.path = comm, path
         outcome: tuple[list[dict[str, Any]], str] | None = None
         if comm.rank == 0:
             try:
-                outcome = (_open(path, json.loads(json.dumps(settings))), "")
+                outcome = (_open(path, json.loads(json.dumps(settings)), keys), "")
             except InputError as error:
                 outcome = ([], str(error))
             except OSError as error:
-                reason = error.strerror or str(error)
-                outcome = ([], f"output folder {path.parent}: cannot be written: {reason}")
+                outcome = ([], refusal(path.parent, error))
         rows, message = comm.bcast(outcome, root=0)
         if message:
             raise InputError(message)
         self.rows: list[dict[str, Any]] = rows
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add a finished row, and return when it is on disk."""
+        """Add rank 0's finished row, and return when it is on disk."""
+        line, message = json.dumps(row), ""
         if self.comm.rank == 0:
-            with self.path.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-        self.rows.append(json.loads(json.dumps(row)))
-        self.comm.barrier()
+            try:
+                with self.path.open("a") as file:
+                    file.write(line + "\n")
+                    file.flush()
+                    os.fsync(file.fileno())
+            except OSError as error:
+                message = refusal(self.path.parent, error)
+        require(self.comm, not message, message)
+        self.rows.append(json.loads(self.comm.bcast(line, root=0)))
+
+
+def refusal(folder: Path, error: OSError) -> str:
+    """Return what to say where a file of an output folder cannot be written."""
+    return f"output folder {folder}: cannot be written: {error.strerror or error}"
 
 
 def write_file(path: Path, content: str) -> None:
@@ -62,7 +77,7 @@ def write_file(path: Path, content: str) -> None:
     temporary.replace(path)
 
 
-def _open(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
+def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dict[str, Any]]:
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists() or path.stat().st_size == 0:
         write_file(path, json.dumps({"settings": settings}) + "\n")
@@ -75,7 +90,7 @@ def _open(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
     for number, line in enumerate(lines, start=1):
         try:
             entry = json.loads(line)
-            if not isinstance(entry, dict):
+            if not isinstance(entry, dict) or not (number == 1 or set(keys) <= entry.keys()):
                 raise ValueError
             entries.append(entry)
         except ValueError:
@@ -83,12 +98,13 @@ def _open(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
                 f"{path}, line {number}: not a row of this program; choose another --out, or "
                 "remove the file"
             ) from None
-    if not entries or "settings" not in entries[0]:
+    found = entries[0].get("settings") if entries else None
+    if not isinstance(found, dict):
         raise InputError(f"{path}, line 1: no settings; choose another --out, or remove the file")
-    for key, value in (settings | entries[0]["settings"]).items():
-        if settings.get(key) != value:
+    for key in settings | found:
+        if settings.get(key) != found.get(key):
             raise InputError(
-                f"output folder {path.parent}: holds results for {key} = {value}, not "
+                f"output folder {path.parent}: holds results for {key} = {found.get(key)}, not "
                 f"{settings.get(key)}; choose another --out"
             )
     if unfinished:

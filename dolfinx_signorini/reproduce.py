@@ -12,10 +12,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import plotting
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.costs import Cost, cost_text
+from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import METHODS
-from dolfinx_signorini.records import write_file
+from dolfinx_signorini.records import refusal, write_file
 from dolfinx_signorini.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.tables import error_table, order_table
 
@@ -58,6 +59,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="folder for rows, tables and pictures; a run that was stopped goes on from what it "
         "finds there (default %(default)s)",
     )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="print the forms, matrices and vectors made for the largest N, with bytes and seconds",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,9 +77,16 @@ def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
     picture = plotting.paper_picture(comm, PICTURE_CELLS)
+    message = ""
     if picture is not None:
-        _write(args.out, rows, settings, picture)
-    comm.barrier()
+        try:
+            _write(args.out, rows, settings, picture)
+        except OSError as error:
+            message = refusal(args.out, error)
+    require(comm, not message, message)
+    if args.costs and comm.rank == 0:
+        print(f"Costs of N = {rows[-1]['n']}:")
+        print(cost_text(Cost(**cost) for cost in rows[-1].get("costs", [])), flush=True)
     return 0
 
 

@@ -58,13 +58,13 @@ def run_study(
         folder: Where the rows go.
 
     Returns:
-        The rows: n, unknowns, errors by norm, diagnostics and seconds of each phase.
+        The rows: n, unknowns, errors by norm, diagnostics, seconds of each phase, and costs.
 
     Raises:
         InputError: A setting makes no sense or the folder cannot be used.
         NotConvergedError: Some problem could not be solved.
     """
-    records = Records(comm, folder / "rows.jsonl", asdict(settings))
+    records = Records(comm, folder / "rows.jsonl", asdict(settings), keys=("n", "errors"))
     done = {row["n"]: row for row in records.rows}
     rows = []
     states: dict[int, ContactState] = {}
@@ -120,6 +120,7 @@ def _row(
     start = time.perf_counter()
     errors = error_norms(result.u, exact, settings.norms)
     seconds["errors"] = _lap(comm, "errors", start)
+    problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])
     _report(comm, "")
     row = {
         "n": n,
@@ -133,6 +134,7 @@ def _row(
         "linear_iterations": result.linear_iterations,
         "ranks": comm.size,
         "seconds": seconds,
+        "costs": [asdict(cost) for cost in problem.costs()],
     }
     return row, problem, result.u
 

@@ -33,6 +33,7 @@ ROUND_REDUCTION = 1e-4
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
+ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
 
 _counter = itertools.count()
 
@@ -80,7 +81,7 @@ def solve_tao(
         The solution; its `iterations` are TAO's.
 
     Raises:
-        InputError: The method or rtol make no sense.
+        InputError: The method or rtol make no sense, or the form is found to be indefinite.
         NotConvergedError: The natural residual was not reached.
     """
     if method not in METHODS:
@@ -90,7 +91,7 @@ def solve_tao(
     began = time.perf_counter()
     x = problem.start_values() if start is None else problem.vector_of(start)
     problem.project(x)
-    optimality = Optimality(problem)
+    optimality = Optimality(problem, rtol)
     rounds = TaoRounds(problem, method, options or {}, max_iterations, max_evaluations)
     try:
         residual = rounds.run(x, optimality, rtol)
@@ -132,10 +133,10 @@ class TaoRounds:
         """Run rounds from a feasible x, overwritten, and return the residual reached."""
         residual = optimality.measure(x)
         while True:
-            previous = residual
-            self.round(x, optimality, residual, max(rtol, ROUND_REDUCTION * residual))
+            previous = optimality.norm
+            self.round(x, optimality, max(rtol, ROUND_REDUCTION * residual))
             residual = optimality.measure(x)
-            if residual <= rtol or not residual < 0.5 * previous or self.exhausted:
+            if residual <= rtol or not optimality.norm < 0.5 * previous or self.exhausted:
                 return residual
 
     def result(
@@ -161,10 +162,15 @@ class TaoRounds:
             NotConvergedError: The residual is larger than rtol.
         """
         if not residual <= rtol:
+            advice = (
+                "raise max_iterations, loosen rtol, or start from a coarser solution"
+                if self.exhausted
+                else "a further round hardly lowers it: loosen rtol, or look for thin cells and "
+                "for coefficients far apart, whose rounding allows no less"
+            )
             raise NotConvergedError(
                 f"{method} stopped at a relative natural residual of {residual:.3g}, not "
-                f"{rtol:.3g}: {self.reason}; raise max_iterations, loosen rtol, or start from a "
-                "coarser solution",
+                f"{rtol:.3g}: {self.reason}; {advice}",
                 residual,
                 self.reason,
             )
@@ -172,6 +178,9 @@ class TaoRounds:
         u = fem.Function(problem.space, name="u")
         u.x.array[: x.getLocalSize()] = x.array_r
         u.x.scatter_forward()
+        problem.ledger.add("vector", "solution u", x)
+        for phase, value in seconds.items():
+            problem.ledger.add("phase", phase, seconds=value)
         active = int((x.array_r[problem.contact_dofs] <= problem.obstacle).sum())
         return SolveResult(
             u=u,
@@ -189,22 +198,23 @@ class TaoRounds:
     def exhausted(self) -> bool:
         return self.iterations >= self.max_iterations or self.evaluations >= self.max_evaluations
 
-    def round(self, x: PETSc.Vec, optimality: Optimality, residual: float, target: float) -> None:
+    def round(self, x: PETSc.Vec, optimality: Optimality, target: float) -> None:
         """Run TAO on the correction to x, and add it.
 
         Args:
             x: Feasible start, overwritten.
-            optimality: Holds the multiplier A x - b of this x.
-            residual: The relative natural residual of this x.
+            optimality: Holds the multiplier A x - b and the residual of this x.
             target: The relative natural residual to stop at.
         """
         rhs = optimality.multiplier.copy()
         rhs.array_w[self.problem.fixed_dofs] = 0.0
-        unit = power_of_two(residual * optimality.scale / self.size) if residual > 0.0 else 1.0
+        unit = power_of_two(optimality.norm / self.size) if optimality.norm > 0.0 else 1.0
         rhs.scale(-1.0 / (unit * self.size))
         d = rhs.duplicate()
         d.set(0.0)
         lower, upper = self._bounds(x, unit)
+        for name, vec in (("gradient", rhs), ("step", d), ("lower", lower), ("upper", upper)):
+            self.problem.ledger.add("vector", f"TAO: {name}", vec)
         tao = PETSc.TAO().create(self.problem.comm)
         self.problem.A.scale(1.0 / self.size)
         try:
@@ -216,6 +226,10 @@ class TaoRounds:
             self.reason = REASONS.get(tao.getConvergedReason(), "the reason has no name")
             x.axpy(unit, d)
             self.problem.project(x)
+        except PETSc.Error as error:
+            if isinstance(error.__cause__, InputError):  # raised by the energy
+                raise error.__cause__ from None
+            raise
         finally:
             self.problem.A.scale(self.size)
             for item in (tao, rhs, d, lower, upper):
@@ -226,7 +240,8 @@ class TaoRounds:
         lower.set(PETSc.NINFINITY)
         upper.set(PETSc.INFINITY)
         dofs = self.problem.contact_dofs
-        gap = (x.array_r[dofs] - self.problem.obstacle) / unit
+        with np.errstate(over="ignore"):  # an obstacle out of reach is none
+            gap = (x.array_r[dofs] - self.problem.obstacle) / unit
         lower.array_w[dofs] = np.maximum(-gap, PETSc.NINFINITY)
         lower.array_w[self.problem.fixed_dofs] = 0.0
         upper.array_w[self.problem.fixed_dofs] = 0.0
@@ -243,7 +258,10 @@ class TaoRounds:
         def energy(tao: PETSc.TAO, v: PETSc.Vec, gradient: PETSc.Vec) -> float:
             self.evaluations += 1
             A.mult(v, gradient)
-            value = 0.5 * v.dot(gradient) - v.dot(rhs)
+            curvature = v.dot(gradient)
+            if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
+                raise InputError(f"form a: not positive definite, found by TAO {self.method}")
+            value = 0.5 * curvature - v.dot(rhs)
             gradient.axpy(-1.0, rhs)
             return float(value)
 

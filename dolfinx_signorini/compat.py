@@ -1,0 +1,74 @@
+"""The differences between the versions of dolfinx that this package runs on, in one place."""
+
+import importlib
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+
+def interpolation_points(element: Any) -> npt.NDArray[np.float64]:
+    """Return the interpolation points of a finite element: a method in 0.9, later a property."""
+    points = element.interpolation_points
+    return np.asarray(points() if callable(points) else points)
+
+
+def exterior_facet_pairs(
+    topology: mesh.Topology, facets: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
+    """Return boundary facets as (cell, local facet) pairs, flat; 0.11 takes no dimension."""
+    arguments: list[Any] = [fem.IntegralType.exterior_facet, topology, facets, topology.dim - 1]
+    try:
+        pairs = fem.compute_integration_domains(*arguments)
+    except TypeError:
+        pairs = fem.compute_integration_domains(*arguments[:-1])
+    return np.asarray(pairs, dtype=np.int32).reshape(-1)
+
+
+def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any]:
+    """Return the mesh of a gmsh model that rank 0 holds, with its facet tags.
+
+    dolfinx 0.9 has the module gmshio and returns a tuple; from 0.10 on it is called gmsh and
+    returns an object.
+    """
+    io: Any
+    try:
+        io = importlib.import_module("dolfinx.io.gmshio")
+    except ImportError:
+        io = importlib.import_module("dolfinx.io.gmsh")
+    data = io.model_to_mesh(model, comm, 0, gdim=dimension)
+    if hasattr(data, "facet_tags"):
+        return data.mesh, data.facet_tags
+    return data[0], data[2]
+
+
+def evaluate(
+    expression: fem.Expression, domain: mesh.Mesh, entities: npt.NDArray[np.int32]
+) -> npt.NDArray[np.float64]:
+    """Evaluate an expression on cells, shape (n,), or (cell, local facet) pairs, shape (n, 2).
+
+    0.9 takes pairs as a flat array and lays the points of a facet out from its first to its last
+    vertex in the order of the cell; 0.11 takes them as they are and goes by the global numbers of
+    the vertices. This undoes the latter for edges, whose points must be symmetric about 1/2.
+
+    Returns:
+        Shape (n, points * components) or (n, points, components).
+    """
+    if not hasattr(expression, "value_shape"):
+        return np.asarray(expression.eval(domain, entities.flatten()))
+    values = np.asarray(expression.eval(domain, entities))
+    if entities.ndim == 2 and domain.topology.dim == 2:
+        turned = _descending(domain, entities)
+        values[turned] = values[turned, ::-1]
+    return values
+
+
+def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Whether the first vertex of an edge, in the order of its cell, has the larger number."""
+    ends = np.array([[1, 2], [0, 2], [0, 1]])[facets[:, 1]]  # edge k lies opposite vertex k
+    vertices = domain.topology.connectivity(2, 0).array.reshape(-1, 3)
+    local = np.take_along_axis(vertices[facets[:, 0]], ends, axis=1)
+    numbers = domain.topology.index_map(0).local_to_global(local.ravel()).reshape(local.shape)
+    return np.asarray(numbers[:, 0] > numbers[:, 1])

@@ -1,0 +1,118 @@
+"""What all tests share: the communicator, a folder that all ranks see, a reference solver."""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.sparse as sp
+from _pytest.config import create_terminal_writer
+from hypothesis import settings
+from mpi4py import MPI
+from scipy.sparse.linalg import splu
+
+from dolfinx_signorini.assembly import DiscreteProblem
+
+Array = npt.NDArray[np.float64]
+
+# Without a clock, a random seed or a database all ranks draw the same examples.
+settings.register_profile(
+    "ranks",
+    deadline=None,
+    derandomize=True,
+    database=None,
+    max_examples=25 if MPI.COMM_WORLD.size == 1 else 8,
+)
+settings.load_profile("ranks")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Let rank 0 alone report."""
+    reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+    if MPI.COMM_WORLD.rank and reporter is not None:
+        silence = open(os.devnull, "w")  # noqa: SIM115, it stays open until the end
+        reporter._tw = create_terminal_writer(config, silence)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Show what fails on another rank at once: rank 0 may be waiting for it for ever."""
+    rank = MPI.COMM_WORLD.rank
+    if rank and report.failed:
+        print(f"[rank {rank}] {report.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
+
+
+@pytest.fixture
+def comm() -> MPI.Comm:
+    """The communicator of all meshes."""
+    return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def folder(comm: MPI.Comm) -> Iterator[Path]:
+    """An empty folder, the same one on all ranks."""
+    path = Path(comm.bcast(tempfile.mkdtemp(prefix="signorini-") if comm.rank == 0 else None))
+    yield path
+    comm.barrier()
+    if comm.rank == 0:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@pytest.fixture
+def serial(comm: MPI.Comm) -> None:
+    """Skip a test that starts a process of its own: mpirun does not nest."""
+    if comm.size > 1:
+        pytest.skip("starts a process of its own")
+
+
+@pytest.fixture(scope="session")
+def solve_with_scipy() -> Callable[[DiscreteProblem], Array]:
+    """A solver that shares nothing with the package but the matrix and the load."""
+    return _solve_with_scipy
+
+
+def _solve_with_scipy(problem: DiscreteProblem) -> Array:
+    """Return the owned values of the solution: active sets and sparse LU on rank 0."""
+    comm = problem.comm
+    first = problem.A.getOwnershipRange()[0]
+    parts = comm.gather(
+        (
+            sp.csr_matrix(
+                problem.A.getValuesCSR()[::-1], shape=(problem.b.getLocalSize(), problem.unknowns)
+            ),
+            problem.b.array_r.copy(),
+            problem.contact_dofs + first,
+            problem.obstacle,
+        )
+    )
+    solution = None
+    if parts is not None:
+        matrices, loads, dofs, obstacles = zip(*parts, strict=True)
+        bound = np.full(problem.unknowns, -np.inf)
+        bound[np.concatenate(dofs)] = np.concatenate(obstacles)
+        solution = _active_sets(sp.vstack(matrices).tocsr(), np.concatenate(loads), bound)
+    values: Array = comm.bcast(solution)
+    return values[first : first + problem.b.getLocalSize()]
+
+
+def _active_sets(A: sp.csr_matrix, b: Array, bound: Array) -> Array:
+    contact = np.isfinite(bound)
+    active, x = contact.copy(), np.where(contact, bound, 0.0)
+    for _ in range(50):
+        free = ~active
+        x[active] = bound[active]
+        if free.any():
+            rhs = b[free] - A[free][:, active] @ x[active]
+            x[free] = splu(A[free][:, free].tocsc()).solve(rhs)
+        multiplier = A @ x - b
+        defect = np.where(contact, np.minimum(x - bound, multiplier), multiplier)
+        if np.abs(defect).max() <= 1e-14 * (abs(A) @ np.abs(x) + np.abs(b)).max():
+            return np.maximum(x, bound)
+        active = contact & (multiplier > x - np.where(contact, bound, 0.0))
+    raise AssertionError("the reference solver does not settle")

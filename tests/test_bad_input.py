@@ -1,0 +1,215 @@
+"""What is refused, by name, and on all ranks also where one rank alone sees what is wrong."""
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.problem import METHODS, SignoriniProblem
+
+COMM = MPI.COMM_WORLD
+NAN, INF = float("nan"), float("inf")
+
+
+class Parts:
+    """A well-posed problem in parts, to spoil one of them."""
+
+    def __init__(self, n=8):
+        self.mesh = friedrichs_keller(COMM, n)
+        self.space = fem.functionspace(self.mesh, ("Lagrange", 1))
+        self.u, self.v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self.x = ufl.SpatialCoordinate(self.mesh)
+        self.stiffness = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) * ufl.dx
+        self.a = self.stiffness + self.u * self.v * ufl.dx
+        self.L = (self.x[0] - 0.5) * self.v * ufl.dx
+        self.facets = boundary_facets(self.mesh)
+        self.middle = dolfinx.mesh.compute_midpoints(self.mesh, 1, self.facets)
+        self.bottom = self.facets[self.middle[:, 1] < 1e-9]
+
+    def left(self, value):
+        """A Dirichlet condition on x = 0, which meets the bottom in the origin."""
+        facets = self.facets[self.middle[:, 0] < 1e-9]
+        dofs = fem.locate_dofs_topological(self.space, 1, facets)
+        if isinstance(value, fem.Function):
+            return fem.dirichletbc(value, dofs)
+        return fem.dirichletbc(PETSc.ScalarType(value), dofs, self.space)
+
+    def spoiled(self, value):
+        """A function with one value that the rank of the origin alone owns."""
+        function = fem.Function(self.space)
+        at = np.abs(self.space.tabulate_dof_coordinates()).max(axis=1) < 1e-12
+        at[self.space.dofmap.index_map.size_local :] = False
+        assert COMM.allreduce(int(at.sum())) == 1
+        function.x.array[at] = value
+        return function
+
+    def problem(self, **changes):
+        arguments = {"a": self.a, "L": self.L, "contact": self.facets} | changes
+        return SignoriniProblem(arguments.pop("a"), arguments.pop("L"), **arguments)
+
+
+@pytest.fixture
+def parts():
+    return Parts()
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+def test_load_that_is_not_finite(parts, value):
+    with pytest.raises(InputError, match="load"):
+        parts.problem(L=parts.spoiled(value) * parts.v * ufl.dx)
+    with pytest.raises(InputError, match="load"):
+        parts.problem(L=fem.Constant(parts.mesh, value) * parts.v * ufl.dx)
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+def test_obstacle_that_is_not_finite(parts, value):
+    away = parts.spoiled(value)
+    for obstacle in (
+        value,
+        away,
+        0.0 + away,
+        lambda x: np.where(x[0] + x[1] < 1e-12, value, 0.0),
+        fem.Constant(parts.mesh, value) * parts.x[0],
+    ):
+        with pytest.raises(InputError, match="obstacle"):
+            parts.problem(obstacle=obstacle)
+    # Away from the contact boundary nobody asks for it.
+    right = parts.facets[parts.middle[:, 0] > 1 - 1e-9]
+    parts.problem(contact=right, obstacle=away).destroy()
+
+
+@pytest.mark.parametrize("value", [NAN, INF])
+def test_dirichlet_data_that_are_not_finite(parts, value):
+    with pytest.raises(InputError, match="Dirichlet"):
+        parts.problem(bcs=[parts.left(value)])
+    with pytest.raises(InputError, match="Dirichlet"):
+        parts.problem(bcs=[parts.left(parts.spoiled(value))])
+
+
+@pytest.mark.parametrize("value", [NAN, INF])
+def test_coefficient_that_is_not_finite(parts, value):
+    a = (1.0 + parts.spoiled(value)) * parts.u * parts.v * ufl.dx
+    with pytest.raises(InputError, match="form a"):
+        parts.problem(a=parts.a + a)
+
+
+def test_obstacle_above_the_dirichlet_data(parts):
+    # They meet in one dof, the origin.
+    bottom = {"contact": parts.bottom, "bcs": [parts.left(0.25)]}
+    with pytest.raises(InputError, match=r"obstacle: 0\.5 .* Dirichlet data 0\.25 at \(0, 0, 0\)"):
+        parts.problem(obstacle=0.5, **bottom)
+    with pytest.raises(InputError, match="obstacle"):
+        parts.problem(obstacle=lambda x: np.where(x[0] < 1e-12, 0.26, -1.0), **bottom)
+    # Above away from that dof, or equal at it: allowed, and the data win.
+    problem = parts.problem(obstacle=lambda x: 0.25 + x[0], **bottom)
+    u = problem.solve().u
+    assert (u.x.array[problem.fixed_dofs] == 0.25).all()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("mean", [0.0, 1e-3, 1.0])
+def test_singular_operator_with_unbounded_functional_or_many_solutions(parts, mean):
+    load = (parts.x[0] - 0.5 + mean) * parts.v * ufl.dx
+    with pytest.raises(InputError, match="load.*unbounded" if mean else "load.*not unique"):
+        parts.problem(a=parts.stiffness, L=load)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_singular_operator_with_a_load_that_presses(parts, method, solve_with_scipy):
+    load = (parts.x[0] - 0.6) * parts.v * ufl.dx
+    problem = parts.problem(a=parts.stiffness, L=load)
+    u = problem.solve(method, rtol=1e-10).u
+    reference = solve_with_scipy(problem)
+    problem.destroy()
+    assert np.abs(u.x.array[: len(reference)] - reference).max(initial=0.0) <= 1e-8
+    assert COMM.allreduce(float(reference.sum())) > 0.0
+
+
+def test_singular_operator_without_contact(parts):
+    nowhere = np.empty(0, dtype=np.int32)
+    with pytest.raises(InputError, match="contact: empty"):
+        parts.problem(a=parts.stiffness, contact=nowhere)
+    # With a reaction or Dirichlet data it is a linear problem.
+    for problem in (
+        parts.problem(contact=nowhere),
+        parts.problem(a=parts.stiffness, contact=nowhere, bcs=[parts.left(1.0)]),
+    ):
+        assert problem.solve().active_dofs == 0
+        problem.destroy()
+
+
+def test_dirichlet_data_everywhere_leave_no_contact(parts):
+    dofs = fem.locate_dofs_topological(parts.space, 1, parts.facets)
+    bc = fem.dirichletbc(PETSc.ScalarType(1.0), dofs, parts.space)
+    zero = fem.Constant(parts.mesh, 0.0) * parts.v * ufl.dx
+    problem = parts.problem(a=parts.stiffness, L=zero, bcs=[bc])
+    u = problem.solve().u
+    problem.destroy()
+    assert np.abs(u.x.array - 1.0).max(initial=0.0) <= 1e-7
+
+
+def test_form_that_is_not_symmetric(parts):
+    advection = parts.u.dx(0) * parts.v * ufl.dx
+    for factor in (1.0, 1e-3, -1.0):
+        with pytest.raises(InputError, match="form a: not symmetric"):
+            parts.problem(a=parts.a + factor * advection)
+    near_origin = parts.spoiled(1.0) * parts.u.dx(0) * parts.v * ufl.dx
+    with pytest.raises(InputError, match="form a: not symmetric"):
+        parts.problem(a=parts.a + near_origin)
+
+
+@pytest.mark.parametrize(
+    ("shift", "word"), [(-1.0, r"a\(1, 1\)"), (-1000.0, "diagonal"), (-1e6, "diagonal")]
+)
+def test_form_that_is_indefinite(parts, shift, word):
+    with pytest.raises(InputError, match=f"form a: not positive definite.*{word}"):
+        parts.problem(a=parts.stiffness + shift * parts.u * parts.v * ufl.dx)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_indefinite_form_that_only_a_solver_can_notice(method):
+    # Clamped, -Laplace - 40 has one negative eigenvalue, for no constant; it is not solved.
+    parts = Parts(16)
+    dofs = fem.locate_dofs_topological(parts.space, 1, parts.facets[parts.middle[:, 1] > 1e-9])
+    bc = fem.dirichletbc(PETSc.ScalarType(0.0), dofs, parts.space)
+    a = parts.stiffness - 40.0 * parts.u * parts.v * ufl.dx
+    problem = parts.problem(a=a, L=parts.v * ufl.dx, contact=parts.bottom, bcs=[bc], obstacle=0.0)
+    with pytest.raises((InputError, NotConvergedError)) as caught:
+        problem.solve(method)
+    if method not in ("bntr", "tron"):  # they meet it inside their linear solver
+        assert "form a: not positive definite" in str(caught.value)
+    problem.destroy()
+
+
+def test_forms_and_spaces_of_the_wrong_kind(parts):
+    with pytest.raises(InputError, match="form a"):
+        parts.problem(a=parts.v * ufl.dx)
+    for load in (parts.a, parts.x[0] * ufl.dx, 0 * parts.L):
+        with pytest.raises(InputError, match="load"):
+            parts.problem(L=load)
+    for element in (
+        ("Discontinuous Lagrange", 1),
+        basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)),
+        ("Bubble", 3),
+    ):
+        space = fem.functionspace(parts.mesh, element)
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        one = ufl.as_vector([1.0, 1.0]) if space.dofmap.bs == 2 else 1.0
+        with pytest.raises(InputError, match="form a: the space"):
+            parts.problem(a=ufl.inner(u, v) * ufl.dx, L=ufl.inner(one, v) * ufl.dx)
+
+
+def test_a_refused_problem_leaves_a_usable_communicator(parts):
+    # Every rank has left the refused call: the next collective one is not out of step.
+    for _ in range(3):
+        with pytest.raises(InputError):
+            parts.problem(obstacle=parts.spoiled(NAN))
+    problem = parts.problem()
+    assert problem.solve().natural_residual <= 1e-7
+    problem.destroy()

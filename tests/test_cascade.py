@@ -1,0 +1,257 @@
+"""The cascade: the same solution as TAO's on any family of meshes, for few linear solves."""
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini import cascade
+from dolfinx_signorini.cascade import predict, solve_cascade
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.manufactured import christof_haubner
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.study import PAPER_NORMS, coarse_levels
+
+COMM = MPI.COMM_WORLD
+
+
+def paper(n, degree=1):
+    return paper_problem(christof_haubner(friedrichs_keller(COMM, n)), degree)
+
+
+def pressed(domain, where=None, obstacle=0.0, degree=1):
+    """Pressed down with a bounded force against an obstacle on part of the boundary."""
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    x = ufl.SpatialCoordinate(domain)
+    dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree + 3})
+    load = 60.0 * (x[0] + 0.5 * x[1] ** 2 - 0.7) * v * dx
+    facets = boundary_facets(domain)
+    if where is not None:
+        facets = dolfinx.mesh.locate_entities_boundary(domain, domain.topology.dim - 1, where)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * dx
+    return SignoriniProblem(a, load, contact=facets, obstacle=obstacle)
+
+
+def bottom(x):
+    return x[1] < 1e-9
+
+
+def spot(x):
+    """Two facets in a corner: any other rank than theirs has no contact dof."""
+    return (x[1] < 1e-9) & (x[0] < 0.13)
+
+
+def bumps(x):
+    return -0.1 + 0.05 * np.sin(9.0 * x[0] + 4.0 * x[1])
+
+
+def refined(level):
+    """A family by bisection from an unstructured start."""
+    domain = dolfinx.mesh.create_unit_square(COMM, 5, 4, diagonal=dolfinx.mesh.DiagonalType.crossed)
+    for _ in range(level):
+        domain.topology.create_entities(1)
+        domain = dolfinx.mesh.refine(domain)[0]
+    return domain
+
+
+def cube(n):
+    return dolfinx.mesh.create_unit_cube(COMM, n, n, n)
+
+
+FAMILIES = {
+    "odd": (paper, [15, 41]),
+    "even": (paper, [10, 22, 50]),
+    "mixed parity": (paper, [12, 37, 50]),
+    "doubling": (paper, [10, 20, 40]),
+    "backwards": (paper, [21, 12]),
+    "degree 2": (lambda n: paper(n, 2), [9, 21]),
+    "refined": (lambda k: pressed(refined(k)), [1, 2, 3]),
+    "refined, degree 2": (lambda k: pressed(refined(k), degree=2), [0, 1, 2]),
+    "obstacle": (lambda n: pressed(friedrichs_keller(COMM, n), obstacle=bumps), [11, 25, 51]),
+    "bottom": (lambda n: pressed(friedrichs_keller(COMM, n), bottom, -0.05), [11, 31]),
+    "spot": (
+        lambda n: pressed(friedrichs_keller(COMM, n), spot, lambda x: -30.0 * x[0]),
+        [16, 40],
+    ),
+    "cube": (lambda n: pressed(cube(n), obstacle=lambda x: -0.1 + 0.1 * x[2]), [3, 6]),
+    "cube, degree 2": (lambda n: pressed(cube(n), bottom, degree=2), [2, 4]),
+    "quadrilaterals": (
+        lambda n: pressed(
+            dolfinx.mesh.create_unit_square(COMM, n, n, dolfinx.mesh.CellType.quadrilateral)
+        ),
+        [8, 24],
+    ),
+}
+
+
+def owned(problem, u):
+    return u.x.array[: problem.b.getLocalSize()]
+
+
+def largest(values):
+    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_solution_is_that_of_scipy_and_of_tao(family, solve_with_scipy):
+    make, levels = FAMILIES[family]
+    problem, result = solve_cascade(make, levels, rtol=1e-10)
+    reference = solve_with_scipy(problem)
+    newton = problem.solve("bntr", rtol=1e-10)
+    u = owned(problem, result.u)
+    size = largest(reference)
+    assert size > 1e-3
+    assert largest(u - reference) <= 1e-8 * size
+    assert largest(u - owned(problem, newton.u)) <= 1e-8 * size
+    assert result.natural_residual <= 1e-10
+    assert result.iterations == 0  # TAO accepts at once what the linear solves found
+    counts = COMM.allreduce(
+        np.array([(u[problem.contact_dofs] == problem.obstacle).sum(), len(problem.contact_dofs)])
+    )
+    assert counts[0] == result.active_dofs
+    assert 0 < counts[0] < counts[1]  # both regimes
+    problem.destroy()
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank has them all")
+def test_some_ranks_have_no_contact_dof():
+    make, levels = FAMILIES["spot"]
+    problem = make(levels[-1])
+    assert min(COMM.allgather(len(problem.contact_dofs))) == 0
+    assert COMM.allreduce(len(problem.contact_dofs)) > 3
+    problem.destroy()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        paper,
+        lambda n: pressed(friedrichs_keller(COMM, n)),
+        lambda n: pressed(friedrichs_keller(COMM, n), obstacle=bumps),
+    ],
+    ids=["paper", "pressed", "obstacle"],
+)
+def test_at_most_three_linear_solves_per_level(make):
+    coarse, solves = None, []
+    for n in (15, 61, 121):  # odd: the detachment point lies in the middle of a cell
+        problem = make(n)
+        result = problem.solve(coarse=coarse)
+        solves.append(result.linear_solves)
+        coarse = problem.contact_state(result.u)
+        problem.destroy()
+    assert max(solves[1:]) <= 3
+    assert min(solves) >= 1
+
+
+def test_a_prediction_beats_none():
+    coarse, fine = paper(15), paper(61)
+    state = coarse.contact_state(coarse.solve().u)
+    final = fine.solve(rtol=1e-10).u
+    active = owned(fine, final)[fine.contact_dofs] == 0.0
+    wrong = COMM.allreduce(int((predict(fine, state) != active).sum()))
+    cold = COMM.allreduce(int((predict(fine, None) != active).sum()))
+    total = COMM.allreduce(len(active))
+    released = COMM.allreduce(int((~predict(fine, state) & ~active).sum()))
+    for problem in (coarse, fine):
+        problem.destroy()
+    # Everything in contact is wrong for a tenth of the dofs; nearly all of them are foreseen.
+    assert cold >= 0.1 * total
+    assert released >= cold - 3
+    assert wrong <= cold
+
+
+def test_the_pressure_foresees_what_values_cannot(monkeypatch):
+    # On a convex obstacle the coarse solution lies above the obstacle of the finer mesh.
+    monkeypatch.setattr(cascade, "MAX_PATCH", 0)  # no correction near the ends
+    coarse, fine = (
+        pressed(
+            friedrichs_keller(COMM, n),
+            obstacle=lambda x: 2.0 * ((x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2) - 1.0,
+        )
+        for n in (15, 60)
+    )
+    held = predict(fine, coarse.contact_state(coarse.solve().u))
+    active = owned(fine, fine.solve(rtol=1e-10).u)[fine.contact_dofs] == fine.obstacle
+    counts = COMM.allreduce(np.array([active.sum(), (~active).sum(), (held != active).sum()]))
+    for problem in (coarse, fine):
+        problem.destroy()
+    assert min(counts[:2]) >= 40
+    assert counts[2] <= 8
+
+
+# One rank's, to 12 digits.
+NORMS_OF_41 = {
+    "L4": 3.518213392239e-03,
+    "L16": 7.951310154863e-03,
+    "Linf": 1.362595813177e-02,
+    "W1_4": 3.167107760426e-01,
+    "W1_16": 8.899222505058e-01,
+    "W1_inf": 1.714783161856e00,
+    "H1_2_boundary": 2.329262264482e-02,
+    "H1_2_boundary_spectral": 1.565413967893e-02,
+}
+
+
+def test_any_number_of_ranks_gives_the_same_norms():
+    problem, result = solve_cascade(paper, [15, 41], rtol=1e-12)
+    exact = christof_haubner(problem.space.mesh)
+    values = error_norms(result.u, exact, NORMS_OF_41)
+    problem.destroy()
+    assert values == pytest.approx(NORMS_OF_41, rel=1e-9, abs=0.0)
+    assert set(PAPER_NORMS) < set(values)
+
+
+def test_any_number_of_ranks_gives_the_same_contact_set():
+    found = []
+    for make, levels in (FAMILIES["obstacle"], FAMILIES["bottom"], FAMILIES["cube"]):
+        problem, result = solve_cascade(make, levels, rtol=1e-12)
+        found.append(result.active_dofs)
+        found.append(error_norms(result.u, None, ["L2"])["L2"])
+        problem.destroy()
+    one_rank = [51, 1.86205669683, 14, 1.57200592926, 52, 1.8703067628]
+    assert found == pytest.approx(one_rank, rel=1e-9, abs=0.0)
+
+
+def test_one_level_and_no_level():
+    problem, result = solve_cascade(paper, [12])
+    cold = problem.solve()
+    assert np.array_equal(result.u.x.array, cold.u.x.array)
+    problem.destroy()
+    with pytest.raises(InputError, match="levels"):
+        solve_cascade(paper, [])
+
+
+def test_coarse_and_fine_may_be_the_same_mesh():
+    problem = paper(21)
+    first = problem.solve(rtol=1e-11)
+    again = problem.solve(coarse=problem.contact_state(first.u), rtol=1e-11)
+    assert again.linear_solves <= 2
+    assert largest(again.u.x.array - first.u.x.array) <= 1e-9 * largest(first.u.x.array)
+    problem.destroy()
+
+
+def test_pressure_density_does_not_depend_on_the_mesh():
+    # The force on each dof shrinks with h; its density tends to du/dn of the solution.
+    densities = []
+    for n in (20, 80):
+        problem = pressed(friedrichs_keller(COMM, n))
+        state = problem.contact_state(problem.solve().u)
+        x = problem.space.tabulate_dof_coordinates()[: problem.b.getLocalSize()]
+        at = np.abs(x - (0.0, 0.5, 0.0)).max(axis=1) < 1e-9
+        densities.append(COMM.allreduce(float(owned(problem, state.density)[at].sum())))
+        problem.destroy()
+    assert densities[0] > 0.1
+    assert densities[1] == pytest.approx(densities[0], rel=0.05)
+
+
+@pytest.mark.parametrize("n", [40, 41, 101, 102, 401, 1001, 2000])
+def test_coarse_levels_keep_the_parity_and_grow(n):
+    levels = [*coarse_levels(n), n]
+    assert all(m % 2 == n % 2 for m in levels)
+    assert levels == sorted(set(levels))
+    assert levels[0] <= 40 or n <= 40

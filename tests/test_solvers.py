@@ -1,0 +1,315 @@
+"""Solvers: agreement with each other and with SciPy, optimality, exact scaling, honest failure."""
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from hypothesis import given
+from hypothesis import strategies as st
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini import contact
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.manufactured import christof_haubner
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.problem import METHODS, SignoriniProblem, paper_problem
+from dolfinx_signorini.tao import FIRST_ORDER
+
+COMM = MPI.COMM_WORLD
+TIGHT = 1e-11
+
+
+def paper(n):
+    return paper_problem(christof_haubner(friedrichs_keller(COMM, n)))
+
+
+def bumpy(n, factor=1.0):
+    """Contact and an obstacle at the bottom, data on top, a coefficient, load and data times k."""
+    domain = friedrichs_keller(COMM, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    x = ufl.SpatialCoordinate(domain)
+    k = fem.Constant(domain, factor)
+    dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+    a = (1.0 + x[0]) * ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
+    load = -k * (3.0 + 20.0 * (x[0] - 0.3) * (x[1] - 0.4)) * v * dx
+    facets = boundary_facets(domain)
+    middle = dolfinx.mesh.compute_midpoints(domain, 1, facets)
+    top = fem.locate_dofs_topological(space, 1, facets[middle[:, 1] > 1 - 1e-9])
+    return SignoriniProblem(
+        a,
+        load,
+        contact=facets[middle[:, 1] < 1e-9],
+        obstacle=lambda x: factor * (-0.1 - 0.15 * np.cos(7.0 * x[0])),
+        bcs=[fem.dirichletbc(PETSc.ScalarType(0.25 * factor), top, space)],
+    )
+
+
+@pytest.fixture(scope="module", params=["paper", "bumpy"])
+def problem(request):
+    problem = {"paper": paper, "bumpy": bumpy}[request.param](17)
+    yield problem
+    problem.destroy()
+
+
+@pytest.fixture(scope="module")
+def solution(problem):
+    return owned(problem.solve(rtol=TIGHT).u)
+
+
+def owned(u):
+    return u.x.array[: u.function_space.dofmap.index_map.size_local].copy()
+
+
+def difference(values, others):
+    """The largest difference on all ranks relative to the largest of the others."""
+    parts = [float(np.abs(v).max(initial=0.0)) for v in (values - others, others)]
+    top, bottom = np.max(COMM.allgather(parts), axis=0)
+    return float(top / bottom)
+
+
+@pytest.mark.parametrize(
+    "n", [51 if COMM.size == 1 else 25, pytest.param(101, marks=pytest.mark.slow)]
+)
+def test_all_methods_and_scipy_agree_on_the_papers_problem(n, solve_with_scipy):
+    problem = paper(n)
+    reference = solve_with_scipy(problem)
+    results = {m: problem.solve(m, rtol=TIGHT) for m in METHODS}
+    problem.destroy()
+    for method, result in results.items():
+        assert difference(owned(result.u), reference) <= 1e-8, method
+        assert result.natural_residual <= TIGHT
+    for method in ("bqnls", "bntr"):
+        assert difference(owned(results[method].u), owned(results["bncg"].u)) <= 1e-8
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_default_tolerance_is_enough_for_six_digits(problem, method, solve_with_scipy):
+    result = problem.solve(method)
+    assert difference(owned(result.u), solve_with_scipy(problem)) <= 1e-6
+    assert result.method == method
+    assert "TAO" in result.reason
+    assert (result.linear_solves > 0) == (method == "cascade")
+    assert (result.linear_iterations > 0) == (method not in FIRST_ORDER)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_optimality_conditions(problem, method):
+    result = problem.solve(method, rtol=TIGHT)
+    u, force = owned(result.u), contact.multiplier(problem, result.u)
+    gap = u[problem.contact_dofs] - problem.obstacle
+    scale = COMM.allreduce(float(np.abs(problem.b.array_r).sum()))
+    assert (gap >= 0.0).all()
+    assert (force >= -1e-9 * scale).all()
+    assert (np.minimum(gap, force) <= 1e-9 * scale).all()
+    # Both regimes are there, in numbers.
+    counts = COMM.allreduce(np.array([(gap > 1e-6).sum(), (force > 1e-6 * scale).sum()]))
+    assert counts.min() >= 3
+    assert result.active_dofs == COMM.allreduce(int((gap == 0.0).sum()))
+    # Equilibrium at all other dofs, and the Dirichlet data exactly.
+    assert (u[problem.fixed_dofs] == problem.fixed_values).all()
+    x = problem.vector_of(result.u)
+    residual = problem.A.createVecLeft()
+    problem.A.mult(x, residual)
+    rest = residual.array_r - problem.b.array_r
+    rest[problem.contact_dofs] = 0.0
+    assert (np.abs(rest) <= 1e-9 * scale).all()
+    x.destroy()
+    residual.destroy()
+
+
+@given(st.integers(0, 10**6), st.floats(-6.0, 1.0))
+def test_no_feasible_vector_has_less_energy(problem, solution, seed, size):
+    def energy(v):
+        x, product = problem.A.createVecRight(), problem.A.createVecLeft()
+        x.array_w[:] = v
+        problem.A.mult(x, product)
+        value = 0.5 * x.dot(product) - x.dot(problem.b)
+        x.destroy()
+        product.destroy()
+        return value
+
+    u = solution
+    rng = np.random.default_rng([seed, COMM.rank])
+    v = u + 10.0**size * rng.normal(size=len(u)) * (rng.random(len(u)) < 0.5)
+    v[problem.contact_dofs] = np.maximum(v[problem.contact_dofs], problem.obstacle)
+    v[problem.fixed_dofs] = problem.fixed_values
+    least = energy(u)
+    assert energy(v) >= least - 1e-12 * abs(least)
+
+
+EXPONENTS = [-600, -300, -1, 1, 300, 600]
+
+
+def scale_data(problem, factor):
+    problem.b.scale(factor)
+    problem.obstacle *= factor
+    problem.fixed_values *= factor
+
+
+def assert_scaled(unit, scaled, k):
+    assert np.array_equal(scaled.u.x.array, 2.0**k * unit.u.x.array)
+    assert np.abs(unit.u.x.array).max(initial=0.0) < 1.0
+    for count in ("iterations", "linear_solves", "linear_iterations", "active_dofs"):
+        assert getattr(scaled, count) == getattr(unit, count), count
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_data_times_a_power_of_two_scale_the_solution_bitwise(method):
+    problem = bumpy(15)
+    unit = problem.solve(method)
+    for k in EXPONENTS:
+        scale_data(problem, 2.0**k)
+        assert_scaled(unit, problem.solve(method), k)
+        scale_data(problem, 2.0**-k)
+    problem.destroy()
+
+
+def test_the_cascade_from_coarse_scales_bitwise():
+    problems = bumpy(9), bumpy(31)
+
+    def solve():
+        state = problems[0].contact_state(problems[0].solve().u)
+        return problems[1].solve(coarse=state)
+
+    unit = solve()
+    for k in EXPONENTS:
+        for problem in problems:
+            scale_data(problem, 2.0**k)
+        assert_scaled(unit, solve(), k)
+        for problem in problems:
+            scale_data(problem, 2.0**-k)
+    for problem in problems:
+        problem.destroy()
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="the order of additions to a shared entry may change")
+@pytest.mark.parametrize("k", EXPONENTS)
+@pytest.mark.parametrize("method", ["cascade", "bncg", "bqnls", "bntr"])
+def test_forms_times_a_power_of_two_scale_the_solution_bitwise(method, k):
+    results = []
+    for factor in (1.0, 2.0**k):
+        problem = bumpy(15, factor)
+        results.append(problem.solve(method))
+        problem.destroy()
+    assert_scaled(*results, k)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("factor", [1e-200, 1e-12, 1e9])
+def test_the_operators_size_does_not_matter(method, factor):
+    problem = paper(11)
+    reference = owned(problem.solve(method, rtol=TIGHT).u)
+    problem.A.scale(factor)
+    problem.b.scale(factor)
+    problem.contact_diagonal *= factor
+    scaled = owned(problem.solve(method, rtol=TIGHT).u)
+    problem.destroy()
+    assert difference(scaled, reference) <= 1e-9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_to_do_is_done_at_once(method):
+    problem = paper(7)
+    problem.b.set(0.0)
+    result = problem.solve(method)
+    problem.destroy()
+    assert not result.u.x.array.any()
+    assert result.natural_residual == 0.0
+    assert result.active_dofs == 4 * 7
+
+
+@pytest.mark.parametrize("method", ["bncg", "bqnls", "bntr"])
+@pytest.mark.parametrize(
+    ("limit", "word"), [("max_iterations", "iteration"), ("max_evaluations", "evaluation")]
+)
+def test_limits_raise_with_residual_and_reason(problem, method, limit, word):
+    with pytest.raises(NotConvergedError, match=method) as caught:
+        problem.solve(method, **{limit: 3})
+    assert word in caught.value.reason
+    assert 1e-8 < caught.value.residual < 10.0
+    assert f"{caught.value.residual:.3g}" in str(caught.value)
+
+
+def test_an_accuracy_beyond_rounding_is_not_claimed(problem):
+    for method in ("cascade", "bqnls", "bntr"):
+        try:
+            result = problem.solve(method, rtol=1e-18)
+        except NotConvergedError as error:
+            assert 1e-18 < error.residual < 1e-10
+        else:
+            assert result.natural_residual <= 1e-18
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_options_act_and_do_not_leak(problem, method):
+    before = PETSc.Options().getAll()
+    usual = problem.solve(method)
+    options = {
+        "cascade": {"pc_type": "jacobi", "ksp_max_it": 150},
+        "bncg": {"tao_bncg_type": "hs"},
+        "bqnls": {"tao_bqnls_mat_lmvm_hist_size": 2, "tao_ls_type": "armijo"},
+        "blmvm": {"tao_blmvm_mat_lmvm_hist_size": 2},
+        "tron": {"pc_type": "jacobi"},
+    }.get(method, {"tao_bnk_pc_type": "jacobi"})
+    other = problem.solve(method, options=options)
+    assert PETSc.Options().getAll() == before
+    assert difference(owned(other.u), owned(usual.u)) <= 1e-6
+    counts = [(r.iterations, r.linear_solves, r.linear_iterations) for r in (usual, other)]
+    assert counts[0] != counts[1]
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [("bncg", {"tao_bncg_type": "nonsense"}), ("cascade", {"ksp_type": "nonsense"})],
+)
+def test_options_do_not_leak_from_a_failure(problem, method, options):
+    before = PETSc.Options().getAll()
+    with pytest.raises(PETSc.Error):
+        problem.solve(method, options=options)
+    assert PETSc.Options().getAll() == before
+    problem.solve(method)
+
+
+@pytest.mark.parametrize("method", ["bncg", "bqnls", "bntr"])
+def test_a_good_start_saves_iterations(method):
+    coarse, fine = paper(15), paper(31)
+    start = fem.Function(fine.space)
+    cells = np.arange(
+        fine.space.mesh.topology.index_map(2).size_local
+        + fine.space.mesh.topology.index_map(2).num_ghosts,
+        dtype=np.int32,
+    )
+    data = fem.create_interpolation_data(fine.space, coarse.space, cells, padding=1e-6)
+    start.interpolate_nonmatching(coarse.solve().u, cells, data)
+    start.x.scatter_forward()
+    cold, warm = fine.solve(method), fine.solve(method, start=start)
+    again = fine.solve(method, start=cold.u)
+    kept = owned(start)
+    start.x.array[:] -= 1.0  # below the obstacle: it is lifted
+    below = fine.solve(method, start=start)
+    for problem in (coarse, fine):
+        problem.destroy()
+    if method == "bqnls":  # the others can take as long for what is left
+        assert warm.iterations < cold.iterations
+    assert again.iterations == 0
+    for result in (warm, again, below):
+        assert difference(owned(result.u), owned(cold.u)) <= 1e-6
+    assert np.array_equal(owned(start), kept - 1.0)  # the start is not overwritten
+
+
+def test_wrong_arguments_are_named(problem):
+    state = problem.contact_state(problem.solve().u)
+    for method, arguments, name in (
+        ("newton", {}, "method"),
+        ("cascade", {"rtol": 0.0}, "rtol"),
+        ("cascade", {"rtol": float("nan")}, "rtol"),
+        ("bncg", {"rtol": 1.0}, "rtol"),
+        ("bncg", {"rtol": -1e-8}, "rtol"),
+        ("cascade", {"max_iterations": 3}, "max_iterations"),
+        ("bqnls", {"coarse": state}, "coarse"),
+    ):
+        with pytest.raises(InputError, match=name):
+            problem.solve(method, **arguments)
