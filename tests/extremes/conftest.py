@@ -1,0 +1,120 @@
+"""The report page of the extremes: every test records its rows, a command writes them down.
+
+python3 -m pytest tests/extremes -m '' --extremes-report docs/extremes.md
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+COMMAND = "python3 -m pytest tests/extremes -m '' --extremes-report docs/extremes.md"
+
+TOPICS = {
+    "scales": "Load and obstacle scales 1e-250 ... 1e250",
+    "coefficients": "Diffusion and reaction coefficients 1e-12 ... 1e12 against each other",
+    "size": "Domains of size 1e-9 and 1e9",
+    "shape": "Anisotropic cells to 1e6 : 1, and slivers",
+    "cells": "N = 1, 2 and 2001",
+    "contact": "Contact everywhere, nowhere, at one node, at a corner, changing with every node",
+    "biactive": "Biactive boundaries: u = 0 and no pressure",
+    "detachment": "A detachment point exactly on a node, and within 1e-14 of one",
+    "loads": "Discontinuous and point-like loads",
+    "integrable": "Loads in L^p only",
+    "exponents": "p = 1, 1 + 1e-6, 1000, inf",
+    "rounding": "Errors at rounding level: an exact solution in V_h",
+    "singular": "Evaluation within 1e-300 of the singular point",
+    "tolerances": "Tolerances 0, 1e-16, 0.5",
+    "ranks": "More ranks than cells",
+}
+
+INTRODUCTION = f"""# The extremes
+
+What holds, to how many digits, and where it stops. Every row is a result of the test suite
+`tests/extremes`, and this page is made from them by
+
+    {COMMAND}
+
+Digits are those of the largest error over all nodes relative to the largest value (or of a norm
+relative to its value), 16 at the most. "50 digits" is a solution of the same discrete problem with
+matrices, obstacle and active set in 50-digit arithmetic that shares no code with the package.
+Unless it is said otherwise the cascade solves, with `rtol=1e-13`. What is not solved is refused:
+by an `InputError` that names the input, or by a `NotConvergedError` with the residual reached.
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the report.
+
+    Attributes:
+        topic: Key of `TOPICS`.
+        case: What is checked.
+        against: The reference or the invariance it is held against.
+        attained: What came out.
+        stops: Where it stops.
+    """
+
+    topic: str
+    case: str
+    against: str
+    attained: str
+    stops: str = ""
+
+
+ROWS = pytest.StashKey[list[Row]]()
+Record = Callable[..., None]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--extremes-report", metavar="FILE", help="write the rows to this page")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[ROWS] = []
+
+
+@pytest.fixture
+def record(request: pytest.FixtureRequest) -> Record:
+    """Add a row to the report, see `Row`."""
+
+    def add(topic: str, case: str, against: str, attained: float | str, stops: str = "") -> None:
+        assert topic in TOPICS
+        text = attained if isinstance(attained, str) else f"{attained:.1f} digits"
+        request.config.stash[ROWS].append(Row(topic, case, against, text, stops))
+
+    return add
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Write the page, if all tests passed and every topic has a row."""
+    path = session.config.getoption("--extremes-report", None)
+    if path is None or exitstatus != pytest.ExitCode.OK or MPI.COMM_WORLD.rank > 0:
+        return
+    rows = session.config.stash[ROWS]
+    missing = [title for topic, title in TOPICS.items() if topic not in {r.topic for r in rows}]
+    if missing:
+        raise pytest.UsageError(f"no row, and so no report, for: {'; '.join(missing)}")
+    Path(path).write_text(page(rows))
+
+
+def page(rows: list[Row]) -> str:
+    """Return the report as Markdown."""
+    parts = [INTRODUCTION]
+    for topic, title in TOPICS.items():
+        parts.append(f"## {title}\n")
+        parts.append("| Case | Held against | Attained | Where it stops |\n|---|---|---|---|")
+        parts.extend(
+            "| " + " | ".join(map(_cell, (r.case, r.against, r.attained, r.stops))) + " |"
+            for r in rows
+            if r.topic == topic
+        )
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")

@@ -1,0 +1,52 @@
+"""The paper's problem on four million unknowns: errors, seconds and memory, printed as JSON.
+
+python3 tests/extremes/largest.py
+"""
+
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parents[2])]
+
+from mpi4py import MPI  # noqa: E402
+
+from dolfinx_signorini import (  # noqa: E402
+    christof_haubner,
+    error_norms,
+    friedrichs_keller,
+    paper_problem,
+    solve_cascade,
+)
+from dolfinx_signorini.study import coarse_levels  # noqa: E402
+
+N = 2001
+
+
+def main() -> None:
+    """Solve by a cascade and measure three errors."""
+    comm = MPI.COMM_WORLD
+    start = time.perf_counter()
+
+    def problem_on(n: int):
+        return paper_problem(christof_haubner(friedrichs_keller(comm, n)))
+
+    problem, result = solve_cascade(problem_on, [*coarse_levels(N), N])
+    problem.destroy()
+    exact = christof_haubner(problem.space.mesh)
+    report = {
+        "errors": error_norms(result.u, exact, ["L4", "Linf", "W1_4"]),
+        "unknowns": problem.unknowns,
+        "natural_residual": result.natural_residual,
+        "solve": sum(result.seconds[phase] for phase in ("predict", "solve", "accept")),
+        "seconds": time.perf_counter() - start,
+        "gigabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+    }
+    if comm.rank == 0:
+        print(json.dumps(report))
+
+
+if __name__ == "__main__":
+    main()
