@@ -26,7 +26,7 @@ from dolfinx_signorini.assembly import DiscreteProblem
 
 Array = npt.NDArray[np.float64]
 
-ROUNDING = 64 * np.finfo(np.float64).eps  # of A u where u is as high as the obstacle
+ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of A u where u is as high as the obstacle
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,22 @@
+"""Solve the scene files of this folder: on any number of processes, for example mpirun -n 2.
+
+Run: python3 demos/solve_scenes.py
+"""
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.scenes import load_scene, solve_scene
+from dolfinx_signorini.scenes.boundary import gather_boundary
+from dolfinx_signorini.scenes.summary import lines, summarise
+
+comm = MPI.COMM_WORLD
+for path in sorted((Path(__file__).parent / "scenes").glob("*.toml")):
+    result = solve_scene(load_scene(path, comm), comm)
+    summary = summarise(result, gather_boundary(result))
+    result.destroy()
+    if comm.rank == 0:
+        print(f"{path.name}: {result.posed.scene.title}")
+        for name, text in lines(summary):
+            print(f"  {name:<20}{text}")

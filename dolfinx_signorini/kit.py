@@ -1,0 +1,199 @@
+"""The manufactured-solution kit: from a chosen u to the data of a Signorini problem it solves.
+
+Any smooth u solves -div(K grad u) + c u = f with f, Dirichlet data and fluxes computed from it. On
+the contact boundary more is needed: with the obstacle g and the flux q = K grad u . n,
+
+    u >= g,    q >= 0,    q > 0 only where u = g
+
+(for an upper obstacle the signs turn). The kit makes an obstacle for which this holds where that is
+possible, and otherwise says which condition fails where.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import default_scalar_type, fem, mesh
+from mpi4py import MPI
+from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
+
+from dolfinx_signorini import compat
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.manufactured import ManufacturedSolution
+from dolfinx_signorini.meshes import facet_cells
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+TOLERANCE = 1e-9  # relative to the largest value of u and of its flux
+CLEARANCE = 1.0  # of an obstacle that the kit makes, relative to the largest |u|: where u is free
+SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
+
+
+@dataclass(frozen=True)
+class ManufacturedData:
+    """The data that belong to a chosen solution.
+
+    Attributes:
+        exact: The solution with its gradient and load f = -div(K grad u) + c u.
+        flux: K grad u . n, to be used on boundary facets.
+    """
+
+    exact: ManufacturedSolution
+    flux: Expr
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A contact condition that a chosen solution does not satisfy.
+
+    Attributes:
+        condition: The condition, in words.
+        value: By how much it fails at the worst point.
+        point: That point.
+    """
+
+    condition: str
+    value: float
+    point: tuple[float, ...]
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{c:.6g}" for c in self.point)
+        return f"{self.condition} fails at ({where}) by {self.value:.3g}"
+
+
+def manufacture(
+    domain: mesh.Mesh,
+    u: Expr,
+    diffusion: Expr | float | None = None,
+    reaction: Expr | float | None = None,
+) -> ManufacturedData:
+    """Return load and flux of a chosen solution.
+
+    Args:
+        domain: The mesh whose coordinates u uses.
+        u: The solution.
+        diffusion: K, a scalar or a tensor; None for 1.
+        reaction: c; None for none.
+    """
+    if extract_unique_domain(u) is None:  # a number, whose gradient UFL does not know
+        u = fem.Constant(domain, default_scalar_type(float(u)))
+    gradient = ufl.grad(u)
+    current = gradient if diffusion is None else diffusion * gradient
+    load = -ufl.div(current)
+    if reaction is not None:
+        load += reaction * u
+    components = tuple(gradient[i] for i in range(domain.geometry.dim))
+    return ManufacturedData(
+        exact=ManufacturedSolution(domain, u, components, load),
+        flux=ufl.dot(current, ufl.FacetNormal(domain)),
+    )
+
+
+def contact_violations(
+    domain: mesh.Mesh,
+    facets: Indices,
+    u: Expr,
+    flux: Expr,
+    obstacle: Expr | float | None,
+    upper: bool = False,
+) -> list[Violation]:
+    """Return the contact conditions that fail, each where it fails worst; the call is collective.
+
+    Args:
+        domain: The mesh.
+        facets: The contact facets.
+        u: The solution.
+        flux: Its flux K grad u . n.
+        obstacle: g; None for one that the kit makes, see `matching_obstacle`.
+        upper: Whether u <= g is asked for, in place of u >= g.
+    """
+    sign = -1.0 if upper else 1.0
+    g = u if obstacle is None else obstacle
+    x = ufl.SpatialCoordinate(domain)
+    values = _on_facets(domain, facets, [sign * (u - g), sign * flux, u, *x])
+    gap, pressure, height = values[:, 0], values[:, 1], values[:, 2]
+    size, force = (_largest(domain.comm, v) for v in (np.maximum(abs(height), abs(gap)), pressure))
+    pressed = np.minimum(np.maximum(gap, 0.0) * force, np.maximum(pressure, 0.0) * size)
+    order, push = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
+    tests = [
+        (f"{push} (the boundary may push and not pull)", -pressure, TOLERANCE * force),
+        (f"{order} (no penetration)", -gap, TOLERANCE * size),
+        ("flux = 0 where u does not touch g", pressed, TOLERANCE * size * force),
+    ]
+    found = []
+    for condition, defect, tolerance in tests[: 1 if obstacle is None else 3]:
+        worst = int(np.argmax(defect)) if len(defect) else -1
+        local = (float(defect[worst]), tuple(map(float, values[worst, 3:]))) if worst >= 0 else None
+        value, point = max((v for v in domain.comm.allgather(local) if v), default=(0.0, ()))
+        if value > tolerance:
+            found.append(Violation(condition, value, point))
+    return found
+
+
+def matching_obstacle(
+    space: fem.FunctionSpace, facets: Indices, u: Expr, flux: Expr, upper: bool = False
+) -> fem.Function:
+    """Return an obstacle that u touches exactly where its flux is not zero.
+
+    On the facets with a flux it is u, elsewhere it keeps clear of u.
+
+    Args:
+        space: The Lagrange space of the discrete problem.
+        facets: The contact facets.
+        u, flux, upper: See `contact_violations`.
+    """
+    domain = space.mesh
+    tdim = domain.topology.dim
+    sign = -1.0 if upper else 1.0
+    count = len(_facet_points(domain))
+    values = _on_facets(domain, facets, [u, flux])
+    size, force = (_largest(domain.comm, values[:, i]) for i in (0, 1))
+    pushed = (abs(values[:, 1]).reshape(-1, count) > TOLERANCE * force).any(axis=1)
+    g = fem.Function(space, name="obstacle")
+    touching = fem.Function(space)
+    touching.x.array[
+        fem.locate_dofs_topological(space, tdim - 1, _owned(domain, facets)[pushed])
+    ] = 1.0
+    touching.x.scatter_forward()
+    contact = fem.locate_dofs_topological(space, tdim - 1, facets)
+    cells = np.flatnonzero(np.isin(space.dofmap.list, contact).any(axis=1)).astype(np.int32)
+    points = compat.interpolation_points(space.element)
+    g.interpolate(fem.Expression(u, points, comm=domain.comm), cells0=cells)
+    clear = touching.x.array == 0.0
+    g.x.array[clear] -= sign * CLEARANCE * (size if size > 0.0 else 1.0)
+    return g
+
+
+def _facet_points(domain: mesh.Mesh) -> Array:
+    """Sample points of the reference facet."""
+    if domain.topology.dim == 2:
+        return SAMPLES[:, None]
+    return np.array([(a, b) for a in SAMPLES for b in SAMPLES if a + b <= 1.0])
+
+
+def _owned(domain: mesh.Mesh, facets: Indices) -> Indices:
+    return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
+
+
+def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> Array:
+    """Values at the sample points of the owned facets, shape (facets x points, values)."""
+    compiled = fem.Expression(ufl.as_vector(values), _facet_points(domain), comm=domain.comm)
+    pairs = facet_cells(domain, _owned(domain, facets))
+    sampled = compat.evaluate(compiled, domain, pairs)
+    sampled = sampled.reshape(-1, len(_facet_points(domain)), len(values))
+    # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.
+    missing = ~np.isfinite(sampled).all(axis=2)
+    require(
+        domain.comm,
+        not (missing.mean(axis=1) > 0.5).any(),
+        "solution: its gradient has no finite value on a whole facet; write r^a sin(a theta), for "
+        "example, with hypot and atan2, and not with roots that vanish on a side",
+    )
+    return np.nan_to_num(sampled, nan=0.0, posinf=0.0, neginf=0.0).reshape(-1, len(values))
+
+
+def _largest(comm: MPI.Comm, values: Array) -> float:
+    return float(max(comm.allgather(float(np.abs(values).max(initial=0.0)))))

@@ -1,0 +1,181 @@
+"""How smooth a solution can be expected to be, from the angles and conditions of its domain.
+
+Near a boundary point with interior angle w the solution behaves like r^a, for constant isotropic
+diffusion and smooth data with
+
+    a = pi / w      where the same condition holds on both sides of the point, or contact on both,
+    a = pi / (2 w)  where the kind of condition changes.
+
+Between two contact sides the exponent pi / (2 w) would belong to a solution that is positive on one
+of them and in contact with the other, and the signs of gap and pressure there contradict each
+other. For the same reason the exponent at a detachment point inside a straight contact side is 3/2
+and not 1/2. Integer exponents belong to polynomials and cost nothing.
+
+Sources: Grisvard, Elliptic Problems in Nonsmooth Domains (1985), Theorem 4.4.3.7; Christof and
+Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75 (2020) 75.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la, mesh
+
+from dolfinx_signorini.meshes import owned_cells
+
+Array = npt.NDArray[np.float64]
+
+KINDS = ("contact", "Dirichlet", "Neumann")
+DETACHMENT_EXPONENT = 1.5
+# A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
+STRAIGHT = math.radians(15.0)
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A boundary point near which the solution is not smooth.
+
+    Attributes:
+        point: Its coordinates.
+        angle: The interior angle, in radians.
+        kinds: The conditions that meet there.
+        exponent: The solution behaves like the distance to the power of this.
+    """
+
+    point: tuple[float, float]
+    angle: float
+    kinds: tuple[str, ...]
+    exponent: float
+
+    def __str__(self) -> str:
+        x, y = (round(c, 12) + 0.0 for c in self.point)
+        return (
+            f"({x:.4g}, {y:.4g}), angle {math.degrees(self.angle):.4g} degrees, "
+            f"{' meets '.join(self.kinds)}: u ~ r^{self.exponent:.3g}"
+        )
+
+
+def exponent(angle: float, kinds: int) -> float:
+    """Return the leading exponent at a corner where this many kinds of condition meet."""
+    return math.pi / angle if kinds == 1 else math.pi / (2.0 * angle)
+
+
+def singular_corners(
+    domain: mesh.Mesh,
+    facets: Mapping[str, npt.NDArray[np.int32]],
+    diffusion: Array | None = None,
+) -> list[Corner]:
+    """Return the boundary points with a non-integer exponent below 2, worst first.
+
+    Args:
+        domain: A mesh of straight-sided triangles; the call is collective.
+        facets: The owned boundary facets of each kind in `KINDS`.
+        diffusion: A constant diffusion tensor K, shape (2, 2): the exponents are those of the
+            Laplacian on the domain K^{-1/2} x. None for the identity.
+    """
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    angles = _vertex_angles(space)
+    seen = angles if diffusion is None else _vertex_angles(space, diffusion)
+    domain.topology.create_connectivity(1, 0)
+    vertices = domain.topology.connectivity(1, 0)
+    counts = np.zeros((len(angles), len(KINDS)))
+    for k, kind in enumerate(KINDS):
+        marks = fem.Function(space)
+        for facet in facets.get(kind, ()):
+            entities = vertices.links(facet)
+            marks.x.array[_vertex_dofs(space, entities)] += 1.0
+        counts[:, k] = _summed(marks)
+    found = []
+    x = space.tabulate_dof_coordinates()
+    for i in np.flatnonzero(counts.any(axis=1)):
+        kinds = tuple(kind for k, kind in enumerate(KINDS) if counts[i, k])
+        straight = abs(angles[i] - math.pi) < STRAIGHT
+        a = exponent(math.pi if straight else seen[i], len(kinds))
+        if not (straight and len(kinds) == 1) and a < 2.0 and abs(a - round(a)) > 1e-3:
+            found.append(
+                Corner((float(x[i, 0]), float(x[i, 1])), float(angles[i]), kinds, float(a))
+            )
+    everywhere = [c for part in domain.comm.allgather(found) for c in part]
+    return sorted(everywhere, key=lambda c: (c.exponent, c.point))
+
+
+def largest_angle(domain: mesh.Mesh) -> float:
+    """Return the largest interior angle on the boundary, in radians; the call is collective."""
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    angles = _vertex_angles(space)
+    # Inside the domain the angles add up to 2 pi.
+    boundary = angles[angles < 2.0 * math.pi - 1e-6]
+    return float(max(domain.comm.allgather(float(boundary.max(initial=0.0)))))
+
+
+def expected_orders(exponent: float, degree: int) -> dict[str, float]:
+    """Return the orders on uniform meshes that an exponent allows, up to logarithms.
+
+    For degree 1 and the exponent 3/2 of a detachment point these are the paper's. Degree 2 does
+    not raise the order of u in L2 beyond 2 unless the detachment point is a vertex.
+
+    Source: interpolation of r^a, and duality with a dual solution of the same exponent; Christof
+    and Haubner, Theorem 6.1.
+    """
+    a, k = exponent, degree
+
+    def value(p: float) -> float:
+        return min(k + 1.0, a + 2.0 / p, 2.0 * min(1.0, a))
+
+    def gradient(p: float) -> float:
+        return max(min(float(k), a - 1.0 + 2.0 / p), 0.0)
+
+    return {
+        "L2": value(2.0),
+        "L4": value(4.0),
+        "Linf": value(math.inf),
+        "H1": gradient(2.0),
+        "W1_4": gradient(4.0),
+        "W1_inf": gradient(math.inf),
+    }
+
+
+def _vertex_dofs(
+    space: fem.FunctionSpace, vertices: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
+    """The dofs at vertices of the mesh, in their order, for Lagrange elements of degree 1."""
+    topology = space.mesh.topology
+    topology.create_connectivity(0, topology.dim)
+    cells_of, vertices_of = (
+        topology.connectivity(0, topology.dim),
+        topology.connectivity(topology.dim, 0),
+    )
+    dofs = np.empty(len(vertices), dtype=np.int32)
+    for i, vertex in enumerate(vertices):
+        cell = cells_of.links(vertex)[0]
+        local = int(np.flatnonzero(vertices_of.links(cell) == vertex)[0])
+        dofs[i] = space.dofmap.list[cell, local]
+    return dofs
+
+
+def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
+    """The sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
+    domain = space.mesh
+    count = len(owned_cells(domain))
+    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :, :2]
+    if diffusion is not None:
+        x = x @ np.linalg.inv(np.linalg.cholesky(diffusion)).T  # the root of K up to a rotation
+    sums = fem.Function(space)
+    for k in range(3):
+        a, b = x[:, (k + 1) % 3] - x[:, k], x[:, (k + 2) % 3] - x[:, k]
+        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        np.add.at(
+            sums.x.array,
+            space.dofmap.list[:count, k],
+            np.arctan2(np.abs(cross), np.einsum("ci,ci->c", a, b)),
+        )
+    return _summed(sums)
+
+
+def _summed(function: fem.Function) -> Array:
+    """The owned values, after the shares of all ranks were added up."""
+    function.x.scatter_reverse(la.InsertMode.add)
+    index_map = function.function_space.dofmap.index_map
+    return np.array(function.x.array[: index_map.size_local])

@@ -1,0 +1,85 @@
+"""The job `solve`: solve a scene file, print a summary, write its results."""
+
+import argparse
+from contextlib import nullcontext
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.scenes.boundary import gather_boundary
+from dolfinx_signorini.scenes.expectations import order_text
+from dolfinx_signorini.scenes.results import output_folder, write_results
+from dolfinx_signorini.scenes.scene import OUTPUTS
+from dolfinx_signorini.scenes.scene_file import load_scene, naming_the_file
+from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
+from dolfinx_signorini.scenes.summary import Summary, lines, summarise
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for the results (default: the scene's name with -results, here)",
+    )
+    parser.add_argument(
+        "--outputs",
+        metavar="NAMES",
+        help=f"results to write, separated by commas: {', '.join(OUTPUTS)} (default: those that "
+        "the scene names; with --out and none named: all)",
+    )
+    parser.add_argument(
+        "--report", action="store_true", help="write one HTML page with everything on it"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve the scene; print its summary and write its results on rank 0.
+
+    Raises:
+        InputError: The scene is refused, or the folder cannot be written.
+        NotConvergedError: It could not be solved.
+    """
+    comm = MPI.COMM_WORLD
+    scene = load_scene(args.scene, comm)
+    outputs = _outputs(args, scene.outputs)
+    folder = args.out or Path(f"{args.scene.stem}-results")
+    with output_folder(comm, folder) if outputs else nullcontext() as part:
+        with naming_the_file(args.scene, scene):
+            result = solve_scene(scene, comm)
+        try:
+            boundary = gather_boundary(result)
+            summary = summarise(result, boundary)
+            if comm.rank == 0:
+                _print(result, summary)
+            if part is not None:
+                write_results(result, summary, boundary, outputs, part)
+        finally:
+            result.destroy()
+    if outputs and comm.rank == 0:
+        print(f"results: {folder}/")
+    return 0
+
+
+def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...]:
+    outputs = named
+    if args.outputs is not None:
+        outputs = tuple(dict.fromkeys(name.strip() for name in args.outputs.split(",")))
+        for name in outputs:
+            if name not in OUTPUTS:
+                raise InputError(f"--outputs: unknown {name!r}, known are {', '.join(OUTPUTS)}")
+    elif args.out is not None and not named and not args.report:
+        outputs = tuple(OUTPUTS)
+    return tuple(dict.fromkeys((*outputs, "report"))) if args.report else outputs
+
+
+def _print(result: SceneResult, summary: Summary) -> None:
+    print(result.posed.scene.title)
+    for name, text in lines(summary):
+        print(f"  {name:<20}{text}")
+    print(f"  {'expected orders':<20}{order_text(result.expectation)}")
+    for note in result.expectation.notes:
+        print(f"note: {note}")

@@ -1,0 +1,305 @@
+"""Malformed scene files: 500 generated ones, and each kind of problem that has no solution."""
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dolfinx_signorini.cli import main
+
+SQUARE = {
+    "": {"title": '"t"'},
+    "domain": {"shape": '"square"', "cells": "8"},
+    "define": {"a": '"x - 0.5"'},
+    "equation": {"reaction": "1", "load": '"a*y"', "diffusion": '"1 + x"'},
+    "contact": {"sides": '"bottom"', "obstacle": '"-0.1 - 0.1*a"', "bound": '"lower"'},
+    "[dirichlet]": {"sides": '["left", "right"]', "value": "0"},
+    "[neumann]": {"sides": '"top"', "flux": '"sin(pi*x)"'},
+}
+POLYGON = SQUARE | {
+    "domain": {"shape": '"polygon"', "vertices": "[[0, 0], [1, 0], [0, 1]]", "width": "0.2"},
+    "contact": {"sides": "1"},
+    "[dirichlet]": {"sides": "2", "value": "0"},
+    "[neumann]": {"sides": "3", "flux": '"x"'},
+}
+KEYS = [(table, key) for table, keys in SQUARE.items() for key in keys]
+FORMULAS = [k for k in KEYS if k[1] in ("reaction", "load", "diffusion", "obstacle", "value", "a")]
+REQUIRED = [
+    ("domain", "shape"),
+    ("domain", "cells"),
+    ("contact", "sides"),
+    ("[dirichlet]", "value"),
+    ("[neumann]", "flux"),
+]
+WORDS = st.text("abcdefghijklmnopqrstuvwz_", min_size=4, max_size=9).filter(
+    lambda w: w not in ("title", "outputs", "degree", "accuracy", "solution", "tags")
+)
+BROKEN_FORMULAS = st.one_of(
+    st.sampled_from(
+        [
+            "", "(", "x +", "* x", "x y", "sin", "sin()", "sin(x, y)", "x ^ y", "x ^ 1e9", "1/0",
+            "log(-1)", "1/(0*x)", "2 ** 3 ** 99", "9" * 50, "1e999", "z", "where(x, 1, 2)", "x < 1",
+            "__import__('os')", "().__class__", "lambda: 0", "x.real", "x[0]", "open", "exp(1e9)",
+            "'x'", "x; y", "x = 1", "f(x)", "max(x)", "atan2(x)", "sqrt(0 - 2)", "x if y else 0",
+            "((" * 200 + "x" + "))" * 200, "+".join(["x"] * 3000), "-" * 500 + "x", "πx", "x²",
+        ]
+    ),
+    WORDS,
+    st.text("#@!&|~%$?;:{}[]\\", min_size=1, max_size=5).map(lambda t: "x" + t),
+    st.integers(1, 90).map(lambda k: "(" * k + "x" + ")" * (k - 1)),
+)  # fmt: skip
+BROKEN_VALUES = st.one_of(
+    st.sampled_from(["true", "nan", "inf", "-inf", "1979-05-27", "{}", "{ x = 1 }", "[]", "[[]]"]),
+    st.lists(st.booleans(), min_size=1, max_size=3).map(lambda v: str(v).lower()),
+)
+BROKEN_DOMAINS = st.sampled_from(
+    [
+        {"shape": '"square"', "cells": value}
+        for value in ("0", "-1", "2.5", '"8"', "100000", "9" * 400, "true", "[8]")
+    ]
+    + [{"shape": value, "cells": "8"} for value in ('"sqare"', '""', "1", "[]", '"Square"')]
+    + [{"shape": '"cube"', "cells": "1000"}, {"shape": '"square"'}, {}]
+    + [
+        {"shape": '"polygon"', "vertices": value, "width": "0.2"}
+        for value in (
+            "[]", "[[0, 0], [1, 0]]", "[[0, 0], [1, 1], [1, 0], [0, 1]]",
+            "[[0, 0], [1, 0], [2, 0]]",
+            "[[0, 0], [1, 0], [1]]", "[[0, 0], [0, 0], [1, 1]]", '[["0", 0], [1, 0], [0, 1]]',
+            "[[0, 0], [nan, 0], [0, 1]]", "[[0, 0], [1e300, 0], [0, 1]]", "[0, 1, 2]",
+            "[[0, 0], [2, 0], [1, 0], [1, 1]]",
+        )
+    ]
+    + [
+        {"shape": '"polygon"', "vertices": "[[0, 0], [1, 0], [0, 1]]", "width": value}
+        for value in ("0", "-1", "5", "1e-9", "nan", "true", '"0.1"')
+    ]
+    + [{"shape": '"file"', "file": v} for v in ('"none.msh"', '"/etc/passwd"', '"."', '""', "1")]
+)  # fmt: skip
+BROKEN_SIDES = st.sampled_from(
+    ['"front"', '["bottom", "top"]', '"all"', '"Bottom"', "3", "[]", '["left", 1.5]', "true", '""']
+)
+BROKEN_TOP = st.sampled_from(
+    [
+        "degree = 3", "degree = 0", "degree = 1.0", "rtol = 2", "rtol = 0", "rtol = -1e-8",
+        'rtol = "1"', "rtol = nan", "accuracy = 0.1", "accuracy = 5", 'outputs = "fields"',
+        'outputs = ["fiels"]', "outputs = [1]", "outputs = [[]]", "title = 1", "title = []",
+        "solution = 1", "domain = 3", "contact = []", "dirichlet = 4", "equation = []",
+    ]
+)  # fmt: skip
+BROKEN_SOLUTIONS = st.sampled_from(
+    [
+        {"manufactured": "true"},
+        {"u": '"y"', "manufactured": "1"},
+        {"u": '"y"', "manufactured": "true"},  # the load is there as well
+        {"u": '"y"', "norms": '"L2"'},
+        {"u": '"y"', "norms": '["L0"]'},
+        {"u": '"y"', "norms": "[2]"},
+        {"norms": '["L2"]'},
+        {"u": '"y +"'},
+    ]
+)
+BROKEN_TENSORS = st.sampled_from(
+    [
+        "[[1, 0], [0, -1]]", "[[1, 2], [2, 1]]", "[[1, 1], [0, 1]]", "[[1, 0]]", "[1, 2]", "-1",
+        "0",
+        "[[1, 0], [0]]", '[["x +", 0], [0, 1]]', "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[true, 0], "
+        "[0, 1]]",
+    ]
+)  # fmt: skip
+
+
+def write(tables, extra=""):
+    text = [extra]
+    for name, keys in tables.items():
+        text.append(f"[{name}]" if name else "")
+        text += [f"{key} = {value}" for key, value in keys.items()]
+    return "\n".join(text)
+
+
+def changed(base, table, key, value):
+    """The text of a scene with one key added or changed; None removes it."""
+    keys = {k: v for k, v in base[table].items() if k != key}
+    return write(base | {table: keys if value is None else keys | {key: value}})
+
+
+@st.composite
+def malformed(draw):
+    """The text of a scene file that is no scene."""
+    kind = draw(st.integers(0, 11))
+    base = draw(st.sampled_from([SQUARE, POLYGON]))
+    if kind == 0:
+        table, key = draw(st.sampled_from(REQUIRED[:1] + REQUIRED[2:]))
+        return changed(base, table, key, None)
+    if kind == 1:
+        table = draw(st.sampled_from(sorted(set(base) - {"define"})))
+        return changed(base, table, draw(WORDS), draw(st.sampled_from(["1", '"x"', "[]", "true"])))
+    if kind == 2:
+        return changed(SQUARE, *draw(st.sampled_from(KEYS)), draw(BROKEN_VALUES))
+    if kind == 3:
+        formula = draw(BROKEN_FORMULAS)
+        return changed(SQUARE, *draw(st.sampled_from(FORMULAS)), '"""' + _escaped(formula) + '"""')
+    if kind == 4:
+        return write(SQUARE | {"domain": draw(BROKEN_DOMAINS)})
+    if kind == 5:
+        table = draw(st.sampled_from(["contact", "[dirichlet]", "[neumann]"]))
+        return changed(SQUARE, table, "sides", draw(BROKEN_SIDES.filter(lambda s: s != '"top"')))
+    if kind == 6:
+        top = draw(BROKEN_TOP)
+        tables = {k: v for k, v in SQUARE.items() if k.strip("[]") != top.split()[0]}
+        return write({k: v for k, v in tables.items() if k}, top)
+    if kind == 7:
+        return write(SQUARE | {"solution": draw(BROKEN_SOLUTIONS)})
+    if kind == 8:
+        return changed(SQUARE, "equation", "diffusion", draw(BROKEN_TENSORS))
+    if kind == 9:  # cut in the middle of a table's header, a string or an assignment
+        text = write(base)
+        places = [i for i, c in enumerate(text) if c in "=[" or (c == '"' and text[i - 1] in " [")]
+        return text[: draw(st.sampled_from(places)) + 1]
+    if kind == 10:
+        key = draw(st.sampled_from(["sin", "x", "pi", "where", "a-b", "1a", '"b c"']))
+        return changed(SQUARE, "define", key, '"1"')
+    return draw(
+        st.one_of(
+            st.text(min_size=1, max_size=60).map(lambda t: "\x00" + t),
+            st.just(""),
+            st.just("# nothing\n" * 9000),
+            st.just("a = " + "[" * 5000 + "]" * 5000),
+            st.just('x = "' + "y" * 70_000 + '"'),
+        )
+    )
+
+
+def _escaped(text):
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def solve(comm, folder, capsys, text):
+    """Solve a scene file that is to be refused, and return the message."""
+    path, out = folder / "malformed.toml", folder / "results"
+    if comm.rank == 0:
+        path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    comm.barrier()
+    began = time.perf_counter()
+    code = main(["solve", str(path), "--out", str(out), "--report"])
+    seconds = time.perf_counter() - began
+    captured = capsys.readouterr()
+    comm.barrier()
+    left = sorted(p.name for p in folder.iterdir())
+    comm.barrier()
+    assert code == 2, (text, captured)
+    assert left == ["malformed.toml"], text
+    assert seconds < 20.0, text
+    if comm.rank == 0:
+        assert captured.err.startswith("error: ") and "Traceback" not in captured.err, text
+        assert captured.out == "", text
+    else:
+        assert captured.err == "", text
+    return captured.err
+
+
+@pytest.mark.parametrize("tables", [SQUARE, POLYGON])
+def test_the_files_that_are_spoilt_are_good_ones(tables, comm, folder):
+    if tables is POLYGON:
+        pytest.importorskip("gmsh")
+    if comm.rank == 0:
+        (folder / "good.toml").write_text(write(tables))
+    comm.barrier()
+    assert main(["solve", str(folder / "good.toml")]) == 0
+
+
+def test_500_malformed_files_are_refused(comm, folder, capsys):
+    @settings(max_examples=500)
+    @given(malformed())
+    def check(text):
+        message = solve(comm, folder, capsys, text)
+        assert comm.rank or "malformed.toml" in message, text
+
+    check()
+
+
+# Problems that are well written and have no solution, or not one: what is wrong, and its line.
+POSED_WRONG = {
+    "the energy is unbounded": (12, "[equation]\nload = 1", ""),
+    "the solution is not unique": (12, "[equation]\nload = 0", ""),
+    "lies above the Dirichlet data": (7, "", '[[dirichlet]]\nsides = "left"\nvalue = -5'),
+    "not finite": (
+        12,
+        '[equation]\nload = "log(-1 - x)"',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "not positive definite": (
+        11,
+        '[equation]\ndiffusion = "x - 2"',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "not symmetric": (
+        11,
+        '[equation]\ndiffusion = [[2, "x"], [0, 1]]',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "the boundary may push and not pull": (
+        12,
+        '[solution]\nu = "1 + y"\nmanufactured = true',
+        '[[dirichlet]]\nsides = "top"',
+    ),
+    "does not touch g": (
+        12,
+        '[solution]\nu = "1 - y"\nmanufactured = true',
+        '[[dirichlet]]\nsides = "top"',
+    ),
+    "no penetration": (
+        12,
+        '[solution]\nu = "-1 - y"\nmanufactured = true',
+        '[[dirichlet]]\nsides = "top"',
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", POSED_WRONG)
+def test_a_problem_without_a_solution_is_refused_with_its_line(reason, comm, folder, capsys):
+    line, tables, parts = POSED_WRONG[reason]
+    text = f"""title = "t"
+
+[domain]
+shape = "square"
+cells = 8
+[contact]
+obstacle = 0
+sides = "bottom"
+
+
+{tables}
+{parts}
+"""
+    message = solve(comm, folder, capsys, text)
+    if comm.rank == 0:
+        assert reason in message
+        assert f"malformed.toml, line {line}: " in message
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        (
+            "[domain]\nshape = 'sqare'",
+            "line 2: domain.shape: unknown 'sqare'; did you mean 'square'",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncels = 8\ncells = 8",
+            "line 3: domain.cels: unknown key; did you mean 'cells'",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncells = 8\n[contact]\nsides = 'botom'",
+            "line 5: contact.sides: unknown side 'botom'; did you mean 'bottom'",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncells = 8\n[contact]\nsides = 'top'\n"
+            "[[neumann]]\nsides = 'left'\nflux = 1\n[[neumann]]\nsides = 'right'\nflux = 'sinn(x)'",
+            "line 11: neumann.2.flux: unknown name 'sinn'; did you mean 'sin'? (column 1 of",
+        ),
+    ],
+)
+def test_messages_name_file_line_key_and_the_nearest_name(text, wanted, comm, folder, capsys):
+    message = solve(comm, folder, capsys, text)
+    assert comm.rank or f"error: malformed.toml, {wanted}" in message

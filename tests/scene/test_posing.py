@@ -1,0 +1,169 @@
+"""Scenes as discrete problems: what they need and no more, and what does not change the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.scenes import pose, solve_scene
+
+SCENE = """
+rtol = 1e-11
+degree = {degree}
+[domain]
+shape = "square"
+cells = 16
+[equation]
+diffusion = {diffusion}
+load = "{load}"
+{reaction}
+[contact]
+sides = "bottom"
+bound = "{bound}"
+obstacle = "{obstacle}"
+[[dirichlet]]
+sides = "top"
+value = "{value}"
+[[neumann]]
+sides = "left"
+flux = "{flux}"
+"""
+LOWER = {
+    "degree": 1,
+    "diffusion": '"1 + x*y"',
+    "load": "-8*(1 + x)",
+    "reaction": "reaction = 2",
+    "bound": "lower",
+    "obstacle": "-0.3 + 0.2*cos(6*x)",
+    "value": "0.1*x",
+    "flux": "y - 1",
+}
+
+
+def values(result):
+    count = result.u.function_space.dofmap.index_map.size_local
+    return result.u.x.array[:count].copy()
+
+
+def solved(scene, comm):
+    result = solve_scene(scene, comm)
+    u, active = values(result), result.solve.active_dofs
+    result.destroy()
+    return u, active
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_an_upper_obstacle_is_a_lower_one_upside_down(degree, comm, parse):
+    below = LOWER | {"degree": degree}
+    above = below | {
+        "bound": "upper",
+        "load": "8*(1 + x)",
+        "obstacle": "0.3 - 0.2*cos(6*x)",
+        "value": "-0.1*x",
+        "flux": "1 - y",
+    }
+    (u, active), (w, mirrored) = (solved(parse(SCENE.format(**s)), comm) for s in (below, above))
+    assert 0 < active == mirrored
+    assert comm.allreduce(float(np.abs(u + w).max(initial=0.0)), op=MPI.MAX) <= 1e-10
+
+
+def test_translation_by_an_extension_of_the_obstacle(comm, parse):
+    """Christof and Haubner, Section 2.2: u - w solves the problem for 0 and L - a(w, .)."""
+    posed = pose(parse(SCENE.format(**LOWER)), comm)
+    problem = posed.problem
+    result = problem.solve(rtol=1e-12)
+    space = problem.space
+    w = fem.Function(space)
+    w.interpolate(lambda x: (-0.3 + 0.2 * np.cos(6.0 * x[0])) * (1.0 + x[1] * np.sin(x[0])))
+    v = ufl.TestFunction(space)
+    load = -ufl.action(problem.a, w)
+    for integrand, measure in posed.sources.values():
+        load += integrand * v * measure
+    top = fem.locate_dofs_topological(space, 1, posed.sided.sides["top"])
+    data = fem.Function(space)
+    data.interpolate(lambda x: 0.1 * x[0])
+    data.x.array[:] -= w.x.array
+    twin = SignoriniProblem(
+        problem.a, load, contact=problem.contact, bcs=[fem.dirichletbc(data, top)]
+    )
+    translated = twin.solve(rtol=1e-12)
+    difference = result.u.x.array - w.x.array - translated.u.x.array
+    active = result.active_dofs, translated.active_dofs
+    problem.destroy()
+    twin.destroy()
+    assert 0 < active[0] == active[1]
+    assert comm.allreduce(float(np.abs(difference).max()), op=MPI.MAX) <= 1e-9
+
+
+def test_a_scene_assembles_what_it_mentions_and_no_more(comm, parse):
+    bare = """
+    [domain]
+    shape = "square"
+    cells = 4
+    [contact]
+    sides = "bottom"
+    [[dirichlet]]
+    sides = "top"
+    value = 0
+    """
+    posed = pose(parse(bare), comm)
+    assert len(posed.problem.a.integrals()) == 1
+    assert posed.sources == {} and posed.exact is None
+    assert comm.allreduce(len(posed.problem.obstacle)) == 5
+    posed.problem.destroy()
+    full = pose(parse(SCENE.format(**LOWER)), comm)
+    assert len(full.problem.a.integrals()) == 2
+    assert list(full.sources) == ["load", "flux"]
+    full.problem.destroy()
+
+
+def test_a_scalar_diffusion_is_a_multiple_of_the_identity(comm, parse):
+    tensor = LOWER | {"diffusion": '[["1 + x*y", 0], ["0*x", "1 + x*y"]]'}
+    u, w = (solved(parse(SCENE.format(**s)), comm)[0] for s in (LOWER, tensor))
+    assert comm.allreduce(float(np.abs(u - w).max(initial=0.0)), op=MPI.MAX) <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("load", "reason"), [("-1", None), ("x - 0.75", None), ("0*x", "unique"), ("1", "unbounded")]
+)
+def test_pure_contact_is_solved_exactly_when_it_is_solvable(load, reason, comm, parse):
+    """Without reaction and Dirichlet data: the mean load has to press against the obstacle."""
+    scene = parse(
+        "[domain]\nshape = 'square'\ncells = 12\n[contact]\nsides = 'all'"
+        f"\nobstacle = '0.1*sin(9*x)'\n[equation]\nload = '{load}'"
+    )
+    if reason is None:
+        result = solve_scene(scene, comm)
+        assert result.solve.natural_residual <= scene.rtol
+        result.destroy()
+        return
+    with pytest.raises(InputError, match=reason):
+        pose(scene, comm)
+
+
+def test_a_scene_of_higher_degree_is_more_accurate(comm, parse):
+    text = """
+    [domain]
+    shape = "square"
+    cells = 15
+    [contact]
+    sides = "bottom"
+    [[dirichlet]]
+    sides = ["left", "right", "top"]
+    [solution]
+    u = "-hypot(x - 0.5, y)^1.5*sin(1.5*atan2(y, x - 0.5))"
+    manufactured = true
+    norms = ["L2"]
+    """
+    errors = []
+    for degree in (1, 2):
+        result = solve_scene(replace(parse(text), degree=degree), comm)
+        errors.append(error_norms(result.u, result.posed.exact, ["L2"])["L2"])
+        result.destroy()
+    assert errors[1] < 0.25 * errors[0]
