@@ -1,0 +1,106 @@
+"""Families of meshes for one problem: what a search for the right mesh needs to know of it.
+
+A family makes, for every number n, a quasi-uniform mesh with about n cells across the domain, and
+poses its problem on any mesh of the domain.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.manufactured import DETACHMENT, ManufacturedSolution, christof_haubner
+from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
+from dolfinx_signorini.scenes.domains import Cube, Domain, Polygon, SidedMesh, Square
+from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A problem on one mesh.
+
+    Attributes:
+        problem: The discrete problem.
+        exact: The exact solution, if it is known.
+        sign: -1 where the problem is one for -u, because the obstacle is an upper one; else 1.
+    """
+
+    problem: SignoriniProblem
+    exact: ManufacturedSolution | None
+    sign: float = 1.0
+
+
+@dataclass(frozen=True)
+class Family:
+    """One problem on any mesh of its domain.
+
+    Attributes:
+        name: What to call it.
+        dimension: Of space.
+        width: The cell size of the mesh with n = 1: the root of twice a cell's area.
+        make: Makes the mesh with n cells across.
+        pose: Assembles the problem on a mesh, for elements of degree 1 or 2.
+    """
+
+    name: str
+    dimension: int
+    width: float
+    make: Callable[[MPI.Comm, int], SidedMesh]
+    pose: Callable[[SidedMesh, int], Posed]
+
+
+def paper_family(
+    detachment: tuple[float, float] = DETACHMENT, rule: QuadratureRule = PAPER_RULE
+) -> Family:
+    """Return the paper's problem on Friedrichs-Keller triangulations.
+
+    Args:
+        detachment: The detachment point, see `christof_haubner`.
+        rule: Quadrature rule of the load.
+    """
+
+    def on(sided: SidedMesh, degree: int) -> Posed:
+        exact = christof_haubner(sided.mesh, detachment)
+        return Posed(paper_problem(exact, degree, rule), exact)
+
+    return Family(
+        name="paper",
+        dimension=2,
+        width=1.0,
+        make=lambda comm, n: SidedMesh(friedrichs_keller(comm, n), {}),
+        pose=on,
+    )
+
+
+def scene_family(scene: Scene) -> Family:
+    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
+
+    Raises:
+        InputError: The scene's mesh is from a file, and there is no other.
+    """
+    domain = scene.domain
+    if not isinstance(domain, Square | Cube | Polygon):
+        raise InputError("domain: a mesh from a file is used as it is; there is nothing to choose")
+    size = math.sqrt(domain.area) if isinstance(domain, Polygon) else 1.0
+
+    def at(n: int) -> Domain:
+        if isinstance(domain, Polygon):
+            return replace(domain, width=size / n)
+        return replace(domain, cells=n)
+
+    def on(sided: SidedMesh, degree: int) -> Posed:
+        posed = pose(replace(scene, degree=degree), sided.mesh.comm, sided)
+        return Posed(posed.problem, posed.exact, scene.sign)
+
+    return Family(
+        name=scene.title or "scene",
+        dimension=domain.dimension,
+        width=size,
+        make=lambda comm, n: at(n).make(comm),
+        pose=on,
+    )

@@ -1,0 +1,295 @@
+"""Graded triangulations: detachment points found by a coarse solve, small cells towards them.
+
+At a detachment point the solution is like r^{3/2} sin(3/2 theta), whatever the data. Elements of
+degree k on cells whose size grows like
+
+    h(r) = h (r / R)^{1 - mu},    h(0) = R (h / R)^{1/mu}        (r < R)
+
+approximate it as well as a smooth function, in a norm of s derivatives in L^p, if
+
+    mu <= (3/2 - s + 2/p) / (k + 1 - s),
+
+for on a cell at distance r the error is like h(r)^{k+1-s} r^{3/2-k-1}, and in the cells at the
+point like h(0)^{3/2-s}. The number of cells grows by a constant factor only. The strongest grading
+that any of these norms asks for is that of W^{1,inf}, mu = 1/(2k); it is used throughout, because
+it costs little more than a weaker one.
+
+Sources: Babuska, Kellogg and Pitkaranta, Numer. Math. 33 (1979) 447-471, for the grading; Christof
+and Haubner, Section 2.2, for the singularity.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from scipy.spatial import cKDTree
+
+from dolfinx_signorini.assembly import DiscreteProblem
+from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.norms import Norm
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
+NEAR = 0.05  # of the size of the domain; at least 4 facets
+RADIUS = 0.125  # of the size of the domain: where the grading begins
+RESOLUTION = 0.25  # of the uncertainty of a point: smaller cells would be in the wrong place
+SLACK = (
+    4.0  # times h(0): so small are the cells at a point; their error is no larger than elsewhere
+)
+TOLERANCE = 1.5  # a cell is cut if it is larger than this times the size wanted there
+MAX_ROUNDS = 60
+
+
+@dataclass(frozen=True)
+class DetachmentPoint:
+    """A point where the contact set of a discrete solution ends.
+
+    Attributes:
+        position: The middle of the edge between a dof in contact and one that is not.
+        uncertainty: The length of this edge.
+        strength: The gap on one side and the pressure on the other, the smaller of the two,
+            relative to the largest on the whole contact boundary.
+    """
+
+    position: tuple[float, ...]
+    uncertainty: float
+    strength: float
+
+
+def strongest_grading(degree: int) -> float:
+    """Return the exponent mu for Lagrange elements of a degree: that of W^{1,inf}, 1/(2k)."""
+    return 0.5 / degree
+
+
+def grading_exponent(norm: Norm, degree: int) -> float:
+    """Return the largest exponent mu that keeps the full order in a norm, at most 1 (no grading).
+
+    Args:
+        norm: A norm on the domain, L^p or W^{1,p}.
+        degree: Polynomial degree k of the elements.
+    """
+    s = norm.derivatives
+    return min(1.0, (1.5 - s + 2.0 / norm.p) / (degree + 1.0 - s))
+
+
+def approximation_order(norm: Norm, degree: int, graded: bool) -> float:
+    """Return the order in h up to which elements approximate r^{3/2} sin(3/2 theta) in a norm.
+
+    For P1 on uniform meshes it is the order of the theorems of Christof and Haubner for the
+    discrete solution, up to any epsilon.
+
+    Args:
+        norm: A norm on the domain, L^p or W^{1,p}.
+        degree: Polynomial degree k of the elements.
+        graded: Whether the mesh is graded with an exponent that suits the norm.
+    """
+    s = norm.derivatives
+    full = degree + 1.0 - s
+    return full if graded else min(full, 1.5 - s + 2.0 / norm.p)
+
+
+def detachment_points(problem: DiscreteProblem, state: ContactState) -> list[DetachmentPoint]:
+    """Find the points where contact really ends, the strongest first.
+
+    Where gap and pressure vanish together, the discrete contact set begins and ends anywhere, by
+    rounding. What counts is an end with a gap on one side and a pressure on the other.
+
+    Args:
+        problem: The problem, in the plane.
+        state: Its solution with the pressure density.
+
+    Returns:
+        The same points on all ranks.
+    """
+    edges, gap, density = _boundary_table(problem, state)
+    largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
+    if min(largest) <= 0.0:
+        return []
+    ends = np.flatnonzero((gap[:, 0] > 0.0) != (gap[:, 1] > 0.0))
+    middles = edges[ends].mean(axis=1)
+    lengths = np.hypot(*(edges[ends, 1] - edges[ends, 0]).T)
+    nodes = edges.reshape(-1, 2)
+    tree = cKDTree(nodes)
+    reach = np.maximum(4.0 * lengths, NEAR * float(np.ptp(nodes, axis=0).max()))
+    found = []
+    for middle, length, radius in zip(middles, lengths, reach, strict=True):
+        near = tree.query_ball_point(middle, radius)
+        strength = min(
+            float(values.ravel()[near].max()) / scale
+            for values, scale in zip((gap, density), largest, strict=True)
+        )
+        if strength >= SIGNIFICANT:
+            found.append((strength, float(length), float(radius), tuple(map(float, middle))))
+    # Of ends close to each other only the one with the shortest edge is kept.
+    points: list[tuple[float, float, float, tuple[float, ...]]] = []
+    for candidate in sorted(found, key=lambda end: (end[1], -end[0], end[3])):
+        if all(np.linalg.norm(np.subtract(candidate[3], p[3])) > candidate[2] for p in points):
+            points.append(candidate)
+    points.sort(key=lambda end: (-end[0], end[3]))
+    return [DetachmentPoint(p[3], uncertainty=p[1], strength=p[0]) for p in points]
+
+
+def graded_mesh(
+    domain: mesh.Mesh,
+    points: Sequence[DetachmentPoint],
+    width: float,
+    exponent: float,
+    halvings: int = 0,
+) -> mesh.Mesh:
+    """Refine a triangulation towards points, until its cells have the sizes of the grading.
+
+    Args:
+        domain: A triangulation of cells of about the size 2^halvings `width`.
+        points: Where to.
+        width: The cell size h away from the points: the root of twice the area.
+        exponent: mu; 1 for no grading.
+        halvings: How often to halve all cells on the way: what is done before is then cheap.
+
+    Returns:
+        The refined mesh, on which no point is resolved far below its uncertainty.
+
+    Raises:
+        InputError: The mesh is no triangulation of a plane domain.
+    """
+    if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
+        raise InputError("grading: only for triangulations of plane domains")
+    for level in reversed(range(halvings + 1)):
+        if exponent < 1.0 and points:
+            domain = _refined(domain, points, width, exponent, 2.0**level)
+        if level:
+            domain.topology.create_entities(1)
+            domain = mesh.refine(domain)[0]
+    return domain
+
+
+def transferred_sides(
+    domain: mesh.Mesh, sides: Mapping[str, Indices], fine: mesh.Mesh
+) -> dict[str, Indices]:
+    """Return the facets of a refined mesh that lie on named sides of a mesh.
+
+    Args:
+        domain: The mesh, a triangulation with straight sides.
+        sides: For each side the facets on it that this rank knows.
+        fine: A refinement of the mesh, distributed in any way.
+    """
+    facets = boundary_facets(fine)
+    middles = _ends(fine, facets).mean(axis=1)
+    result = {}
+    for name, coarse in sides.items():
+        owned = np.intersect1d(coarse, boundary_facets(domain))
+        ends = np.concatenate(domain.comm.allgather(_ends(domain, owned)))
+        result[name] = facets[_on_segments(middles, ends)]
+    return result
+
+
+def _boundary_table(problem: DiscreteProblem, state: ContactState) -> tuple[Array, Array, Array]:
+    """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
+
+    Returns:
+        The same on all ranks: ends, shape (edges, 2, 2), gaps and densities, shape (edges, 2).
+    """
+    space = problem.space
+    gap = fem.Function(space)
+    dofs = problem.contact_dofs
+    gap.x.array[dofs] = state.u.x.array[dofs] - problem.obstacle
+    gap.x.scatter_forward()
+    pairs = problem.contact_integrals.reshape(-1, 2)
+    parts = [np.empty((0, 2), dtype=np.int32)]
+    for facet in range(3):
+        closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
+        nodes = space.dofmap.list[pairs[pairs[:, 1] == facet, 0]][:, closure]
+        # The two vertices come first, then for degree 2 the midpoint.
+        chain = [*nodes.T[:1], *nodes.T[2:], *nodes.T[1:2]]
+        parts += [np.column_stack(pair) for pair in pairwise(chain)]
+    edges = np.concatenate(parts)
+    x = space.tabulate_dof_coordinates()[:, :2]
+    table = np.column_stack(
+        [x[edges].reshape(-1, 4), gap.x.array[edges], state.density.x.array[edges]]
+    )
+    table = np.concatenate(problem.comm.allgather(table))
+    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8]
+
+
+def _refined(
+    domain: mesh.Mesh,
+    points: Sequence[DetachmentPoint],
+    width: float,
+    exponent: float,
+    factor: float,
+) -> mesh.Mesh:
+    """Refine until the cells have the sizes of the grading, times a factor."""
+    radii = _radii(domain, points)
+    for _ in range(MAX_ROUNDS):
+        middles, sizes = _cells(domain)
+        wanted = np.full(len(sizes), width)
+        for point, radius in zip(points, radii, strict=True):
+            wanted = np.minimum(wanted, _wanted(middles, point, radius, width, exponent))
+        cells = np.flatnonzero(sizes > TOLERANCE * factor * wanted).astype(np.int32)
+        if not domain.comm.allreduce(len(cells)):
+            break
+        domain.topology.create_connectivity(2, 1)
+        domain.topology.create_connectivity(1, 2)
+        edges = mesh.compute_incident_entities(domain.topology, cells, 2, 1)
+        domain = mesh.refine(domain, edges)[0]
+    return domain
+
+
+def _radii(domain: mesh.Mesh, points: Sequence[DetachmentPoint]) -> list[float]:
+    """Where the grading towards each point begins: halfway to the next one at the most."""
+    x = domain.geometry.x[:, :2]
+    ends = np.concatenate([x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)])
+    highest = np.max(domain.comm.allgather(ends), axis=0)
+    size = float((highest[:2] + highest[2:]).max())
+    positions = np.array([point.position for point in points])
+    radii = []
+    for position in positions:
+        distances = np.linalg.norm(positions - position, axis=1)
+        others = distances[distances > 0.0]
+        radii.append(min(RADIUS * size, 0.5 * float(others.min(initial=np.inf))))
+    return radii
+
+
+def _wanted(
+    middles: Array, point: DetachmentPoint, radius: float, width: float, exponent: float
+) -> Array:
+    """The cell sizes that the grading towards one point asks for."""
+    distance = np.hypot(*(middles - point.position).T) - point.uncertainty
+    smallest = max(radius * (width / radius) ** (1.0 / exponent), RESOLUTION * point.uncertainty)
+    sizes = width * (np.maximum(distance, 0.0) / radius) ** (1.0 - exponent)
+    return np.maximum(sizes, smallest)
+
+
+def _cells(domain: mesh.Mesh) -> tuple[Array, Array]:
+    """Midpoints and sizes of the owned cells."""
+    count = domain.topology.index_map(2).size_local
+    x = domain.geometry.x[domain.geometry.dofmap[:count], :2]
+    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
+    return x.mean(axis=1), np.sqrt(np.abs(a * d - b * c))
+
+
+def _ends(domain: mesh.Mesh, facets: Indices) -> Array:
+    """The ends of boundary facets, shape (facets, 2, 2)."""
+    pairs = facet_cells(domain, facets)
+    corners = np.array([[1, 2], [0, 2], [0, 1]])
+    nodes = domain.geometry.dofmap[pairs[:, 0, None], corners[pairs[:, 1]]]
+    return np.asarray(domain.geometry.x[nodes][:, :, :2])
+
+
+def _on_segments(points: Array, ends: Array) -> npt.NDArray[np.bool_]:
+    """Tell which points lie on one of some segments."""
+    result = np.zeros(len(points), dtype=bool)
+    for start, end in ends:
+        direction = end - start
+        length = float(direction @ direction)
+        offset = points - start
+        along = offset @ direction / length
+        across = offset[:, 0] * direction[1] - offset[:, 1] * direction[0]
+        result |= (along > 0.0) & (along < 1.0) & (np.abs(across) < 1e-9 * length)
+    return result

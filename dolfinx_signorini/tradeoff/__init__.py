@@ -1,0 +1,1 @@
+"""Speed against accuracy: measuring (rows of a grid), plots, rules, page, command."""

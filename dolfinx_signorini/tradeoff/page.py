@@ -1,0 +1,126 @@
+"""The page on speed against accuracy: ten rules, each with the figures measured for it."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from dolfinx_signorini import plotting
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.graded import approximation_order
+from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.rates import regression
+from dolfinx_signorini.records import write_file
+from dolfinx_signorini.tradeoff import plots
+from dolfinx_signorini.tradeoff.measuring import Row
+from dolfinx_signorini.tradeoff.rules import NORMS, RULES, shown, sweep
+
+COMMAND = "dolfinx-signorini tradeoff --max-unknowns {} --page docs/tradeoff.md"
+
+P2 = [
+    "## What P2 guarantees",
+    "",
+    "For P2 elements the constraint u_h >= g is imposed at the vertices and midpoints of the "
+    "contact edges. Between them the gap is a quadratic q with three values that are not negative: "
+    "of the two end functions (1 - t)(1 - 2t) and t(2t - 1) one is negative at a time, and never "
+    "below -1/8, so that q >= -1/8 of the larger gap at the two ends. That is zero on edges with "
+    "full contact; on the edge at a detachment point it is of the size of the error there. A "
+    "constraint on the whole edge would not be a bound on each dof any more.",
+    "",
+]
+
+
+POSITION = (
+    "Where W1_inf falls short on graded meshes, the detachment point is not known precisely "
+    "enough: every level of the cascade finds it about four times as precisely as the one before, "
+    "while the smallest cells of P2 get sixteen times smaller when N doubles."
+)
+
+
+def write_page(
+    path: Path, rows: Sequence[Row], max_unknowns: int, versions: Mapping[str, str]
+) -> None:
+    """Write the page and its diagrams, which go into a folder of the page's name.
+
+    Args:
+        path: The page, a Markdown file.
+        rows: All rows of the paper's problem, those on several ranks too.
+        max_unknowns: The limit that the rows were measured with.
+        versions: Of the programs.
+
+    Raises:
+        InputError: Some rule has no rows.
+    """
+    try:
+        rules = [rule(rows) for rule in RULES]
+    except (ValueError, KeyError, IndexError, StopIteration) as error:
+        raise InputError(
+            "--page: some rows are missing; the page needs L4, Linf, W1_4 and W1_inf, at least "
+            f"50000 unknowns, and runs on one and on two ranks in the same --out ({error!r})"
+        ) from None
+    folder = path.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    serial = [row for row in rows if row["ranks"] == 1]
+    main = [row for row in serial if row["purpose"] == "main"]
+    for norm in NORMS:
+        plotting.save(plots.draw_work_precision(main, norm), folder / f"work_precision_{norm}")
+    plotting.save(plots.draw_tolerance(sweep(serial, "tolerance"), "L4"), folder / "tolerance")
+    plotting.save(plots.draw_phases(shown(main)), folder / "phases")
+    command = COMMAND.format(max_unknowns)
+    lines = [
+        "# Speed against accuracy",
+        "",
+        "Made by a command from what it measured, with "
+        + ", ".join(f"{name} {version}" for name, version in versions.items())
+        + f", on {_processor()}:",
+        "",
+        f"    mpirun -n 2 dolfinx-signorini tradeoff --max-unknowns {max_unknowns}",
+        f"    {command}",
+        "",
+        "The problem is the paper's. Seconds are wall-clock seconds of everything from nothing to "
+        "the solution: coarse levels, mesh, assembly and solve, the median of "
+        f"{max(row['repeats'] for row in main)} repeats. Compilation of the forms, once per form "
+        "and machine, is left out. Graded meshes do not know the detachment point: the coarse "
+        "levels find it. Uniform P1 means the paper's meshes with the cascade. All figures, tables "
+        "and diagrams of this page are from the two commands above.",
+        "",
+    ]
+    for number, (title, text) in enumerate(rules, start=1):
+        lines += [f"## {number}. {title}", "", text, ""]
+    lines += [*_orders(main), *P2, "## The diagrams", ""]
+    for name, text in _diagrams(folder):
+        lines += [f"![{text}]({folder.name}/{name}.png)", ""]
+    write_file(path, "\n".join(lines))
+
+
+def _orders(main: Sequence[Row]) -> list[str]:
+    """The orders by regression over the finer meshes beside what approximation allows."""
+    head = "| mesh and elements | N | " + " | ".join(NORMS) + " |"
+    lines = ["## Orders in h, measured (and allowed by approximation)", "", head]
+    lines.append("| --- | --- " + "| ---: " * len(NORMS) + "|")
+    for (graded, degree), (name, _, _) in plots.KINDS.items():
+        kind = [row for row in main if (row["graded"], row["degree"]) == (graded, degree)]
+        finer = sorted(kind, key=lambda row: row["n"])[len(kind) // 2 :]
+        widths = [1.0 / row["n"] for row in finer]
+        cells = []
+        for norm in NORMS:
+            order = regression(widths, [row["errors"][norm] for row in finer])
+            allowed = approximation_order(parse_norm(norm), degree, graded)
+            cells.append(f"{order:.2f} ({allowed:g})")
+        span = f"{finer[0]['n']} to {finer[-1]['n']}"
+        lines.append(f"| {name} | {span} | " + " | ".join(cells) + " |")
+    return [*lines, "", POSITION, ""]
+
+
+def _diagrams(folder: Path) -> list[tuple[str, str]]:
+    shown = [
+        (f"work_precision_{norm}", f"error in {norm} against seconds and unknowns")
+        for norm in NORMS
+    ]
+    return [*shown, ("tolerance", "algebraic error"), ("phases", "where the time goes")]
+
+
+def _processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return f"{os.cpu_count()} cores of {line.split(':', 1)[1].strip()}"
+    return f"{os.cpu_count()} cores"

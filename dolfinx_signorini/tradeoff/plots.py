@@ -1,0 +1,106 @@
+"""Work-precision diagrams."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from dolfinx_signorini.plotting import COLOURS, MARKERS
+from dolfinx_signorini.tradeoff.measuring import Row, describe, pareto_front
+
+KINDS = {
+    (False, 1): ("uniform P1", "o", COLOURS[0]),
+    (False, 2): ("uniform P2", "s", COLOURS[1]),
+    (True, 1): ("graded P1", "D", COLOURS[2]),
+    (True, 2): ("graded P2", "^", COLOURS[3]),
+}
+
+
+def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
+    """Draw error against seconds and against unknowns, with a line per mesh and degree.
+
+    Args:
+        rows: Rows of the main grid.
+        norm: The norm.
+    """
+    figure, panels = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
+    for axes, cost, label in zip(
+        panels, ("total", "unknowns"), ("seconds, mesh to solution", "unknowns"), strict=True
+    ):
+        for (graded, degree), (name, marker, colour) in KINDS.items():
+            line = sorted(
+                (row for row in rows if (row["graded"], row["degree"]) == (graded, degree)),
+                key=lambda row: row["n"],
+            )
+            if line:
+                axes.loglog(
+                    [row[cost] for row in line],
+                    [row["errors"][norm] for row in line],
+                    marker=marker,
+                    color=colour,
+                    label=name,
+                    markersize=5,
+                    linewidth=1.2,
+                )
+        front = pareto_front(rows, norm, cost)
+        axes.loglog(
+            [row[cost] for row in front],
+            [row["errors"][norm] for row in front],
+            linestyle="none",
+            marker="o",
+            markersize=12,
+            markerfacecolor="none",
+            markeredgecolor="0.45",
+            label="Pareto front",
+        )
+        axes.set_xlabel(label)
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel(f"error in {norm}")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.tight_layout(rect=(0, 0.08, 1, 1))
+    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False)
+    return figure
+
+
+def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Figure:
+    """Draw the algebraic error, relative to that of the discretisation, against the tolerance.
+
+    Args:
+        sweep: For each mesh the rows with different tolerances.
+        norm: The norm.
+    """
+    figure, axes = plt.subplots(figsize=(6.4, 4.4))
+    for k, (name, rows) in enumerate(sweep.items()):
+        rows = sorted(rows, key=lambda row: row["rtol"])
+        axes.loglog(
+            [row["rtol"] for row in rows],
+            [row["algebraic"][norm] / row["errors"][norm] for row in rows],
+            marker=MARKERS[k],
+            color=COLOURS[k],
+            label=name,
+        )
+    axes.axhline(0.01, color="black", linestyle=":", linewidth=1.0, label="1 %")
+    axes.set(
+        xlabel="relative natural residual asked for",
+        ylabel=f"algebraic / discretisation error, {norm}",
+    )
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.tight_layout()
+    return figure
+
+
+def draw_phases(rows: Sequence[Row]) -> Figure:
+    """Draw the share of each phase in the seconds of some rows."""
+    figure, axes = plt.subplots(figsize=(8, 0.9 + 0.55 * len(rows)))
+    labels = [f"{describe(row)}: {row['total']:.3g} s" for row in rows]
+    left = [0.0] * len(rows)
+    for k, phase in enumerate(rows[0]["seconds"]):
+        shares = [100.0 * row["seconds"][phase] / sum(row["seconds"].values()) for row in rows]
+        axes.barh(labels, shares, left=left, color=COLOURS[k], label=phase, height=0.6)
+        left = [a + b for a, b in zip(left, shares, strict=True)]
+    axes.invert_yaxis()
+    axes.set(xlabel="% of the seconds", xlim=(0, 100))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=len(rows[0]["seconds"]))
+    figure.tight_layout()
+    return figure

@@ -1,0 +1,216 @@
+"""Graded meshes: cells have the sizes of the grading, orders are those of the theory."""
+
+import math
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini import (
+    InputError,
+    SignoriniProblem,
+    christof_haubner,
+    friedrichs_keller,
+    paper_problem,
+)
+from dolfinx_signorini.configurations import Configuration, solve_configuration
+from dolfinx_signorini.families import paper_family
+from dolfinx_signorini.graded import (
+    RADIUS,
+    DetachmentPoint,
+    approximation_order,
+    detachment_points,
+    graded_mesh,
+    grading_exponent,
+    strongest_grading,
+    transferred_sides,
+)
+from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.norms import error_norms, parse_norm
+from dolfinx_signorini.rates import expected_order
+
+
+def cells(domain: mesh.Mesh) -> np.ndarray:
+    """Corners of all cells on all ranks, shape (cells, 3, 2)."""
+    count = domain.topology.index_map(2).size_local
+    corners = domain.geometry.x[domain.geometry.dofmap[:count], :2]
+    return np.concatenate(domain.comm.allgather(corners))
+
+
+def areas(corners: np.ndarray) -> np.ndarray:
+    (a, b), (c, d) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    return 0.5 * np.abs(a * d - b * c)
+
+
+def solved(comm: MPI.Comm, n: int, degree: int, detachment: tuple[float, float]):
+    exact = christof_haubner(friedrichs_keller(comm, n), detachment)
+    problem = paper_problem(exact, degree)
+    return problem, problem.contact_state(problem.solve().u)
+
+
+@pytest.mark.parametrize("halvings", [0, 1])
+@pytest.mark.parametrize("exponent", [0.5, 0.25])
+def test_cells_have_the_sizes_of_the_grading(
+    comm: MPI.Comm, exponent: float, halvings: int
+) -> None:
+    n, place = 32, (0.47, 0.0)
+    point = DetachmentPoint(place, uncertainty=1e-9, strength=1.0)
+    fine = graded_mesh(friedrichs_keller(comm, n >> halvings), [point], 1.0 / n, exponent, halvings)
+    corners = cells(fine)
+    sizes = np.sqrt(2.0 * areas(corners))
+    assert math.isclose(areas(corners).sum(), 1.0, rel_tol=1e-12)
+    r = np.linalg.norm(corners.mean(axis=1) - place, axis=1)
+    wanted = np.maximum(
+        np.minimum((r / RADIUS) ** (1.0 - exponent), 1.0) / n,
+        RADIUS * (1.0 / (n * RADIUS)) ** (1.0 / exponent),
+    )
+    assert (sizes <= 1.5 * wanted * (1.0 + 1e-9)).all()
+    # Few cells are much smaller than they have to be, those of the closure among them.
+    assert np.mean(sizes < 0.35 * wanted) < 0.05
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert (edges.max(axis=1) ** 2 <= 4.1 * 2.0 * areas(corners)).all()  # shapes stay good
+
+
+def test_cells_are_not_smaller_than_a_point_is_certain(comm: MPI.Comm) -> None:
+    point = DetachmentPoint((0.5, 0.0), uncertainty=0.02, strength=1.0)
+    corners = cells(graded_mesh(friedrichs_keller(comm, 20), [point], 0.05, 0.25))
+    assert np.sqrt(2.0 * areas(corners)).min() > 0.02 / 8
+
+
+def test_an_exponent_of_one_and_no_points_leave_the_mesh(comm: MPI.Comm) -> None:
+    domain = friedrichs_keller(comm, 6)
+    point = DetachmentPoint((0.5, 0.0), 1e-3, 1.0)
+    assert graded_mesh(domain, [point], 1.0 / 6, 1.0) is domain
+    assert graded_mesh(domain, [], 1.0 / 6, 0.25) is domain
+
+
+def test_only_triangulations_are_graded(comm: MPI.Comm) -> None:
+    squares = mesh.create_unit_square(comm, 4, 4, mesh.CellType.quadrilateral)
+    with pytest.raises(InputError, match="grading"):
+        graded_mesh(squares, [], 0.25, 0.5)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("n", [9, 16, 41])
+@pytest.mark.parametrize("place", [0.5, 0.47123, 0.53])
+def test_the_detachment_point_is_found(comm: MPI.Comm, place: float, n: int, degree: int) -> None:
+    problem, state = solved(comm, n, degree, (place, 0.0))
+    points = detachment_points(problem, state)
+    problem.destroy()
+    assert len(points) == 1
+    assert points[0].position[1] == 0.0
+    assert abs(points[0].position[0] - place) <= points[0].uncertainty * 1.2
+    assert math.isclose(points[0].uncertainty, 1.0 / (n * degree), rel_tol=1e-9)
+
+
+def test_points_are_the_same_on_any_number_of_ranks(comm: MPI.Comm) -> None:
+    problem, state = solved(comm, 20, 2, (0.47123, 0.0))
+    points = detachment_points(problem, state)
+    problem.destroy()
+    alone, state = solved(MPI.COMM_SELF, 20, 2, (0.47123, 0.0))
+    reference = detachment_points(alone, state)
+    alone.destroy()
+    assert comm.allgather(points) == [points] * comm.size
+    assert np.allclose(points[0].position, reference[0].position, atol=1e-14)
+
+
+def test_without_a_gap_or_without_contact_there_is_no_point(comm: MPI.Comm) -> None:
+    domain = friedrichs_keller(comm, 8)
+    for sign in (1.0, -1.0):
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+        load = fem.Constant(domain, sign) * v * ufl.dx
+        problem = SignoriniProblem(a, load, contact=boundary_facets(domain))
+        state = problem.contact_state(problem.solve().u)
+        assert detachment_points(problem, state) == []
+        problem.destroy()
+
+
+def test_grading_exponents_balance_the_errors_of_the_singularity() -> None:
+    # h(0)^{3/2 - s + 2/p} = h^{k+1-s} with h(0) = h^{1/mu}, for r^{3/2} in a norm of s derivatives.
+    for name, s, inverse_p in (("W1_inf", 1, 0.0), ("W1_4", 1, 0.25), ("Linf", 0, 0.0)):
+        for degree in (1, 2):
+            mu = grading_exponent(parse_norm(name), degree)
+            if mu < 1.0:
+                assert math.isclose((1.5 - s + 2.0 * inverse_p) / mu, degree + 1 - s, rel_tol=1e-12)
+            assert strongest_grading(degree) <= mu
+    assert grading_exponent(parse_norm("L4"), 1) == grading_exponent(parse_norm("W1_4"), 1) == 1.0
+
+
+def test_orders_are_those_of_the_theorems_for_p1() -> None:
+    for name in ("L4", "Linf", "L16", "W1_4", "W1_16", "W1_inf"):
+        norm = parse_norm(name)
+        assert approximation_order(norm, 1, graded=False) == expected_order(norm)
+        for degree in (1, 2):
+            full = degree + 1 - norm.derivatives
+            assert approximation_order(norm, degree, graded=True) == full
+
+
+@pytest.mark.parametrize("place", [0.5, 0.47123])
+def test_p2_lies_below_the_obstacle_by_an_eighth_of_the_gap_at_most(
+    comm: MPI.Comm, place: float
+) -> None:
+    problem, state = solved(comm, 16, 2, (place, 0.0))
+    problem.destroy()
+    space = state.u.function_space
+    facets = boundary_facets(space.mesh)
+    pairs = facet_cells(space.mesh, facets)
+    t = np.linspace(0.0, 1.0, 41)
+    shapes = np.array([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])
+    lowest = [0.0]
+    for cell, facet in pairs:
+        dofs = space.dofmap.list[cell][space.dofmap.dof_layout.entity_closure_dofs(1, facet)]
+        nodal = state.u.x.array[dofs]
+        values = nodal @ shapes
+        assert values.min() >= -max(nodal[:2]) / 8.0 - 1e-15
+        lowest.append(float(values.min()))
+    assert min(comm.allgather(min(lowest))) < -1e-6  # it does happen
+
+
+def test_sides_are_kept(comm: MPI.Comm) -> None:
+    domain = friedrichs_keller(comm, 6)
+    planes = {"left": (0, 0.0), "bottom": (1, 0.0), "nothing": (0, 5.0)}
+    sides = {
+        name: mesh.locate_entities_boundary(domain, 1, lambda x, p=plane: np.isclose(x[p[0]], p[1]))
+        for name, plane in planes.items()
+    }
+    point = DetachmentPoint((0.4, 0.0), 1e-3, 1.0)
+    fine = graded_mesh(domain, [point], 1.0 / 12, 0.25, halvings=1)
+    found = transferred_sides(domain, sides, fine)
+    for name, (axis, value) in planes.items():
+        fine.topology.create_connectivity(1, 2)
+        expected = mesh.locate_entities_boundary(
+            fine, 1, lambda x, axis=axis, value=value: np.isclose(x[axis], value)
+        )
+        owned = expected[expected < fine.topology.index_map(1).size_local]
+        assert set(found[name]) == set(owned)
+
+
+@pytest.mark.parametrize(
+    ("degree", "norm", "order"),
+    [(1, "W1_inf", 1.0), (2, "W1_inf", 2.0), (2, "W1_4", 2.0), (2, "L4", 3.0)],
+)
+def test_graded_meshes_have_the_full_orders(
+    comm: MPI.Comm, degree: int, norm: str, order: float
+) -> None:
+    sizes = (24, 48) if degree == 2 else (40, 80)
+    errors = []
+    for n in sizes:
+        run = solve_configuration(
+            comm, paper_family((0.47123, 0.0)), Configuration(True, n, degree)
+        )
+        errors.append(error_norms(run.u, run.posed.exact, [norm])[norm])
+        run.destroy()
+    assert math.log2(errors[0] / errors[1]) > 0.8 * order
+
+
+def test_uniform_meshes_do_not_have_the_full_order(comm: MPI.Comm) -> None:
+    errors = []
+    for n in (24, 48):
+        run = solve_configuration(comm, paper_family(), Configuration(False, n, 2))
+        errors.append(error_norms(run.u, run.posed.exact, ["W1_inf"])["W1_inf"])
+        run.destroy()
+    assert math.log2(errors[0] / errors[1]) < 0.8
