@@ -3,7 +3,7 @@
     ./with-dolfinx python3 benchmarks/ranks.py [--cells 1001] [--repeats 5]
 
 Each repeat starts mpirun with 1 and with 2 ranks in turn; a run measures the linear solve and the
-contact solve, all its levels included, after a warm-up.
+contact solve, all its levels included, each after one for warming up.
 """
 
 import argparse
@@ -21,7 +21,7 @@ def measure(scene: str, n: int) -> None:
     """Print the seconds of both solves."""
     comm = MPI.COMM_WORLD
     problem = SCENES[scene](comm, n)
-    contact_solve(SCENES[scene](comm, 63), scene, 63, DEFAULT_RTOL)
+    contact_solve(problem, scene, n, DEFAULT_RTOL)
     linear_solve(problem, DEFAULT_RTOL)
     linear, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
     contact, _ = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
