@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes.boundary import gather_boundary
 from dolfinx_signorini.scenes.expectations import order_text
@@ -34,6 +35,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report", action="store_true", help="write one HTML page with everything on it"
     )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="print the forms, matrices and vectors made for the finest level, with bytes and "
+        "seconds",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,8 +60,11 @@ def run(args: argparse.Namespace) -> int:
         try:
             boundary = gather_boundary(result)
             summary = summarise(result, boundary)
+            costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
                 _print(result, summary)
+                if costs is not None:
+                    print(cost_text(costs), end="")
             if part is not None:
                 write_results(result, summary, boundary, outputs, part)
         finally:

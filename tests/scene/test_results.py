@@ -238,3 +238,14 @@ def test_an_exact_solution_that_is_none_is_noted(comm, folder, capsys):
     assert main(["check", str(folder / "scene.toml")]) == 0
     if comm.rank == 0:
         assert "exact solution: flux >= 0" in capsys.readouterr().out
+
+
+def test_costs_name_the_terms_of_the_scene_and_no_others(run, comm):
+    _, printed = run(UPPER, "--outputs", "boundary", "--costs")
+    if comm.rank == 0:
+        assert "a: diffusion on cells\n" in printed
+        assert "Dirichlet dofs and data" in printed
+        assert "reaction" not in printed and "exact" not in printed
+    _, printed = run(UPPER, "--outputs", "boundary")
+    if comm.rank == 0:
+        assert "diffusion on cells" not in printed
