@@ -45,8 +45,8 @@ def tao(method: str) -> Peer:
     return lambda problem: problem.solve(method, rtol=DEFAULT_RTOL).u.x.array
 
 
-def snes(method: str) -> Peer:
-    """A variational inequality solver of SNES with BoomerAMG, as PETSc's manual sets it up."""
+def snes(method: str, ksp: str = "gmres") -> Peer:
+    """A variational inequality solver of SNES with BoomerAMG; GMRES is PETSc's default."""
 
     def solve(problem: SignoriniProblem) -> Any:
         A, b, x = problem.A, problem.b, problem.start_values()
@@ -68,7 +68,7 @@ def snes(method: str) -> Peer:
         snes.setVariableBounds(lower, upper)
         atol = 0.5 * DEFAULT_RTOL * optimality.scale
         snes.setTolerances(rtol=0.0, stol=0.0, atol=atol, max_it=500)
-        snes.getKSP().setType("cg" if method == "vinewtonrsls" else "gmres")
+        snes.getKSP().setType(ksp)
         snes.getKSP().getPC().setType("hypre")
         snes.solve(None, x)
         return x.array_r.copy()
@@ -162,6 +162,7 @@ PEERS: dict[str, Peer] = {
     "cascade": cascade,
     "TAO bntr": tao("bntr"),
     "SNES vinewtonrsls": snes("vinewtonrsls"),
+    "SNES vinewtonrsls, CG": snes("vinewtonrsls", "cg"),
     "SNES vinewtonssls": snes("vinewtonssls"),
     "scikit-fem, SciPy": scikit_fem,
     "Clarabel": clarabel,

@@ -125,6 +125,7 @@ class TaoRounds:
         self.max_iterations, self.max_evaluations = max_iterations, max_evaluations
         self.iterations = self.evaluations = self.linear_iterations = 0
         self.reason = ""
+        self.indefinite = False
         diagonal = problem.A.getDiagonal()
         self.size = power_of_two(diagonal.norm(PETSc.NormType.INFINITY))
         diagonal.destroy()
@@ -226,14 +227,15 @@ class TaoRounds:
             self.reason = REASONS.get(tao.getConvergedReason(), "the reason has no name")
             x.axpy(unit, d)
             self.problem.project(x)
-        except PETSc.Error as error:
-            if isinstance(error.__cause__, InputError):  # raised by the energy
-                raise error.__cause__ from None
-            raise
+        except PETSc.Error:
+            if not self.indefinite:  # else energies may have left the range of numbers
+                raise
         finally:
             self.problem.A.scale(self.size)
             for item in (tao, rhs, d, lower, upper):
                 item.destroy()
+        if self.indefinite:
+            raise InputError(f"form a: not positive definite, found by TAO {self.method}")
 
     def _bounds(self, x: PETSc.Vec, unit: float) -> tuple[PETSc.Vec, PETSc.Vec]:
         lower, upper = x.duplicate(), x.duplicate()
@@ -259,14 +261,20 @@ class TaoRounds:
             self.evaluations += 1
             A.mult(v, gradient)
             curvature = v.dot(gradient)
+            # No exception from here: it would leave PETSc's line search half-way.
             if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
-                raise InputError(f"form a: not positive definite, found by TAO {self.method}")
+                self.indefinite = True
             value = 0.5 * curvature - v.dot(rhs)
             gradient.axpy(-1.0, rhs)
             return float(value)
 
+        def stop(tao: PETSc.TAO) -> None:
+            if self.indefinite:
+                tao.setConvergedReason(PETSc.TAO.Reason.DIVERGED_USER)
+
         tao.setType(self.method)
         tao.setObjectiveGradient(energy, None)
+        tao.setMonitor(stop)
         tao.setSolution(d)
         tao.setVariableBounds(bounds)
         tao.setMaximumIterations(self.max_iterations - self.iterations)

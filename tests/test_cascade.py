@@ -1,5 +1,7 @@
 """The cascade: the same solution as TAO's on any family of meshes, for few linear solves."""
 
+from itertools import pairwise
+
 import dolfinx
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import SignoriniProblem, paper_problem
-from dolfinx_signorini.study import PAPER_NORMS, coarse_levels
+from dolfinx_signorini.study import COARSEST, PAPER_NORMS, coarse_levels
 
 COMM = MPI.COMM_WORLD
 
@@ -254,4 +256,5 @@ def test_coarse_levels_keep_the_parity_and_grow(n):
     levels = [*coarse_levels(n), n]
     assert all(m % 2 == n % 2 for m in levels)
     assert levels == sorted(set(levels))
-    assert levels[0] <= 40 or n <= 40
+    assert levels[0] <= COARSEST
+    assert all(5 * m <= n for m, n in pairwise(levels))
