@@ -25,7 +25,7 @@ from dolfinx_signorini.cascade import solve_contact
 from dolfinx_signorini.contact import ContactState
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.optimality import SolveResult
-from dolfinx_signorini.reproduce import versions
+from dolfinx_signorini.records import versions
 from dolfinx_signorini.study import coarse_levels
 
 RESULTS = Path(__file__).parent / "results"

@@ -29,6 +29,7 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import (
@@ -92,6 +93,21 @@ def parse_norm(name: str) -> Norm:
     if not p >= 1.0:
         raise ValueError(f"norm {name!r}: p must be at least 1")
     return Norm(0.0 if match[1] == "L" else 1.0, p, boundary=match[4] is not None)
+
+
+def listed_norms(text: str) -> tuple[str, ...]:
+    """Return the names in a list such as "L4,Linf", as the option --norms takes it.
+
+    Raises:
+        InputError: One of them is not the name of a norm.
+    """
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        try:
+            parse_norm(name)
+        except ValueError as error:
+            raise InputError(f"--norms: {error}") from None
+    return names
 
 
 class PowerSum:

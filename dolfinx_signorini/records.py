@@ -7,13 +7,18 @@ killed leaves at the most one unfinished line at the end, which is dropped when 
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
+import dolfinx
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.errors import InputError
+
+T = TypeVar("T")
 
 
 class Records:
@@ -37,37 +42,61 @@ class Records:
         keys: Sequence[str] = (),
     ):
         self.comm, self.path = comm, path
-        outcome: tuple[list[dict[str, Any]], str] | None = None
-        if comm.rank == 0:
-            try:
-                outcome = (_open(path, json.loads(json.dumps(settings)), keys), "")
-            except InputError as error:
-                outcome = ([], str(error))
-            except OSError as error:
-                outcome = ([], refusal(path.parent, error))
-        rows, message = comm.bcast(outcome, root=0)
-        if message:
-            raise InputError(message)
-        self.rows: list[dict[str, Any]] = rows
+        self.rows: list[dict[str, Any]] = on_first(
+            comm, path.parent, lambda: _open(path, json.loads(json.dumps(settings)), keys)
+        )
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add rank 0's finished row, and return when it is on disk."""
-        line, message = json.dumps(row), ""
-        if self.comm.rank == 0:
-            try:
-                with self.path.open("a") as file:
-                    file.write(line + "\n")
-                    file.flush()
-                    os.fsync(file.fileno())
-            except OSError as error:
-                message = refusal(self.path.parent, error)
-        require(self.comm, not message, message)
-        self.rows.append(json.loads(self.comm.bcast(line, root=0)))
+
+        def write() -> str:
+            line = json.dumps(row)
+            with self.path.open("a") as file:
+                file.write(line + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            return line
+
+        self.rows.append(json.loads(on_first(self.comm, self.path.parent, write)))
 
 
-def refusal(folder: Path, error: OSError) -> str:
-    """Return what to say where a file of an output folder cannot be written."""
-    return f"output folder {folder}: cannot be written: {error.strerror or error}"
+def on_first(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
+    """Do something with an output folder on rank 0.
+
+    Args:
+        comm: The communicator; the call is collective.
+        folder: The folder, for the message.
+        action: What to do.
+
+    Returns:
+        What it returned, on all ranks.
+
+    Raises:
+        InputError: It raised one, or the folder cannot be written; raised on all ranks.
+    """
+    value, message = None, ""
+    if comm.rank == 0:
+        try:
+            value = action()
+        except InputError as error:
+            message = str(error)
+        except OSError as error:
+            reason = error.strerror or error
+            message = f"output folder {folder}: cannot be written: {reason}"
+    value, message = comm.bcast((value, message), root=0)
+    if message:
+        raise InputError(message)
+    return cast(T, value)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    try:
+        own = version("dolfinx_signorini")
+    except PackageNotFoundError:  # run from a checkout
+        from dolfinx_signorini import __version__ as own
+    petsc = ".".join(str(part) for part in PETSc.Sys.getVersion())
+    return {"dolfinx_signorini": own, "dolfinx": dolfinx.__version__, "petsc": petsc}
 
 
 def write_file(path: Path, content: str) -> None:

@@ -3,20 +3,17 @@
 import argparse
 import json
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import dolfinx
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from dolfinx_signorini import plotting
 from dolfinx_signorini.costs import Cost, cost_text
-from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.problem import METHODS
-from dolfinx_signorini.records import refusal, write_file
+from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.tables import error_table, order_table
 
@@ -77,13 +74,7 @@ def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
     picture = plotting.paper_picture(comm, PICTURE_CELLS)
-    message = ""
-    if picture is not None:
-        try:
-            _write(args.out, rows, settings, picture)
-        except OSError as error:
-            message = refusal(args.out, error)
-    require(comm, not message, message)
+    on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
     if args.costs and comm.rank == 0:
         print(f"Costs of N = {rows[-1]['n']}:")
         print(cost_text(Cost(**cost) for cost in rows[-1].get("costs", [])), flush=True)
@@ -97,22 +88,17 @@ def _settings(args: argparse.Namespace) -> StudySettings:
         raise InputError(f"--method: unknown {args.method!r}, known are {', '.join(METHODS)}")
     if args.rtol is not None and not 0.0 < args.rtol < 1.0:
         raise InputError(f"--rtol: must lie between 0 and 1, not {args.rtol}")
-    norms = tuple(dict.fromkeys(name.strip() for name in args.norms.split(",")))
-    for name in norms:
-        try:
-            parse_norm(name)
-        except ValueError as error:
-            raise InputError(f"--norms: {error}") from None
-    return StudySettings(method=args.method, norms=norms, rtol=args.rtol)
+    return StudySettings(method=args.method, norms=listed_norms(args.norms), rtol=args.rtol)
 
 
 def _write(
     folder: Path,
     rows: list[dict[str, Any]],
     settings: StudySettings,
-    picture: plotting.PaperPicture,
+    picture: plotting.PaperPicture | None,
 ) -> None:
-    """Write and print the results; rank 0 only."""
+    """Write and print the results; rank 0 only, which has the picture."""
+    assert picture is not None
     tables = [error_table(rows, settings.norms)]
     if len(rows) > 1:
         tables.append(order_table(rows, settings.norms))
@@ -141,13 +127,3 @@ def _write(
     plotting.save(plotting.draw_convergence(rows, settings.norms), folder / "convergence")
     plotting.save(plotting.draw_bottom_edge(picture), folder / "bottom_edge")
     print(f"tables and pictures: {folder}/", file=sys.stderr)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
-    try:
-        own = version("dolfinx_signorini")
-    except PackageNotFoundError:  # run from a checkout
-        from dolfinx_signorini import __version__ as own
-    petsc = ".".join(str(part) for part in PETSc.Sys.getVersion())
-    return {"dolfinx_signorini": own, "dolfinx": dolfinx.__version__, "petsc": petsc}

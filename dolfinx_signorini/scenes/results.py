@@ -10,7 +10,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -25,8 +25,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import plotting
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.records import write_file
-from dolfinx_signorini.reproduce import versions
+from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.scenes import pictures
 from dolfinx_signorini.scenes.boundary import ContactBoundary
 from dolfinx_signorini.scenes.domains import MeshFile
@@ -59,13 +58,13 @@ def output_folder(comm: MPI.Comm, folder: Path) -> Iterator[Path]:
         InputError: The folder cannot be written.
     """
     part = folder.with_name(folder.name + ".part")
-    _on_first(comm, folder, lambda: _prepare(folder, part))
+    on_first(comm, folder, lambda: _prepare(folder, part))
     try:
         yield part
         comm.barrier()
-        _on_first(comm, folder, lambda: _move(part, folder))
+        on_first(comm, folder, lambda: _move(part, folder))
     except (InputError, NotConvergedError):  # raised on all ranks
-        _on_first(comm, folder, lambda: shutil.rmtree(part, ignore_errors=True))
+        on_first(comm, folder, lambda: shutil.rmtree(part, ignore_errors=True))
         raise
     except BaseException:
         if comm.rank == 0:
@@ -201,18 +200,3 @@ def _move(part: Path, folder: Path) -> None:
     for path in part.iterdir():
         path.rename(folder / path.name)
     part.rmdir()
-
-
-def _on_first(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
-    """Do something on rank 0, and raise what is wrong there on all ranks."""
-    message = ""
-    if comm.rank == 0:
-        try:
-            action()
-        except InputError as error:
-            message = str(error)
-        except OSError as error:
-            message = f"output folder {folder}: {error.strerror or error}"
-    message = comm.bcast(message)
-    if message:
-        raise InputError(message)

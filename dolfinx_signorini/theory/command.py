@@ -2,18 +2,19 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.records import write_file
-from dolfinx_signorini.theory.experiments import experiments, run_experiments
+from dolfinx_signorini.records import on_first, write_file
+from dolfinx_signorini.theory.experiments import Row, experiments, run_experiments
 from dolfinx_signorini.theory.figures import FIGURES
 from dolfinx_signorini.theory.report import PICTURES, document, results, section, summary
 from dolfinx_signorini.theory.statements import STATEMENTS, Statement, select
-from dolfinx_signorini.theory.trace import boundary_trace, draw_one_sided
+from dolfinx_signorini.theory.trace import BoundaryTrace, boundary_trace, draw_one_sided
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
 TRACE_CELLS = 31
@@ -60,21 +61,29 @@ def run(args: argparse.Namespace) -> int:
     trace = None
     if any(statement.figure == "one_sided" for statement in chosen):
         trace = boundary_trace(comm, TRACE_CELLS)
-    if comm.rank == 0:
-        checks = results(chosen, rows)
-        for statement in chosen:
-            print(section(statement, checks[statement.key], rows, args.max_n), flush=True)
-        print(summary(chosen, checks), flush=True)
-        pictures = args.out / PICTURES
-        pictures.mkdir(parents=True, exist_ok=True)
-        for name in {statement.figure for statement in chosen} & FIGURES.keys():
-            save(FIGURES[name](rows), pictures / name)
-        if trace is not None:
-            save(draw_one_sided(trace), pictures / "one_sided")
-        write_file(args.out / "theory.md", document(chosen, rows, args.max_n, _command(args)))
-        print(f"document and pictures: {args.out}/", file=sys.stderr)
-    comm.barrier()
+    on_first(comm, args.out, lambda: _write(args, chosen, rows, trace))
     return 0
+
+
+def _write(
+    args: argparse.Namespace,
+    chosen: list[Statement],
+    rows: Mapping[str, list[Row]],
+    trace: BoundaryTrace | None,
+) -> None:
+    """Print the tables and write the document; rank 0 only."""
+    checks = results(chosen, rows)
+    for statement in chosen:
+        print(section(statement, checks[statement.key], rows, args.max_n), flush=True)
+    print(summary(chosen, checks), flush=True)
+    pictures = args.out / PICTURES
+    pictures.mkdir(parents=True, exist_ok=True)
+    for name in {statement.figure for statement in chosen} & FIGURES.keys():
+        save(FIGURES[name](rows), pictures / name)
+    if trace is not None:
+        save(draw_one_sided(trace), pictures / "one_sided")
+    write_file(args.out / "theory.md", document(chosen, rows, args.max_n, _command(args)))
+    print(f"document and pictures: {args.out}/", file=sys.stderr)
 
 
 def _statements(args: argparse.Namespace) -> list[Statement]:

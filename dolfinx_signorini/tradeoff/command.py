@@ -12,12 +12,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini import plotting
 from dolfinx_signorini.configurations import Configuration
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.families import Family, paper_family, scene_family
-from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.records import Records, write_file
-from dolfinx_signorini.reproduce import versions
+from dolfinx_signorini.records import Records, on_first, versions, write_file
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.measuring import (
@@ -96,16 +95,11 @@ def run(args: argparse.Namespace) -> int:
     }
     records = Records(comm, args.out / "rows.jsonl", settings)
     rows = measure_grid(records, make_family, items, norms, args.repeats, reference)
-    missing = ""
-    if comm.rank == 0:
-        main = [row for row in rows if row["purpose"] == "main"]
-        _write(args.out, main, rows, settings)
-        if args.page:
-            try:
-                write_page(args.page, records.rows, args.max_unknowns, versions())
-            except InputError as error:
-                missing = str(error)
-    require(comm, not missing, missing)
+    main = [row for row in rows if row["purpose"] == "main"]
+    on_first(comm, args.out, lambda: _write(args.out, main, rows, settings))
+    if page := args.page:
+        limit = args.max_unknowns
+        on_first(comm, page.parent, lambda: write_page(page, records.rows, limit, versions()))
     return 0
 
 
@@ -139,12 +133,7 @@ def target_table(rows: Sequence[Row], norm: str) -> str:
 
 
 def _norms(args: argparse.Namespace) -> list[str]:
-    norms = list(dict.fromkeys(name.strip() for name in args.norms.split(",")))
-    for name in norms:
-        try:
-            parse_norm(name)
-        except ValueError as error:
-            raise InputError(f"--norms: {error}") from None
+    norms = list(listed_norms(args.norms))
     if args.repeats < 1:
         raise InputError(f"--repeats: at least 1, not {args.repeats}")
     if args.page and args.scene != "paper":
