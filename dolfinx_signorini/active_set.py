@@ -9,7 +9,7 @@ where gap and multiplier vanish together, the set may keep changing within round
 Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ LOOSE = 1e-3  # how far a linear solve goes, relative to the residual, while the
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change
 TRUST = 1e-3  # relative residual from which on a set corrected locally is solved for to the end
 LOCAL_FRACTION = 0.02  # of the contact dofs have to change at most, for a change to count as local
-STALL = 8  # steps without a lower residual that end the iteration
+STALL = 4  # steps without a lower residual, after which no more short cuts are taken
 MAX_STEPS = 60
 MAX_LINEAR_ITERATIONS = 200
 ROUNDED = 1e-6  # of the first residual: below it a negative curvature may be rounding
@@ -162,6 +162,10 @@ def solve_active_set(
 ) -> float:
     """Run the primal-dual active set method.
 
+    It takes two short cuts, loose linear solves and local corrections. Where they lead nowhere, it
+    goes on without them: the sets of exact steps are monotone for an M-matrix, and a set that
+    comes back is a cycle.
+
     Args:
         system: The linear solver.
         optimality: Measures the natural residual.
@@ -175,25 +179,36 @@ def solve_active_set(
     """
     problem = system.problem
     residual, best, stalled, local = 1.0, np.inf, 0, 0
+    exact: list[Mask] = []  # sets whose solution was found without short cuts
     for _ in range(MAX_STEPS):
-        target = (
-            rtol * LINEAR_FRACTION if trusted else max(rtol * LINEAR_FRACTION, LOOSE * residual)
-        )
+        careful = stalled == STALL
+        if careful and _any_equal(problem, exact, held):
+            break
+        target = rtol * LINEAR_FRACTION
+        if not (trusted or careful):
+            target = max(target, LOOSE * residual)
         system.solve(x, held, target * optimality.scale)
         residual = optimality.measure(x)
         if residual <= rtol:
             break
-        stalled = 0 if optimality.norm < best else stalled + 1
-        best = min(best, optimality.norm)
-        if stalled == STALL:
-            break
         update = None
-        if stalled < STALL // 2:
-            update = _correct_locally(problem, optimality, x, held, reach=2**local)
+        if careful:
+            exact.append(held)
+        else:
+            stalled = 0 if optimality.norm < best else stalled + 1
+            best = min(best, optimality.norm)
+            if stalled < STALL:
+                update = _correct_locally(problem, optimality, x, held, reach=2**local)
         local = 0 if update is None else local + 1
         held = _defect(problem, optimality, x) > 0.0 if update is None else update
         trusted = local > 0 and (trusted or residual < TRUST)
     return residual
+
+
+def _any_equal(problem: DiscreteProblem, sets: Sequence[Mask], held: Mask) -> bool:
+    equal = np.array([not (other != held).any() for other in sets], dtype=bool)
+    problem.comm.Allreduce(MPI.IN_PLACE, equal, op=MPI.LAND)
+    return bool(equal.any())
 
 
 def _defect(problem: DiscreteProblem, optimality: Optimality, x: PETSc.Vec) -> Array:

@@ -78,8 +78,9 @@ def test_levels_of_graded_meshes_are_coarse(n: int) -> None:
 
 def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
     items = [
-        Item(Configuration(False, 12, rtol=1e-2)),
-        Item(Configuration(True, 12, 2), rule=5, purpose="rule"),
+        # Loose, by a method that does the same on any partition of the mesh.
+        Item(Configuration(False, 12, method="bncg", rtol=1e-2)),
+        Item(Configuration(True, 12, 2, rtol=1e-7), rule=5, purpose="rule"),
     ]
     norms = ["L4", "W1_inf"]
     records = Records(comm, folder / "rows.jsonl", {})
@@ -91,21 +92,19 @@ def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
         assert measured["unknowns"] == run.unknowns
         for norm in norms:
             assert math.isclose(measured["errors"][norm], errors[norm], rel_tol=1e-6)
-        tight = solve_configuration(
-            comm, make_family(item.rule), replace(item.configuration, rtol=1e-11)
-        )
-        tight.result.u.x.array[:] -= run.result.u.x.array
-        algebraic = error_norms(tight.result.u, None, norms)
+        tight = run.posed.problem.solve("bqnls", rtol=1e-11).u
+        tight.x.array[:] -= run.result.u.x.array
+        algebraic = error_norms(tight, None, norms)
         for norm in norms:
-            assert math.isclose(
-                measured["algebraic"][norm], algebraic[norm], rel_tol=1e-3, abs_tol=1e-9
-            )
+            if item.configuration.method == "bncg":
+                assert math.isclose(measured["algebraic"][norm], algebraic[norm], rel_tol=1e-3)
+            else:
+                assert 0.0 < measured["algebraic"][norm] <= 1e-6 * errors[norm]
         run.destroy()
-        tight.destroy()
         assert set(measured["seconds"]) == PHASES
         assert 0.0 < measured["fastest"] <= measured["total"] <= measured["slowest"]
         assert measured["peak_bytes"] > 20e6 * comm.size
-        assert measured["natural_residual"] <= (item.configuration.rtol or 1e-7)
+        assert measured["natural_residual"] <= item.configuration.rtol
         assert 0.5 < measured["errors_interpolated"]["L4"] / measured["errors"]["L4"] < 1.5
     assert len(rows[0]["detachment_points"]) == 0
     assert abs(rows[1]["detachment_points"][0][0] - 0.5) < 0.1
