@@ -62,6 +62,7 @@ def solve_contact(
         held = predict(problem, coarse)
         predicted = time.perf_counter()
         residual = solve_active_set(system, optimality, x, held, rtol, coarse is not None)
+        system.destroy()  # its memory is TAO's
         problem.project(x)
         solved = time.perf_counter()
         rounds = TaoRounds(problem, "bncg" if residual <= rtol else "bntr")
@@ -176,7 +177,8 @@ def interpolate_between(pairs: Sequence[tuple[fem.Function, fem.Function]], cell
 
 def _cells_with(problem: DiscreteProblem, dofs: Mask) -> Indices:
     """Cells of this rank, ghosts included, that have one of the marked dofs."""
-    return np.flatnonzero(dofs[problem.space.dofmap.list].any(axis=1)).astype(np.int32)
+    cells = problem.space.dofmap.list
+    return np.unique(np.flatnonzero(dofs[cells.ravel()]) // cells.shape[1]).astype(np.int32)
 
 
 def _ends(problem: DiscreteProblem, held: Mask, layer: Indices) -> Indices:

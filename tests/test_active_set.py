@@ -1,0 +1,120 @@
+"""The primal-dual active set method: its short cuts, and what holds without them."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini import active_set
+from dolfinx_signorini.active_set import HeldSystem, solve_active_set
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.optimality import Optimality
+from dolfinx_signorini.problem import SignoriniProblem
+
+COMM = MPI.COMM_WORLD
+RTOL = 1e-9
+
+
+def make(n, reaction, load, obstacle):
+    """A problem on the unit square with contact everywhere; load and obstacle of (3, n)."""
+    domain = friedrichs_keller(COMM, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + reaction * u * v) * ufl.dx
+    L = load(x) * v * ufl.dx(metadata={"quadrature_degree": 3})
+    return SignoriniProblem(a, L, contact=boundary_facets(domain), obstacle=obstacle)
+
+
+@pytest.fixture
+def pressed():
+    problem = make(60, 1.0, lambda x: 40.0 * (0.35 - x[0] + 0.2 * x[1]), 0.0)
+    yield problem
+    problem.destroy()
+
+
+def solution(problem):
+    """The active set and the owned values of the solution, by TAO alone."""
+    u = problem.vector_of(problem.solve("bntr", rtol=1e-12).u)
+    values = u.array_r.copy()
+    u.destroy()
+    dofs = problem.contact_dofs
+    return values[dofs] == problem.obstacle, values
+
+
+def run(problem, held, trusted):
+    """Run the method from a guess; return solver, values, and the residual that it reached."""
+    system, optimality = HeldSystem(problem), Optimality(problem, RTOL)
+    x = problem.start_values()
+    residual = solve_active_set(system, optimality, x, held, RTOL, trusted)
+    values = x.array_r.copy()
+    for item in (system, optimality, x):
+        item.destroy()
+    return system, values, residual
+
+
+def largest(values):
+    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+
+
+def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pressed):
+    held, values = solution(pressed)
+    system, found, residual = run(pressed, held, True)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+    assert (system.solves, system.setups) == (1, 1)
+    once = system.iterations
+    # Release the dof that is pressed most.
+    x = pressed.vector_of(fem.Function(pressed.space))
+    x.array_w[:] = values
+    optimality = Optimality(pressed)
+    optimality.measure(x)
+    pressure = optimality.multiplier.array_r[pressed.contact_dofs]
+    wrong = held & (pressure != COMM.allreduce(float(pressure.max(initial=0.0)), op=MPI.MAX))
+    optimality.destroy()
+    x.destroy()
+    assert COMM.allreduce(int((wrong != held).sum())) == 1
+    system, found, residual = run(pressed, wrong, True)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+    assert (system.solves, system.setups) == (2, 1)
+    assert system.iterations <= 2 * once + 2
+
+
+def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
+    """A local correction that always turns the set around would go on for ever."""
+    monkeypatch.setattr(
+        active_set,
+        "_correct_locally",
+        lambda problem, optimality, x, held, reach: ~held,
+    )
+    held, values = solution(pressed)
+    _, found, residual = run(pressed, ~held, False)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-18])
+def test_without_reaction_some_dof_is_always_held(size, monkeypatch):
+    """However small a load is: it is borne where the body, flat by then, touches the obstacle."""
+    summit, counts = 2.0, []
+    solve = HeldSystem.solve
+
+    def counted(system, x, held, atol):
+        counts.append(COMM.allreduce(int(held.sum())))
+        solve(system, x, held, atol)
+
+    monkeypatch.setattr(HeldSystem, "solve", counted)
+
+    def obstacle(x):
+        return summit - (x[0] - 0.5) ** 2 - (x[1] - 1.0) ** 2  # a node is at the summit
+
+    problem = make(20, 0.0, lambda x: -size + 0.0 * x[0], obstacle)
+    _, values, residual = run(problem, np.zeros(len(problem.contact_dofs), dtype=bool), False)
+    touching = values[problem.contact_dofs] <= problem.obstacle
+    problem.destroy()
+    assert residual <= RTOL
+    assert COMM.allreduce(int(touching.sum())) >= 1
+    assert min(counts) >= 1
+    if size < 1e-10:
+        assert largest(values - summit) <= 1e-12
