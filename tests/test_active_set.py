@@ -77,6 +77,7 @@ def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pres
     system, found, residual = run(pressed, wrong, True)
     assert residual <= RTOL
     assert largest(found - values) <= 1e-7 * largest(values)
+    assert ((found[pressed.contact_dofs] == pressed.obstacle) == held).all()
     assert (system.solves, system.setups) == (2, 1)
     assert system.iterations <= 2 * once + 2
 
