@@ -3,8 +3,10 @@
 Given a guess of the active set, the contact dofs in it are held at the obstacle and one linear
 system is left. Its solution tells which dofs to release (multiplier negative) and which to hold
 (gap negative). Where only a few have to change, a small problem around them finds out how far the
-change goes, in place of one dof per linear solve. What ends the iteration is the natural residual:
-where gap and multiplier vanish together, the set may keep changing within rounding for ever.
+change goes, in place of one dof per linear solve, and the multigrid set-up is used again. Where the
+form vanishes on constants some dof is always held: the forces balance. What ends the iteration is
+the natural residual: where gap and multiplier vanish together, the set may keep changing within
+rounding for ever.
 
 Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 """

@@ -27,7 +27,7 @@ from dolfinx_signorini.tao import TaoRounds
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]
 
-# With it the algebraic error is below 1e-6 of the discretisation error in every norm of the paper.
+# With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
 LARGE = 0.25  # of all dofs: a patch of so many costs more than the linear solves that it saves
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
