@@ -10,7 +10,7 @@
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy import solve_to
-from dolfinx_signorini.accuracy_job import summary
+from dolfinx_signorini.accuracy_report import HEADER, outcome_lines, trial_line
 from dolfinx_signorini.configurations import Configuration, levels, solve_configuration
 from dolfinx_signorini.families import paper_family
 from dolfinx_signorini.norms import error_norms
@@ -75,5 +75,7 @@ for n in (24, 48):
 # %%
 outcome = solve_to(comm, problem, "W1_inf", accuracy=0.2)
 if comm.rank == 0:
-    print(summary(outcome))
+    print(HEADER, *map(trial_line, outcome.trials), sep="\n")
+    for name, text in outcome_lines(outcome):
+        print(f"{name}: {text}")
 outcome.run.destroy()

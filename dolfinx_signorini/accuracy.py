@@ -9,6 +9,7 @@ by what that is estimated to lack itself.
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from dolfinx import fem
@@ -45,6 +46,7 @@ class Outcome:
     Attributes:
         run: The solution with its problem.
         norm: The norm.
+        accuracy, budget: Which of the two was asked for, and how much.
         error: Its error in this norm.
         predicted: What was expected of the run.
         trials: All runs, in their order, this one included; it need not be the last.
@@ -54,6 +56,8 @@ class Outcome:
 
     run: Run
     norm: str
+    accuracy: float | None
+    budget: float | None
     error: float
     predicted: Choice
     trials: tuple[Trial, ...]
@@ -71,6 +75,7 @@ class _Search:
     comm: MPI.Comm
     family: Family
     norm: str
+    on_trial: Callable[[Trial], None]
     trials: list[Trial] = field(default_factory=list)
     reference: Run | None = None
 
@@ -89,6 +94,7 @@ class _Search:
         )
         trial = Trial(configuration, run.unknowns, run.total_seconds, error)
         self.trials.append(trial)
+        self.on_trial(trial)
         return run, trial
 
     def models(self) -> dict[tuple[bool, int], Model]:
@@ -130,6 +136,7 @@ def solve_to(
     accuracy: float | None = None,
     budget: float | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
+    on_trial: Callable[[Trial], None] = lambda trial: None,
 ) -> Outcome:
     """Solve a problem to an accuracy, or as accurately as a time allows.
 
@@ -142,15 +149,17 @@ def solve_to(
         budget: In place of an accuracy, wall-clock seconds for the coarse runs and the solution.
             Compilation, with the first run of each kind that does it, and the evaluation of errors
             are not counted.
-        max_unknowns: Limit on the dofs.
+        max_unknowns: Limit on the dofs, as predicted. Coarse runs, of some thousand dofs, are made
+            in any case.
+        on_trial: Is told of every run when it is done.
 
     Raises:
         InputError: An argument makes no sense, or the request is out of reach; the message says
             what the best would be.
     """
     began = time.perf_counter()
-    _check(norm, accuracy, budget)
-    search = _Search(comm, family, norm)
+    _check(norm, accuracy, budget, max_unknowns)
+    search = _Search(comm, family, norm, on_trial)
     try:
         if accuracy is not None:
             _calibrate(search)
@@ -164,6 +173,8 @@ def solve_to(
     return Outcome(
         run=run,
         norm=norm,
+        accuracy=accuracy,
+        budget=budget,
         error=trial.error,
         predicted=predicted,
         trials=tuple(search.trials),
@@ -172,7 +183,7 @@ def solve_to(
     )
 
 
-def _check(norm: str, accuracy: float | None, budget: float | None) -> None:
+def _check(norm: str, accuracy: float | None, budget: float | None, max_unknowns: int) -> None:
     try:
         parse_norm(norm)
     except ValueError as error:
@@ -182,6 +193,8 @@ def _check(norm: str, accuracy: float | None, budget: float | None) -> None:
     for name, value in (("accuracy", accuracy), ("budget", budget)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name}: must be a positive number, not {value}")
+    if max_unknowns < 1:
+        raise InputError(f"max_unknowns: must be positive, not {max_unknowns}")
 
 
 def _calibrate(search: _Search, seconds: float = math.inf) -> None:

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from mpi4py import MPI
 
-from dolfinx_signorini import accuracy_job, reproduce
+from dolfinx_signorini import reproduce
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.scenes import check, solve
 from dolfinx_signorini.theory import command as theory
@@ -24,7 +24,6 @@ JOBS = {
     "check": (check, "what a scene file needs and costs, without solving it"),
     "reproduce": (reproduce, "the paper's experiment: both tables and the pictures"),
     "theory": (theory, "the paper's statements as experiments, proven beside measured"),
-    "accuracy": (accuracy_job, "solve a scene to an accuracy in any norm, or in a given time"),
     "tradeoff": (tradeoff, "speed against accuracy: errors and seconds on a grid of meshes"),
 }
 

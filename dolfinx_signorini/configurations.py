@@ -24,10 +24,9 @@ from dolfinx_signorini.graded import (
     transferred_sides,
 )
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.optimality import SolveResult
 from dolfinx_signorini.problem import METHODS
-from dolfinx_signorini.scenes.domains import SidedMesh
 from dolfinx_signorini.study import coarse_levels
 
 COARSEST = 10  # cells across on the coarsest level of a graded mesh

@@ -4,20 +4,15 @@ A family makes, for every number n, a quasi-uniform mesh with about n cells acro
 poses its problem on any mesh of the domain.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import DETACHMENT, ManufacturedSolution, christof_haubner
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem, paper_problem
 from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
-from dolfinx_signorini.scenes.domains import Cube, Domain, Polygon, SidedMesh, Square
-from dolfinx_signorini.scenes.posing import pose
-from dolfinx_signorini.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -32,7 +27,7 @@ class Posed:
 
     problem: SignoriniProblem
     exact: ManufacturedSolution | None
-    sign: float = 1.0
+    sign: float
 
 
 @dataclass(frozen=True)
@@ -66,41 +61,12 @@ def paper_family(
 
     def on(sided: SidedMesh, degree: int) -> Posed:
         exact = christof_haubner(sided.mesh, detachment)
-        return Posed(paper_problem(exact, degree, rule), exact)
+        return Posed(paper_problem(exact, degree, rule), exact, 1.0)
 
     return Family(
         name="paper",
         dimension=2,
         width=1.0,
         make=lambda comm, n: SidedMesh(friedrichs_keller(comm, n), {}),
-        pose=on,
-    )
-
-
-def scene_family(scene: Scene) -> Family:
-    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
-
-    Raises:
-        InputError: The scene's mesh is from a file, and there is no other.
-    """
-    domain = scene.domain
-    if not isinstance(domain, Square | Cube | Polygon):
-        raise InputError("domain: a mesh from a file is used as it is; there is nothing to choose")
-    size = math.sqrt(domain.area) if isinstance(domain, Polygon) else 1.0
-
-    def at(n: int) -> Domain:
-        if isinstance(domain, Polygon):
-            return replace(domain, width=size / n)
-        return replace(domain, cells=n)
-
-    def on(sided: SidedMesh, degree: int) -> Posed:
-        posed = pose(replace(scene, degree=degree), sided.mesh.comm, sided)
-        return Posed(posed.problem, posed.exact, scene.sign)
-
-    return Family(
-        name=scene.title or "scene",
-        dimension=domain.dimension,
-        width=size,
-        make=lambda comm, n: at(n).make(comm),
         pose=on,
     )

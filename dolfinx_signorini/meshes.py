@@ -3,7 +3,8 @@
 Everything here is local to the rank that calls it, except the creation of meshes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import basix
@@ -13,6 +14,26 @@ from dolfinx import graph, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
+
+
+@dataclass(frozen=True)
+class SidedMesh:
+    """A mesh with the facets of its sides.
+
+    Attributes:
+        mesh: The mesh.
+        sides: For each side the facets on it that this rank knows.
+    """
+
+    mesh: mesh.Mesh
+    sides: Mapping[str, npt.NDArray[np.int32]]
+
+    def facets(self, names: tuple[str, ...]) -> npt.NDArray[np.int32]:
+        """Return the facets of some sides; "all" stands for the whole boundary."""
+        if names == ("all",):
+            return boundary_facets(self.mesh)
+        parts = [self.sides[name] for name in names]
+        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
 def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:

@@ -2,9 +2,9 @@
 
 The parts, in the order data flows: suggestions, expressions and grammar (formulas), mesh_files,
 domains, scene (the data), table, domain_table and scene_file (reading TOML), posing (the discrete
-problem), regularity and expectations (orders of convergence, cost), solving (cascade, accuracy),
-boundary (the contact boundary on one rank), summary, pictures, report, results (the files), and
-the jobs check and solve.
+problem), regularity and expectations (orders of convergence, cost), family (the scene on any mesh),
+solving (on its mesh, or to an accuracy), boundary (the contact boundary on one rank), summary,
+pictures, report, results (the files), and the jobs check and solve.
 """
 
 from dolfinx_signorini.scenes.posing import PosedScene, pose

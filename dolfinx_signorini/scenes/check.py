@@ -47,14 +47,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _lines(scene: Scene, expectation: Expectation) -> list[tuple[str, str]]:
-    meshes = [f"{level.domain.vertices}" for level in scene.levels()]
     rows = [("terms" if k == 0 else "", term) for k, term in enumerate(terms(scene))]
     rows.append(("expected orders", order_text(expectation)))
     if scene.accuracy is not None:
-        rows.append(
-            ("meshes", f"from {meshes[0]} vertices on, until {scene.accuracy:g} is reached")
-        )
-        return rows
+        wanted = f"an error of {scene.accuracy:g} in {scene.norm}"
+        return [*rows, ("meshes", f"chosen from coarse runs, for {wanted}")]
+    meshes = [f"{level.domain.vertices}" for level in scene.levels()]
     memory, seconds = cost(scene)
     rows.append(("meshes", f"{', '.join(meshes)} vertices"))
     rows.append(("unknowns", f"about {unknowns(scene)}"))

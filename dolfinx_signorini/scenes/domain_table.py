@@ -43,7 +43,7 @@ def read_domain(table: Table, folder: Path, comm: MPI.Comm, accuracy: float | No
     if shape == "file":
         domain = _mesh_file(table, folder, comm)
         if accuracy is not None:
-            raise table.error("file", "a mesh from a file is not refined: leave 'accuracy' out")
+            raise table.error("file", "a mesh is used as it is: leave 'accuracy' out")
     elif shape == "polygon":
         corners = _corners(table)
         width = table.real("width") if accuracy is None else None

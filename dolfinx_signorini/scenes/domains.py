@@ -17,10 +17,8 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
 from dolfinx_signorini.scenes import mesh_files
-
-Indices = npt.NDArray[np.int32]
 
 MAX_VERTICES = 20_000_000  # of a mesh that a scene may ask for
 COARSE_CELLS = 20  # per side; coarser meshes are not worth a level of the cascade
@@ -34,26 +32,6 @@ CUBE_SIDES = {
     "bottom": (2, 0.0),
     "top": (2, 1.0),
 }
-
-
-@dataclass(frozen=True)
-class SidedMesh:
-    """A mesh with the facets of its sides.
-
-    Attributes:
-        mesh: The mesh.
-        sides: For each side the facets on it that this rank knows.
-    """
-
-    mesh: mesh.Mesh
-    sides: Mapping[str, Indices]
-
-    def facets(self, names: tuple[str, ...]) -> Indices:
-        """Return the facets of some sides; "all" stands for the whole boundary."""
-        if names == ("all",):
-            return boundary_facets(self.mesh)
-        parts = [self.sides[name] for name in names]
-        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
 @dataclass(frozen=True)
@@ -76,10 +54,6 @@ class Square:
     def levels(self) -> list["Square"]:
         """Return the square from the coarsest level of the cascade to this one."""
         return [Square(n) for n in _cell_levels(self.cells, COARSE_CELLS)]
-
-    def finer(self) -> "Square":
-        """Return the square with half the mesh width, up to the parity of `cells`."""
-        return Square(2 * self.cells + self.cells % 2)
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
         """Make the mesh."""
@@ -106,10 +80,6 @@ class Cube:
     def levels(self) -> list["Cube"]:
         """Return the cube from the coarsest level of the cascade to this one."""
         return [Cube(n) for n in _cell_levels(self.cells, COARSE_CELLS // 4)]
-
-    def finer(self) -> "Cube":
-        """Return the cube with half the mesh width, up to the parity of `cells`."""
-        return Cube(2 * self.cells + self.cells % 2)
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
         """Make the mesh."""
@@ -175,10 +145,6 @@ class Polygon:
             levels.insert(0, Polygon(self.corners, COARSENING * levels[0].width))
         return levels
 
-    def finer(self) -> "Polygon":
-        """Return the polygon with half the mesh width."""
-        return Polygon(self.corners, 0.5 * self.width)
-
     def make(self, comm: MPI.Comm) -> SidedMesh:
         """Make the mesh."""
         return SidedMesh(*mesh_files.polygon_mesh(comm, self.corners, self.width))
@@ -206,10 +172,6 @@ class MeshFile:
     def levels(self) -> list["MeshFile"]:
         """Return the one level that there is."""
         return [self]
-
-    def finer(self) -> "MeshFile":
-        """Refuse: a mesh from a file is used as it is."""
-        raise InputError("accuracy: a mesh from a file is not refined; take a finer one instead")
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
         """Read the mesh."""

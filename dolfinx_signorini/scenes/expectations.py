@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dolfinx_signorini.scenes.domains import SidedMesh
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.scenes.expressions import Expression
 from dolfinx_signorini.scenes.posing import facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import (

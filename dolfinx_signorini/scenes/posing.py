@@ -13,17 +13,16 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.families import Posed
 from dolfinx_signorini.kit import (
     ManufacturedData,
     contact_violations,
     manufacture,
     matching_obstacle,
 )
-from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
-from dolfinx_signorini.scenes.domains import SidedMesh
 from dolfinx_signorini.scenes.expressions import Expression, any_variable
 from dolfinx_signorini.scenes.scene import Scene
 
@@ -31,14 +30,12 @@ Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class PosedScene:
-    """A scene on one mesh.
+class PosedScene(Posed):
+    """A scene on one mesh: problem, exact solution and sign, see `Posed`, and what they are from.
 
     Attributes:
         scene: The scene.
         sided: The mesh with its sides.
-        problem: The discrete problem, for u or, with an upper obstacle, for -u.
-        exact: The exact solution u, if it is known.
         obstacle: The obstacle of the discrete problem.
         sources: Load and fluxes by name: what is integrated, and over which part of the domain or
             of its boundary.
@@ -46,15 +43,13 @@ class PosedScene:
 
     scene: Scene
     sided: SidedMesh
-    problem: SignoriniProblem
-    exact: ManufacturedSolution | None
     obstacle: "float | Expr | fem.Function"
     sources: dict[str, tuple[Expr, ufl.Measure]]
 
     def solution(self, solved: fem.Function) -> fem.Function:
         """Return u from what the problem was solved for."""
         u = fem.Function(solved.function_space, name="u")
-        u.x.array[:] = self.scene.sign * solved.x.array
+        u.x.array[:] = self.sign * solved.x.array
         return u
 
 
@@ -96,6 +91,7 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         sided=sided,
         problem=problem,
         exact=known.exact if known else None,
+        sign=scene.sign,
         obstacle=obstacle,
         sources=sources,
     )

@@ -2,7 +2,7 @@
 
 import base64
 import html
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from string import Template
 from typing import Any
 
@@ -36,7 +36,7 @@ $summary
 <h2>Pictures</h2>
 $pictures
 <h2>Meshes</h2>
-$levels
+$meshes
 <h2>Scene</h2>
 <pre>$scene</pre>
 <h2>To repeat the run</h2>
@@ -59,14 +59,13 @@ def write_report(record: Mapping[str, Any], summary: Summary, pictures: Mapping[
         summary: The numbers of the scene.
         pictures: PNG images by name.
     """
-    options = {key: value for key, value in record["options"].items() if value is not None}
-    repeat = [*record["versions"].items(), ("ranks", record["ranks"]), *options.items()]
+    repeat = [*record["versions"].items(), ("ranks", record["ranks"]), *record["options"].items()]
     return PAGE.substitute(
         title=html.escape(record["title"]),
         notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in record["notes"]),
         summary=_table(lines(summary)),
         pictures="".join(_picture(name, image) for name, image in pictures.items()),
-        levels=_levels(record["levels"]),
+        meshes=_meshes(record["meshes"]),
         scene=html.escape(record["scene"]),
         versions=_table([(key, str(value)) for key, value in repeat]),
     )
@@ -88,20 +87,11 @@ def _picture(name: str, image: bytes) -> str:
     )
 
 
-def _number(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) else f"{value:.3g}"
+def _number(value: str | int | float) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _levels(levels: Iterable[Mapping[str, Any]]) -> str:
-    columns = {
-        "unknowns": "unknowns",
-        "linear_solves": "linear solves",
-        "linear_iterations": "their iterations",
-        "seconds": "seconds",
-        "estimate": "estimated L2 error",
-    }
-    rows = ("".join(f"<td>{_number(level[key])}</td>" for key in columns) for level in levels)
-    header = "".join(f'<th scope="col">{name}</th>' for name in columns.values())
+def _meshes(meshes: Sequence[Mapping[str, Any]]) -> str:
+    header = "".join(f'<th scope="col">{key.replace("_", " ")}</th>' for key in meshes[0])
+    rows = ("".join(f"<td>{_number(value)}</td>" for value in row.values()) for row in meshes)
     return f"<table><tr>{header}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"

@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from dolfinx_signorini import plotting
+from dolfinx_signorini.cascade import DEFAULT_RTOL
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.scenes import pictures
@@ -156,10 +157,10 @@ def make_record(result: SceneResult, summary: Summary, comm: MPI.Comm) -> dict[s
         "title": scene.title,
         "versions": versions(),
         "ranks": comm.size,
-        "options": {"degree": scene.degree, "rtol": scene.rtol, "accuracy": scene.accuracy},
+        "options": _options(result),
         "scene": scene.text,
         "summary": asdict(summary),
-        "levels": [asdict(level) for level in result.levels],
+        "meshes": _meshes(result),
         "expected_orders": result.expectation.orders,
         "notes": list(result.expectation.notes),
         "solver": {key: value for key, value in vars(result.solve).items() if key != "u"},
@@ -168,6 +169,31 @@ def make_record(result: SceneResult, summary: Summary, comm: MPI.Comm) -> dict[s
         digest = hashlib.sha256(scene.domain.path.read_bytes()).hexdigest()
         record["mesh_file"] = {"name": scene.domain.path.name, "sha256": digest}
     return record
+
+
+def _options(result: SceneResult) -> dict[str, Any]:
+    """What a run was asked for, on the command line or in the scene."""
+    outcome, scene = result.outcome, result.posed.scene
+    if outcome is None:
+        return {"degree": scene.degree, "rtol": scene.rtol}
+    asked = {"accuracy": outcome.accuracy, "budget": outcome.budget, "norm": outcome.norm}
+    return {key: value for key, value in asked.items() if value is not None}
+
+
+def _meshes(result: SceneResult) -> list[dict[str, Any]]:
+    """The levels of the cascade, or the runs of a search, in their order."""
+    if result.outcome is None:
+        return [asdict(level) for level in result.levels]
+    return [
+        {
+            "configuration": str(trial.configuration),
+            "rtol": trial.configuration.rtol or DEFAULT_RTOL,
+            "unknowns": trial.unknowns,
+            "seconds": trial.seconds,
+            "error": trial.error,
+        }
+        for trial in result.outcome.trials
+    ]
 
 
 def _figures(

@@ -66,8 +66,9 @@ class Scene:
         norms: Of the error, where the solution is known, see `norms.parse_norm`.
         degree: Of the Lagrange elements, 1 or 2.
         rtol: Natural residual relative to the data.
-        accuracy: Refine from the domain's mesh on until the estimated L2 error is this fraction of
-            the L2 norm of u; None to solve on the domain's mesh.
+        accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None to
+            solve on the domain's mesh.
+        norm: The norm of this error, see `norms.parse_norm`.
         title: What the scene shows.
         outputs: Which of `OUTPUTS` are to be written.
         text: The scene file that it is from.
@@ -86,6 +87,7 @@ class Scene:
     degree: int = 1
     rtol: float = DEFAULT_RTOL
     accuracy: float | None = None
+    norm: str = "L2"
     title: str = ""
     outputs: Sides = ()
     text: str = ""
@@ -98,11 +100,3 @@ class Scene:
     def levels(self) -> list["Scene"]:
         """Return the scene on the meshes of the cascade, from the coarsest to its own."""
         return [replace(self, domain=domain) for domain in self.domain.levels()]
-
-    def finer(self) -> "Scene":
-        """Return the scene with half the mesh width.
-
-        Raises:
-            InputError: The mesh is from a file.
-        """
-        return replace(self, domain=self.domain.finer())

@@ -38,6 +38,7 @@ MAX_DEFINITIONS = 50
 SUBJECTS: dict[str, Key] = {
     "contact": ("contact",),
     "Dirichlet data": ("dirichlet",),
+    "accuracy": ("accuracy",),
     "form a": ("equation",),
     "load": ("equation", "load"),
     "obstacle": ("contact", "obstacle"),
@@ -73,7 +74,7 @@ def parse_scene(text: str, path: Path, comm: MPI.Comm) -> Scene:
         comm: The communicator that will share the mesh.
     """
     top = Source(path.name, text).load()
-    accuracy = _fraction(top, "accuracy", 1e-8) if top.has("accuracy") else None
+    accuracy, norm = _accuracy(top)
     domain = read_domain(top.table("domain"), path.parent, comm, accuracy)
     definitions = _definitions(top.table("define"), domain.dimension)
     equation, solution = top.table("equation"), top.table("solution")
@@ -109,6 +110,7 @@ def parse_scene(text: str, path: Path, comm: MPI.Comm) -> Scene:
         degree=top.integer("degree", 1, 2) if top.has("degree") else 1,
         rtol=_fraction(top, "rtol", 1e-13) if top.has("rtol") else DEFAULT_RTOL,
         accuracy=accuracy,
+        norm=norm,
         title=top.text("title") if top.has("title") else path.stem,
         outputs=_outputs(top),
         text=text,
@@ -258,6 +260,22 @@ def _check_overlap(
             owner[side] = name
 
 
+def _accuracy(top: Table) -> tuple[float | None, str]:
+    """The error asked for, and its norm."""
+    norm = _norm(top, "norm", top.text("norm")) if top.has("norm") else Scene.norm
+    if not top.has("accuracy"):
+        if "norm" in top.data:
+            raise top.error("norm", "there is no 'accuracy' to measure in it")
+        return None, norm
+    accuracy = top.real("accuracy")
+    if not accuracy > 0.0:
+        raise top.error("accuracy", "must be positive")
+    for key in ("degree", "rtol"):
+        if top.has(key):
+            raise top.error(key, "follows from 'accuracy'; give one of the two")
+    return accuracy, norm
+
+
 def _fraction(table: Table, key: str, low: float) -> float:
     value = table.real(key)
     if not low <= value < 1.0:
@@ -270,13 +288,15 @@ def _norms(table: Table) -> tuple[str, ...]:
         return Scene.norms
     if "u" not in table.data:
         raise table.error("norms", "there is no solution 'u' to measure an error against")
-    norms = table.texts("norms")
-    for name in norms:
-        try:
-            parse_norm(name)
-        except ValueError as error:
-            raise table.error("norms", str(error)) from None
-    return norms
+    return tuple(_norm(table, "norms", name) for name in table.texts("norms"))
+
+
+def _norm(table: Table, key: str, name: str) -> str:
+    try:
+        parse_norm(name)
+    except ValueError as error:
+        raise table.error(key, str(error)) from None
+    return name
 
 
 def _outputs(top: Table) -> Sides:

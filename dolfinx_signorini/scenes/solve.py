@@ -3,15 +3,19 @@
 import argparse
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy import MAX_UNKNOWNS
+from dolfinx_signorini.accuracy_model import Trial
+from dolfinx_signorini.accuracy_report import HEADER, trial_line
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes.boundary import gather_boundary
 from dolfinx_signorini.scenes.expectations import order_text
 from dolfinx_signorini.scenes.results import output_folder, write_results
-from dolfinx_signorini.scenes.scene import OUTPUTS
+from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.scene_file import load_scene, naming_the_file
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 from dolfinx_signorini.scenes.summary import Summary, lines, summarise
@@ -42,6 +46,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "seconds",
     )
 
+    dial = parser.add_argument_group(
+        "accuracy", "choose mesh, degree and tolerance from cheap coarse runs, not by the scene"
+    )
+    request = dial.add_mutually_exclusive_group()
+    request.add_argument("--accuracy", type=float, metavar="E", help="the largest error allowed")
+    request.add_argument(
+        "--budget", type=float, metavar="S", help="seconds for coarse runs and the solution"
+    )
+    dial.add_argument(
+        "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"
+    )
+    dial.add_argument(
+        "--max-unknowns",
+        type=int,
+        metavar="N",
+        help=f"limit on the unknowns (default: {MAX_UNKNOWNS})",
+    )
+
 
 def run(args: argparse.Namespace) -> int:
     """Solve the scene; print its summary and write its results on rank 0.
@@ -52,11 +74,12 @@ def run(args: argparse.Namespace) -> int:
     """
     comm = MPI.COMM_WORLD
     scene = load_scene(args.scene, comm)
+    asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder) if outputs else nullcontext() as part:
         with naming_the_file(args.scene, scene):
-            result = solve_scene(scene, comm)
+            result = solve_scene(scene, comm, **asked, on_trial=_Progress(comm))
         try:
             boundary = gather_boundary(result)
             summary = summarise(result, boundary)
@@ -74,6 +97,29 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+class _Progress:
+    """Prints the runs of a search on rank 0, below a header."""
+
+    def __init__(self, comm: MPI.Comm):
+        self.printing = comm.rank == 0
+        self.header = HEADER + "\n"
+
+    def __call__(self, trial: Trial) -> None:
+        if self.printing:
+            print(f"{self.header}{trial_line(trial)}", flush=True)
+            self.header = ""
+
+
+def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """The accuracy or budget of the command line, with its norm and limit."""
+    names = ("accuracy", "budget", "norm", "max_unknowns")
+    asked = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    if asked and not asked.keys() & {"accuracy", "budget"} and scene.accuracy is None:
+        option = "--" + next(iter(asked)).replace("_", "-")
+        raise InputError(f"{option}: goes with --accuracy or --budget")
+    return asked
+
+
 def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...]:
     outputs = named
     if args.outputs is not None:
@@ -87,6 +133,8 @@ def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...
 
 
 def _print(result: SceneResult, summary: Summary) -> None:
+    if result.outcome is not None:
+        print()
     print(result.posed.scene.title)
     for name, text in lines(summary):
         print(f"  {name:<20}{text}")

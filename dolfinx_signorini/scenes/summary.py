@@ -8,6 +8,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.accuracy_report import outcome_lines
 from dolfinx_signorini.contact import multiplier
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import PAPER_RULE
@@ -32,8 +33,8 @@ class Summary:
         imbalance: What they do add up to, relative to the sum of their sizes.
         natural_residual: Relative to the data.
         errors: Norms of the error where the solution is known, by name.
-        estimate: The estimated relative L2 error of a scene with an accuracy.
-        seconds: Wall-clock seconds of all levels.
+        choice: With an accuracy or a budget what was chosen, predicted and reached, by name.
+        seconds: Wall-clock seconds of everything.
     """
 
     cells: int
@@ -46,7 +47,7 @@ class Summary:
     imbalance: float
     natural_residual: float
     errors: dict[str, float]
-    estimate: float | None
+    choice: dict[str, str]
     seconds: float
 
 
@@ -75,8 +76,8 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
         errors=error_norms(result.u, exact, norms) if exact is not None else {},
-        estimate=result.estimate,
-        seconds=sum(level.seconds for level in result.levels),
+        choice={} if result.outcome is None else dict(outcome_lines(result.outcome)),
+        seconds=result.seconds,
     )
 
 
@@ -98,9 +99,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
-    if s.estimate is not None:
-        rows.append(("estimated L2 error", f"{s.estimate:.2g} of the norm of u"))
-    return [*rows, ("time", f"{s.seconds:.2f} s")]
+    return [*s.choice.items(), *rows, ("time", f"{s.seconds:.2f} s")]
 
 
 def _contact_set(

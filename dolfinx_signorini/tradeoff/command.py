@@ -13,11 +13,12 @@ from mpi4py import MPI
 from dolfinx_signorini import plotting
 from dolfinx_signorini.configurations import Configuration
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.families import Family, paper_family, scene_family
+from dolfinx_signorini.families import Family, paper_family
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, on_first, versions, write_file
 from dolfinx_signorini.scenes import Scene, load_scene
+from dolfinx_signorini.scenes.family import scene_family
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.measuring import (
     Row,

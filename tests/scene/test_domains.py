@@ -71,7 +71,6 @@ def test_star_shaped_polygons_are_simple_and_figures_of_eight_are_not(radii, tur
     polygon = Polygon(tuple(points), 0.1)
     wedges = [radii[k] * radii[k - 1] * math.sin(2.0 * math.pi / count) / 2.0 for k in range(count)]
     assert polygon.area == pytest.approx(sum(wedges))
-    assert polygon.finer().width == 0.05
     crossed = (points[1], points[0], *points[2:])
     if count == 4:
         with pytest.raises(InputError, match="meet"):
@@ -230,11 +229,9 @@ def test_a_damaged_msh_file_is_refused_or_still_a_mesh(kind, comm, demos, folder
     assert refused >= (8 if kind == "cut" else 1)
 
 
-def test_a_mesh_file_has_one_level_and_is_not_refined(demos):
+def test_a_mesh_file_has_one_level(demos):
     domain = MeshFile(demos / "plate.msh", 2, ("1",), 10)
     assert domain.levels() == [domain]
-    with pytest.raises(InputError, match="not refined"):
-        domain.finer()
 
 
 def test_all_boundary_facets_are_on_some_side(comm):

@@ -137,32 +137,6 @@ def test_the_command_says_why_orders_are_reduced(job, comm, folder, capsys):
         assert "(0.5, 0), angle 180 degrees, Dirichlet meets Neumann: u ~ r^0.5" in out
 
 
-def test_the_accuracy_asked_for_is_reached_and_not_missed_by_far(comm, parse):
-    text = """
-    accuracy = 2e-5
-    [domain]
-    shape = "square"
-    [contact]
-    sides = "bottom"
-    [[dirichlet]]
-    sides = ["left", "right", "top"]
-    [solution]
-    u = "-hypot(x - 0.4, y)^1.5*sin(1.5*atan2(y, x - 0.4))"
-    manufactured = true
-    """
-    result = solve_scene(parse(text), comm)
-    error = error_norms(result.u, result.posed.exact, ["L2"])["L2"]
-    error /= error_norms(result.u, None, ["L2"])["L2"]
-    estimate = result.estimate
-    levels = result.levels
-    result.destroy()
-    assert error <= estimate <= 2e-5
-    assert estimate <= 8.0 * error
-    assert levels[0].estimate is None and all(level.estimate > 2e-5 for level in levels[1:-1])
-    assert len(levels) >= 4
-    assert [level.linear_solves for level in levels[2:]] == [1] * (len(levels) - 2)
-
-
 def test_a_scene_with_more_unknowns_starts_from_coarser_meshes(comm, demos):
     levels = [domain.cells for domain in Square(1001).levels()]
     assert levels[-1] == 1001 and levels[0] <= 80

@@ -10,11 +10,11 @@ from mpi4py import MPI
 from dolfinx_signorini import InputError
 from dolfinx_signorini.accuracy import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.accuracy_model import Model, Trial, rounded
-from dolfinx_signorini.cli import main
 from dolfinx_signorini.configurations import Configuration, solve_configuration
-from dolfinx_signorini.families import Family, paper_family, scene_family
+from dolfinx_signorini.families import Family, paper_family
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.scenes import load_scene
+from dolfinx_signorini.scenes.family import scene_family
 
 SCENES = Path(__file__).parents[2] / "demos" / "scenes"
 
@@ -116,6 +116,7 @@ def test_a_budget_buys_accuracy(comm: MPI.Comm) -> None:
         ({"norm": "L2", "accuracy": -1.0}, "accuracy: must be a positive number"),
         ({"norm": "L2", "accuracy": math.nan}, "accuracy: must be a positive number"),
         ({"norm": "L2", "budget": math.inf}, "budget: must be a positive number"),
+        ({"norm": "L2", "budget": 1.0, "max_unknowns": 0}, "max_unknowns: must be positive"),
     ],
 )
 def test_nonsense_is_refused_before_any_work(
@@ -127,17 +128,6 @@ def test_nonsense_is_refused_before_any_work(
     nothing = replace(paper_family(), make=pose)
     with pytest.raises(InputError, match=message):
         solve_to(comm, nothing, **arguments)
-
-
-def test_the_command_says_what_was_chosen(
-    comm: MPI.Comm, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["accuracy", "paper", "--norm", "L4", "--accuracy", "0.01"]) == 0
-    if comm.rank == 0:
-        text = capfd.readouterr().out
-        assert "chosen:    " in text and "exact solution known" in text
-    assert main(["accuracy", "paper", "--norm", "nonsense", "--accuracy", "0.01"]) == 2
-    assert main(["accuracy", "paper", "--norm", "L4"]) == 2
 
 
 def power_law(order: float, constant: float = 3.0) -> Model:

@@ -1,0 +1,131 @@
+"""Scenes to an accuracy: what is chosen for them is solved, measured and written like any other."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dolfinx_signorini import InputError
+from dolfinx_signorini.cli import main
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes.boundary import gather_boundary
+from dolfinx_signorini.scenes.summary import summarise
+
+DETACHING = """
+accuracy = 1e-4
+norm = "Linf"
+[domain]
+shape = "square"
+[contact]
+sides = "bottom"
+bound = "{bound}"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+[solution]
+u = "{sign}hypot(x - 0.4, y)^1.5*sin(1.5*atan2(y, x - 0.4))"
+manufactured = true
+"""
+
+
+@pytest.mark.parametrize(("bound", "sign"), [("lower", "-"), ("upper", "")])
+def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
+    result = solve_scene(parse(DETACHING.format(bound=bound, sign=sign)), comm)
+    error = error_norms(result.u, result.posed.exact, ["Linf"])["Linf"]
+    summary = summarise(result, gather_boundary(result))
+    gap = result.gap.x.array.copy()
+    assert result.outcome.error == pytest.approx(error, rel=1e-12)
+    result.destroy()
+    assert 0.5e-4 <= error <= 1e-4
+    assert gap.min(initial=0.0) >= -1e-12
+    # The pressure is 1.5 r^{1/2} at the distance r from the point; a corner has Dirichlet data.
+    force = 0.6**1.5 if bound == "lower" else -(0.6**1.5)
+    assert summary.forces["contact pressure"] == pytest.approx(force, rel=0.1)
+    assert summary.imbalance <= 1e-4  # what the tolerance chosen leaves
+    assert summary.detachment_points[0] == pytest.approx((0.4, 0.0), abs=0.02)
+
+
+def test_arguments_go_before_the_scene(comm, parse):
+    scene = parse(DETACHING.format(bound="lower", sign="-"))
+    result = solve_scene(scene, comm, accuracy=0.2, norm="W1_4")
+    assert 0.1 <= error_norms(result.u, result.posed.exact, ["W1_4"])["W1_4"] <= 0.2
+    result.destroy()
+    result = solve_scene(scene, comm, budget=30.0, max_unknowns=20_000)
+    assert (result.outcome.budget, result.outcome.accuracy) == (30.0, None)
+    assert result.posed.problem.unknowns <= 1.3 * 20_000
+    result.destroy()
+
+
+def test_the_command_says_and_writes_what_was_chosen(comm, demos, folder, capfd):
+    out = folder / "results"
+    arguments = ["--accuracy", "0.05", "--norm", "W1_inf", "--out", str(out)]
+    assert main(["solve", str(demos / "mixed.toml"), *arguments]) == 0
+    comm.barrier()
+    if comm.rank == 0:
+        lines = {line[2:22].strip(): line for line in capfd.readouterr().out.splitlines()}
+        assert {"chosen", "predicted", "came out", "balance of forces"} <= set(lines)
+        record = json.loads((out / "record.json").read_text())
+        assert record["options"] == {"accuracy": 0.05, "norm": "W1_inf"}
+        last = record["meshes"][-1]
+        assert 0.025 <= last["error"] <= 0.05
+        assert last["configuration"] in lines["chosen"]
+        assert last["unknowns"] == record["summary"]["unknowns"]
+        assert last["configuration"] in (out / "report.html").read_text()
+        rows = np.genfromtxt(out / "boundary.csv", delimiter=",", names=True)
+        assert rows["gap"].min() >= -1e-12
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("degree = 2", "line 3: degree: follows from 'accuracy'"),
+        ("rtol = 1e-6", "line 3: rtol: follows from 'accuracy'"),
+        ('norm = "L0"', "line 3: norm: "),
+        ("norm = 2", "line 3: norm: must be a text"),
+    ],
+)
+def test_what_does_not_go_with_an_accuracy_is_refused(parse, line, message):
+    text = DETACHING.format(bound="lower", sign="-").replace('norm = "Linf"', line)
+    with pytest.raises(InputError, match=message):
+        parse(text)
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", '"small"', "true"])
+def test_an_accuracy_that_makes_no_sense_is_refused(parse, value):
+    text = DETACHING.format(bound="lower", sign="-").replace("1e-4", value)
+    with pytest.raises(InputError, match="line 2: accuracy: must be"):
+        parse(text)
+
+
+def test_a_norm_needs_an_accuracy(parse):
+    text = DETACHING.format(bound="lower", sign="-").replace("accuracy = 1e-4", "")
+    with pytest.raises(InputError, match="line 3: norm: there is no 'accuracy'"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("scene", "arguments", "message"),
+    [
+        ("mixed", ["--accuracy", "-1"], "accuracy: must be a positive number"),
+        ("mixed", ["--accuracy", "nan"], "accuracy: must be a positive number"),
+        ("mixed", ["--accuracy", "1", "--norm", "L0"], "norm: "),
+        ("mixed", ["--accuracy", "1", "--budget", "1"], "not allowed with"),
+        ("mixed", ["--norm", "L4"], "--norm: goes with --accuracy or --budget"),
+        ("mixed", ["--max-unknowns", "9"], "--max-unknowns: goes with --accuracy or --budget"),
+        ("mixed", ["--budget", "1", "--max-unknowns", "0"], "max_unknowns: must be positive"),
+        ("mixed", ["--budget", "1e-9"], "budget: 1e-09 s are too few"),
+        ("mixed", ["--accuracy", "1e-9", "--max-unknowns", "900"], "out of reach with 900"),
+        ("plate", ["--accuracy", "1"], "a mesh from a file is used as it is"),
+    ],
+)
+def test_a_request_that_cannot_be_met_is_refused(
+    comm, demos, folder, capfd, scene, arguments, message
+):
+    out = folder / "results"
+    path = str(demos / f"{scene}.toml")
+    assert main(["solve", path, "--out", str(out), *arguments]) == 2
+    comm.barrier()
+    assert not out.exists()
+    if comm.rank == 0:
+        error = capfd.readouterr().err
+        assert message in error and "Traceback" not in error
