@@ -30,8 +30,7 @@ def show(configuration: Configuration) -> None:
             f"{configuration!s:21s}{run.unknowns:6d} unknowns {run.total_seconds:6.2f} s  {figures}"
         )
         for point in run.points:
-            x, half = point.position[0], 0.5 * point.uncertainty
-            print(f"    graded towards x = {x:.5f} +- {half:.5f}")
+            print(f"    graded towards x = {point.position[0]:.6f} +- {point.uncertainty:.1e}")
     run.destroy()
 
 
@@ -57,7 +56,8 @@ for n in (26, 52):
 # ## Graded meshes
 #
 # They have small cells at the detachment point. Nobody tells them where it is: coarse solves find
-# it, each one more precisely than the one before.
+# it, each one more precisely than the one before: to an edge of the mesh at first, then by the zero
+# of the gap, extrapolated from where it is accurate.
 
 # %%
 if comm.rank == 0:

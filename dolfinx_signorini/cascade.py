@@ -21,7 +21,7 @@ from dolfinx_signorini.assembly import DiscreteProblem
 from dolfinx_signorini.contact import ContactState, boundary_weights, contact_state
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.optimality import Optimality, SolveResult
-from dolfinx_signorini.patch import MAX_PATCH, active_in_patch, patch_dofs
+from dolfinx_signorini.patch import LARGE, MAX_PATCH, active_in_patch, patch_dofs
 from dolfinx_signorini.tao import TaoRounds
 
 Mask = npt.NDArray[np.bool_]
@@ -29,7 +29,6 @@ Indices = npt.NDArray[np.int32]
 
 # With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
-LARGE = 0.25  # of all dofs: a patch of so many costs more than the linear solves that it saves
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
 
 

@@ -14,11 +14,10 @@ from mpi4py import MPI
 from dolfinx_signorini import compat
 from dolfinx_signorini.cascade import PADDING
 from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.families import Family, Posed
 from dolfinx_signorini.graded import (
-    DetachmentPoint,
-    detachment_points,
     graded_mesh,
     strongest_grading,
     transferred_sides,
@@ -29,8 +28,8 @@ from dolfinx_signorini.optimality import SolveResult
 from dolfinx_signorini.problem import METHODS
 from dolfinx_signorini.study import coarse_levels
 
-COARSEST = 10  # cells across on the coarsest level of a graded mesh
-COARSE_RTOL = 1e-3  # of the coarse levels: they only predict contact sets
+COARSEST = 8  # cells across on the coarsest level of a graded mesh
+COARSE_RTOL = 1e-5  # of the coarse levels: they only predict contact sets
 REFERENCE_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
 
 

@@ -1,4 +1,4 @@
-"""Graded triangulations: detachment points found by a coarse solve, small cells towards them.
+"""Graded triangulations: small cells towards detachment points.
 
 At a detachment point the solution is like r^{3/2} sin(3/2 theta), whatever the data. Elements of
 degree k on cells whose size grows like
@@ -19,16 +19,12 @@ and Haubner, Section 2.2, for the singularity.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
-from scipy.spatial import cKDTree
+from dolfinx import mesh
 
-from dolfinx_signorini.assembly import DiscreteProblem
-from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.norms import Norm
@@ -36,31 +32,10 @@ from dolfinx_signorini.norms import Norm
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
-NEAR = 0.05  # of the size of the domain; at least 4 facets
 RADIUS = 0.125  # of the size of the domain: where the grading begins
 RESOLUTION = 0.25  # of the uncertainty of a point: smaller cells would be in the wrong place
-SLACK = (
-    4.0  # times h(0): so small are the cells at a point; their error is no larger than elsewhere
-)
 TOLERANCE = 1.5  # a cell is cut if it is larger than this times the size wanted there
 MAX_ROUNDS = 60
-
-
-@dataclass(frozen=True)
-class DetachmentPoint:
-    """A point where the contact set of a discrete solution ends.
-
-    Attributes:
-        position: The middle of the edge between a dof in contact and one that is not.
-        uncertainty: The length of this edge.
-        strength: The gap on one side and the pressure on the other, the smaller of the two,
-            relative to the largest on the whole contact boundary.
-    """
-
-    position: tuple[float, ...]
-    uncertainty: float
-    strength: float
 
 
 def strongest_grading(degree: int) -> float:
@@ -93,47 +68,6 @@ def approximation_order(norm: Norm, degree: int, graded: bool) -> float:
     s = norm.derivatives
     full = degree + 1.0 - s
     return full if graded else min(full, 1.5 - s + 2.0 / norm.p)
-
-
-def detachment_points(problem: DiscreteProblem, state: ContactState) -> list[DetachmentPoint]:
-    """Find the points where contact really ends, the strongest first.
-
-    Where gap and pressure vanish together, the discrete contact set begins and ends anywhere, by
-    rounding. What counts is an end with a gap on one side and a pressure on the other.
-
-    Args:
-        problem: The problem, in the plane.
-        state: Its solution with the pressure density.
-
-    Returns:
-        The same points on all ranks.
-    """
-    edges, gap, density = _boundary_table(problem, state)
-    largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
-    if min(largest) <= 0.0:
-        return []
-    ends = np.flatnonzero((gap[:, 0] > 0.0) != (gap[:, 1] > 0.0))
-    middles = edges[ends].mean(axis=1)
-    lengths = np.hypot(*(edges[ends, 1] - edges[ends, 0]).T)
-    nodes = edges.reshape(-1, 2)
-    tree = cKDTree(nodes)
-    reach = np.maximum(4.0 * lengths, NEAR * float(np.ptp(nodes, axis=0).max()))
-    found = []
-    for middle, length, radius in zip(middles, lengths, reach, strict=True):
-        near = tree.query_ball_point(middle, radius)
-        strength = min(
-            float(values.ravel()[near].max()) / scale
-            for values, scale in zip((gap, density), largest, strict=True)
-        )
-        if strength >= SIGNIFICANT:
-            found.append((strength, float(length), float(radius), tuple(map(float, middle))))
-    # Of ends close to each other only the one with the shortest edge is kept.
-    points: list[tuple[float, float, float, tuple[float, ...]]] = []
-    for candidate in sorted(found, key=lambda end: (end[1], -end[0], end[3])):
-        if all(np.linalg.norm(np.subtract(candidate[3], p[3])) > candidate[2] for p in points):
-            points.append(candidate)
-    points.sort(key=lambda end: (-end[0], end[3]))
-    return [DetachmentPoint(p[3], uncertainty=p[1], strength=p[0]) for p in points]
 
 
 def graded_mesh(
@@ -187,34 +121,6 @@ def transferred_sides(
         ends = np.concatenate(domain.comm.allgather(_ends(domain, owned)))
         result[name] = facets[_on_segments(middles, ends)]
     return result
-
-
-def _boundary_table(problem: DiscreteProblem, state: ContactState) -> tuple[Array, Array, Array]:
-    """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
-
-    Returns:
-        The same on all ranks: ends, shape (edges, 2, 2), gaps and densities, shape (edges, 2).
-    """
-    space = problem.space
-    gap = fem.Function(space)
-    dofs = problem.contact_dofs
-    gap.x.array[dofs] = state.u.x.array[dofs] - problem.obstacle
-    gap.x.scatter_forward()
-    pairs = problem.contact_integrals.reshape(-1, 2)
-    parts = [np.empty((0, 2), dtype=np.int32)]
-    for facet in range(3):
-        closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
-        nodes = space.dofmap.list[pairs[pairs[:, 1] == facet, 0]][:, closure]
-        # The two vertices come first, then for degree 2 the midpoint.
-        chain = [*nodes.T[:1], *nodes.T[2:], *nodes.T[1:2]]
-        parts += [np.column_stack(pair) for pair in pairwise(chain)]
-    edges = np.concatenate(parts)
-    x = space.tabulate_dof_coordinates()[:, :2]
-    table = np.column_stack(
-        [x[edges].reshape(-1, 4), gap.x.array[edges], state.density.x.array[edges]]
-    )
-    table = np.concatenate(problem.comm.allgather(table))
-    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8]
 
 
 def _refined(

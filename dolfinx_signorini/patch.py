@@ -23,8 +23,9 @@ Indices = npt.NDArray[np.int32]
 # curves.
 RINGS = {1: 12, 2: 12, 3: 3}
 MAX_PATCH = 50_000  # dofs of a rank; a larger patch is no cheap prediction any more
+LARGE = 0.5  # of all dofs: a patch of so many costs more than the linear solves that it saves
 MAX_STEPS = 40
-RTOL = 1e-8  # of the linear solves of a patch
+RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
 
 def patch_dofs(problem: DiscreteProblem, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
@@ -75,7 +76,7 @@ def active_in_patch(
     indptr, indices, data = matrix.getValuesCSR()
     for item in (lower, index_set, matrix):
         item.destroy()
-    if not 0 < len(dofs) <= MAX_PATCH:
+    if not 0 < len(dofs) <= min(MAX_PATCH, LARGE * problem.unknowns):
         return held
     size = power_of_two(np.abs(data).max())
     A = sp.csr_matrix((data / size, indices, indptr), shape=(len(dofs), len(dofs)))

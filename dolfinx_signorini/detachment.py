@@ -1,0 +1,163 @@
+"""Detachment points: where contact really ends, found from a discrete solution.
+
+The discrete contact set tells it to the length of an edge. The gap tells more: behind a detachment
+point it is c s^{3/2} (1 + c_1 s + ...) at the distance s, and its power 2/3 is smooth. From dofs
+at some distance, where the discrete gap is accurate, the zero of this power is extrapolated.
+
+Source: Christof and Haubner, Section 2.2, for the singularity.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from numpy.polynomial import Polynomial
+from scipy.spatial import cKDTree
+
+from dolfinx_signorini.assembly import DiscreteProblem
+from dolfinx_signorini.contact import ContactState
+
+Array = npt.NDArray[np.float64]
+
+SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
+NEAR = 0.05  # of the size of the domain; at least 4 facets
+WINDOW = 0.125  # of the size of the domain: from so far at the most the gap is extrapolated
+DEGREES = (1, 2, 3)  # of the polynomials that extrapolate; the middle one is believed
+SAFETY = 4.0  # times what extrapolations differ by
+ROUNDING = 1e-12  # of the size of the domain
+SPOILT = 1.5  # edges next to the end: the gap there is of the size of its error
+
+
+@dataclass(frozen=True)
+class DetachmentPoint:
+    """A point where the contact set of a discrete solution ends.
+
+    Attributes:
+        position: Where the gap, extrapolated from the free side, is zero; without enough dofs for
+            that the middle of the edge between a dof in contact and one that is not.
+        uncertainty: How far off it may be: some times what extrapolations differ by, at most the
+            length of this edge.
+        strength: The gap on one side and the pressure on the other, the smaller of the two,
+            relative to the largest on the whole contact boundary.
+    """
+
+    position: tuple[float, ...]
+    uncertainty: float
+    strength: float
+
+
+def detachment_points(problem: DiscreteProblem, state: ContactState) -> list[DetachmentPoint]:
+    """Find the points where contact really ends, the strongest first.
+
+    Where gap and pressure vanish together, the discrete contact set begins and ends anywhere, by
+    rounding. What counts is an end with a gap on one side and a pressure on the other.
+
+    Args:
+        problem: The problem, in the plane.
+        state: Its solution with the pressure density.
+
+    Returns:
+        The same points on all ranks.
+    """
+    edges, gap, density = _boundary_table(problem, state)
+    largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
+    if min(largest) <= 0.0:
+        return []
+    ends = np.flatnonzero((gap[:, 0] > 0.0) != (gap[:, 1] > 0.0))
+    middles = edges[ends].mean(axis=1)
+    lengths = np.hypot(*(edges[ends, 1] - edges[ends, 0]).T)
+    nodes = edges.reshape(-1, 2)
+    tree = cKDTree(nodes)
+    reach = np.maximum(4.0 * lengths, NEAR * float(np.ptp(nodes, axis=0).max()))
+    found = []
+    for end, middle, length, radius in zip(ends, middles, lengths, reach, strict=True):
+        near = tree.query_ball_point(middle, radius)
+        strength = min(
+            float(values.ravel()[near].max()) / scale
+            for values, scale in zip((gap, density), largest, strict=True)
+        )
+        if strength >= SIGNIFICANT:
+            point = DetachmentPoint(tuple(map(float, middle)), float(length), strength)
+            found.append((point, radius, end))
+    # Of ends close to each other only the one with the shortest edge is kept.
+    kept: list[tuple[DetachmentPoint, float, Any]] = []
+    for candidate in sorted(found, key=lambda f: (f[0].uncertainty, -f[0].strength, f[0].position)):
+        place = candidate[0].position
+        if all(np.linalg.norm(np.subtract(place, p.position)) > r for p, r, _ in kept):
+            kept.append(candidate)
+    points = []
+    for point, _, end in sorted(kept, key=lambda f: (-f[0].strength, f[0].position)):
+        inside, outside = edges[end] if gap[end, 0] <= 0.0 else edges[end, ::-1]
+        points.append(_extrapolated(point, inside, outside, nodes, gap.ravel()))
+    return points
+
+
+def _extrapolated(
+    point: DetachmentPoint, inside: Array, outside: Array, nodes: Array, gap: Array
+) -> DetachmentPoint:
+    """Return a point where the gap on the straight line behind it says that it is.
+
+    Args:
+        point: The middle of an edge.
+        inside, outside: The ends of the edge, in contact and not.
+        nodes: All contact dofs, shape (dofs, 2).
+        gap: Their gap.
+    """
+    size = float(np.ptp(nodes, axis=0).max())
+    length = point.uncertainty
+    tangent = (outside - inside) / length
+    offset = nodes - point.position
+    across = np.abs(offset[:, 0] * tangent[1] - offset[:, 1] * tangent[0])
+    along = np.where(across <= ROUNDING * size, offset @ tangent, -1.0)
+    s, first = np.unique(along, return_index=True)
+    behind = (s > SPOILT * length) & (s <= WINDOW * size)
+    s, root = s[behind], np.cbrt(np.maximum(gap[first[behind]], 0.0)) ** 2
+    count = len(s) if (root > 0.0).all() else int(np.argmin(root > 0.0))  # up to the next contact
+    best, shift = length, 0.0
+    while count >= 2 * len(DEGREES):
+        zeros = [_zero(s[:count], root[:count], degree) for degree in DEGREES]
+        spread = max(zeros) - min(zeros)
+        if SAFETY * spread < best and max(map(abs, zeros)) <= length:
+            best, shift = SAFETY * spread, zeros[len(DEGREES) // 2]
+        count = int(np.searchsorted(s, 0.5 * s[count - 1], side="right"))
+    position = point.position + shift * tangent
+    uncertainty = max(best, ROUNDING * size)
+    return DetachmentPoint(tuple(map(float, position)), uncertainty, point.strength)
+
+
+def _zero(s: Array, values: Array, degree: int) -> float:
+    """The zero next to 0 of a polynomial fit of what is about proportional to s; inf for none."""
+    roots = Polynomial.fit(s, values, degree, w=np.sqrt(s)).roots()
+    real = roots[np.abs(roots.imag) == 0.0].real
+    return float(real[np.argmin(np.abs(real))]) if len(real) else np.inf
+
+
+def _boundary_table(problem: DiscreteProblem, state: ContactState) -> tuple[Array, Array, Array]:
+    """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
+
+    Returns:
+        The same on all ranks: ends, shape (edges, 2, 2), gaps and densities, shape (edges, 2).
+    """
+    space = problem.space
+    gap = fem.Function(space)
+    dofs = problem.contact_dofs
+    gap.x.array[dofs] = state.u.x.array[dofs] - problem.obstacle
+    gap.x.scatter_forward()
+    pairs = problem.contact_integrals.reshape(-1, 2)
+    parts = [np.empty((0, 2), dtype=np.int32)]
+    for facet in range(3):
+        closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
+        nodes = space.dofmap.list[pairs[pairs[:, 1] == facet, 0]][:, closure]
+        # The two vertices come first, then for degree 2 the midpoint.
+        chain = [*nodes.T[:1], *nodes.T[2:], *nodes.T[1:2]]
+        parts += [np.column_stack(pair) for pair in pairwise(chain)]
+    edges = np.concatenate(parts)
+    x = space.tabulate_dof_coordinates()[:, :2]
+    table = np.column_stack(
+        [x[edges].reshape(-1, 4), gap.x.array[edges], state.density.x.array[edges]]
+    )
+    table = np.concatenate(problem.comm.allgather(table))
+    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8]
