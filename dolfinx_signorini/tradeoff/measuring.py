@@ -31,7 +31,7 @@ from dolfinx_signorini.records import Records
 
 Row = Mapping[str, Any]
 
-RTOL = 1e-4  # of the main grid: its rows report the algebraic error that it leaves
+RTOL = 1e-5  # of the main grid: its rows report the algebraic error that it leaves
 TIGHT = 1e-10  # relative natural residual of what algebraic errors are measured against
 INTERPOLATION_DEGREE = 4  # of the interpolated reference
 INTERPOLATION_LIMIT = 60_000  # unknowns up to which errors against it are computed, too
