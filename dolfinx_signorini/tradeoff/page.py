@@ -31,8 +31,8 @@ P2 = [
 
 POSITION = (
     "Graded meshes have the full orders, because the detachment point is known much better than to "
-    "an edge: the gap behind it, to the power 2/3, is a smooth function, whose zero is extrapolated "
-    "from dofs where the discrete gap is accurate. In W1_inf a single cell decides, and cells are "
+    "an edge: the gap behind it, to the power 2/3, is smooth, and its zero is extrapolated from "
+    "dofs where the discrete gap is accurate. In W1_inf a single cell decides, and cells are "
     "halved, not scaled: the error jumps by up to 30 % from one N to the next, so that an order "
     "over few meshes may come out 0.2 lower or higher."
 )
