@@ -20,7 +20,7 @@ from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE
 from dolfinx_signorini.records import Records
 
 PAPER_NORMS = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", "H1_2_boundary")
-COARSEST = 120  # cells per side: up to here a solution from scratch costs little
+COARSEST = 64  # cells per side: up to here a solution from scratch costs little
 RATIO = 8  # between the levels of a cascade; the patch problems bridge it, 11 is too far
 
 
