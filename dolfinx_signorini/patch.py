@@ -8,9 +8,7 @@ with rows of other ranks where the patch crosses over.
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from petsc4py import PETSc
-from scipy.sparse.linalg import LinearOperator, cg
 
 from dolfinx_signorini.assembly import DiscreteProblem
 from dolfinx_signorini.optimality import power_of_two
@@ -73,14 +71,13 @@ def active_in_patch(
     index_set = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
     (matrix,) = problem.A.createSubMatrices(index_set)
     start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
-    indptr, indices, data = matrix.getValuesCSR()
-    for item in (lower, index_set, matrix):
-        item.destroy()
-    if not 0 < len(dofs) <= min(MAX_PATCH, LARGE * problem.unknowns):
+    lower.destroy()
+    index_set.destroy()
+    small = 0 < len(dofs) <= min(MAX_PATCH, LARGE * problem.unknowns)
+    active = _solve(matrix, residual, bound, start) if small else None
+    matrix.destroy()
+    if active is None:
         return held
-    size = power_of_two(np.abs(data).max())
-    A = sp.csr_matrix((data / size, indices, indptr), shape=(len(dofs), len(dofs)))
-    active = _solve(A, A @ start - residual / size, bound, start)
     first, last = problem.A.getOwnershipRange()
     owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
     local = np.zeros(last - first, dtype=np.int8)
@@ -99,23 +96,48 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
     return values
 
 
-def _solve(A: sp.csr_matrix, b: Array, bound: Array, x: Array) -> Mask:
-    """Primal-dual active set steps from x; the last active set where they do not settle."""
+def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> Mask:
+    """Primal-dual active set steps; the last active set where they do not settle.
+
+    Args:
+        A: The matrix of the patch.
+        residual: A x - b in the whole problem, at the start.
+        bound: Lower bounds, -inf where there is none.
+        start: Start vector.
+    """
+    diagonal = A.getDiagonal().array_r.copy()
+    unit = power_of_two(diagonal.max())  # held rows are no outliers of the matrix
     contact = np.isfinite(bound)
     g = np.where(contact, bound, 0.0)
-    diagonal = A.diagonal()
-    jacobi = LinearOperator(A.shape, lambda v: v / diagonal)
-    active = x <= bound
+    active = start <= bound
+    held = A.duplicate(copy=True)
+    correction, rhs = A.createVecs()
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setType("cg")
+    ksp.getPC().setType("sor")
+    ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+    ksp.setTolerances(rtol=RTOL, atol=0.0)
+    x, multiplier = start.copy(), residual.copy()
     for _ in range(MAX_STEPS):
-        x = np.where(active, g, x)
-        free = np.where(active, 0.0, 1.0)
-        residual = free * (b - A @ x)
-        unit = power_of_two(np.abs(residual).max()) if residual.any() else 1.0
-        operator = LinearOperator(A.shape, lambda v, free=free: free * (A @ v))
-        correction, _ = cg(operator, residual / unit, rtol=RTOL, atol=0.0, M=jacobi)
-        x = x + unit * correction
-        update = contact & (A @ x - b - diagonal * (x - g) > 0.0)
+        A.copy(held, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        held.zeroRowsColumns(np.flatnonzero(active).astype(np.int32), diag=unit)
+        shift = np.where(active, g - x, 0.0)
+        correction.array_w[:] = shift
+        A.mult(correction, rhs)
+        rhs.array_w[:] = np.where(active, 0.0, -(multiplier + rhs.array_r))
+        size = rhs.norm(PETSc.NormType.INFINITY)
+        size = power_of_two(size) if size > 0.0 else 1.0
+        rhs.scale(1.0 / size)
+        ksp.setOperators(held)
+        ksp.solve(rhs, correction)
+        correction.array_w[:] = np.where(active, shift, size * correction.array_r)
+        A.mult(correction, rhs)
+        x += correction.array_r
+        multiplier += rhs.array_r
+        update = contact & (multiplier - diagonal * (x - g) > 0.0)
         if (update == active).all():
             break
         active = update
+    for item in (ksp, held, correction, rhs):
+        item.destroy()
     return active
