@@ -83,7 +83,11 @@ class Model:
         return last.unknowns * (n / last.configuration.n) ** self.dimension
 
     def seconds(self, n: float) -> float:
-        """Return the seconds predicted for n cells across: linear in the number of dofs."""
+        """Return the seconds predicted for n cells across: linear in the number of dofs.
+
+        They are no more than a finer mesh has taken: times vary, and the dofs of small problems
+        say little about them.
+        """
         last = self.trials[-1]
         slope = last.seconds / last.unknowns
         if len(self.trials) > 1:
@@ -91,7 +95,9 @@ class Model:
             rise = (last.seconds - before.seconds) / (last.unknowns - before.unknowns)
             slope = max(rise, 0.2 * slope)
         shortest = min(trial.seconds for trial in self.trials)
-        return max(last.seconds + slope * (self.unknowns(n) - last.unknowns), 0.5 * shortest)
+        finer = (trial.seconds for trial in self.trials if trial.configuration.n >= n)
+        linear = last.seconds + slope * (self.unknowns(n) - last.unknowns)
+        return min(max(linear, 0.5 * shortest), *finer, math.inf)
 
     def predicted(self, configuration: Configuration) -> Choice:
         """Return a configuration of this kind with what is expected of it."""

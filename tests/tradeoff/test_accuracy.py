@@ -152,6 +152,15 @@ def test_the_model_continues_a_power_law(order: float) -> None:
         assert math.isclose(model.cells_within(model.seconds(n)), n, rel_tol=1e-9)
 
 
+def test_a_coarser_mesh_is_not_predicted_to_take_longer_than_a_finer_one_did() -> None:
+    trials = power_law(1.0).trials
+    quick = replace(trials[0], configuration=Configuration(False, 14), unknowns=14**2)
+    quick = replace(quick, seconds=0.5 * trials[0].seconds)
+    model = Model((trials[0], quick, *trials[1:]), 2)
+    assert model.seconds(13.0) <= quick.seconds
+    assert model.seconds(15.0) > quick.seconds
+
+
 def test_the_model_does_not_believe_in_errors_that_grow() -> None:
     trials = power_law(1.0).trials
     worse = replace(trials[-1], error=2.0 * trials[-2].error)
