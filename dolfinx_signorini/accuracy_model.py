@@ -97,7 +97,7 @@ class Model:
         shortest = min(trial.seconds for trial in self.trials)
         finer = (trial.seconds for trial in self.trials if trial.configuration.n >= n)
         linear = last.seconds + slope * (self.unknowns(n) - last.unknowns)
-        return min(max(linear, 0.5 * shortest), *finer, math.inf)
+        return min([max(linear, 0.5 * shortest), *finer])
 
     def predicted(self, configuration: Configuration) -> Choice:
         """Return a configuration of this kind with what is expected of it."""

@@ -29,7 +29,7 @@ from dolfinx_signorini.problem import METHODS
 from dolfinx_signorini.study import coarse_levels
 
 COARSEST = 8  # cells across on the coarsest level of a graded mesh
-COARSE_RTOL = 1e-5  # of the coarse levels: they only predict contact sets
+COARSE_RTOL = 1e-5  # of the coarse levels: for contact sets and detachment points
 REFERENCE_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
 
 

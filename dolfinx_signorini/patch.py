@@ -65,6 +65,8 @@ def active_in_patch(
         reach: How many times as far as usual the patch goes.
     """
     dofs = patch_dofs(problem, seeds, reach)
+    if len(dofs) > min(MAX_PATCH, LARGE * problem.unknowns):
+        dofs = dofs[:0]  # a patch of nothing: what follows is collective
     lower = problem.A.createVecRight()
     lower.set(-np.inf)
     lower.array_w[problem.contact_dofs] = problem.obstacle
@@ -73,11 +75,8 @@ def active_in_patch(
     start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
     lower.destroy()
     index_set.destroy()
-    small = 0 < len(dofs) <= min(MAX_PATCH, LARGE * problem.unknowns)
-    active = _solve(matrix, residual, bound, start) if small else None
+    active = _solve(matrix, residual, bound, start) if len(dofs) else np.zeros(0, dtype=bool)
     matrix.destroy()
-    if active is None:
-        return held
     first, last = problem.A.getOwnershipRange()
     owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
     local = np.zeros(last - first, dtype=np.int8)
@@ -110,7 +109,7 @@ def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> Mask:
     contact = np.isfinite(bound)
     g = np.where(contact, bound, 0.0)
     active = start <= bound
-    held = A.duplicate(copy=True)
+    held = A.duplicate()
     correction, rhs = A.createVecs()
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setType("cg")
