@@ -20,13 +20,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import SignoriniProblem, christof_haubner, friedrichs_keller, paper_problem
-from dolfinx_signorini.active_set import DEFAULT_OPTIONS, LINEAR_FRACTION
-from dolfinx_signorini.cascade import solve_contact
-from dolfinx_signorini.contact import ContactState
 from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.optimality import SolveResult
+from dolfinx_signorini.paper.study import coarse_levels
 from dolfinx_signorini.records import versions
-from dolfinx_signorini.study import coarse_levels
+from dolfinx_signorini.solvers.active_set import DEFAULT_OPTIONS, LINEAR_FRACTION
+from dolfinx_signorini.solvers.cascade import solve_contact
+from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.residual import SolveResult
 
 RESULTS = Path(__file__).parent / "results"
 

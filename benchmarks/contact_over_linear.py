@@ -13,7 +13,7 @@ import argparse
 from common import SCENES, contact_solve, linear_solve, spread, table, timed, write_json
 from mpi4py import MPI
 
-from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 
 def main() -> None:

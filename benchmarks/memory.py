@@ -15,7 +15,7 @@ from typing import Any
 from common import SCENES, child, contact_solve, linear_solve, spread, table, write_json
 from mpi4py import MPI
 
-from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 
 def measure(what: str, n: int) -> None:

@@ -28,8 +28,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.cascade import DEFAULT_RTOL
-from dolfinx_signorini.optimality import Optimality
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.solvers.residual import Optimality
 
 Peer = Callable[[SignoriniProblem], "np.ndarray[Any, Any]"]
 

@@ -16,7 +16,7 @@ from typing import Any
 from common import SCENES, child, contact_solve, linear_solve, spread, table, timed, write_json
 from mpi4py import MPI
 
-from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 WHAT = ("linear", "tuned", "contact")
 TURNS = 3

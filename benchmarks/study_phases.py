@@ -18,9 +18,10 @@ from typing import Any
 from common import linear_solve, spread, table, timed, write_json
 from mpi4py import MPI
 
-from dolfinx_signorini import christof_haubner, cli, friedrichs_keller, paper_problem
-from dolfinx_signorini.cascade import DEFAULT_RTOL
-from dolfinx_signorini.reproduce import FIRST, STEP
+from dolfinx_signorini import christof_haubner, friedrichs_keller, paper_problem
+from dolfinx_signorini.commands import main as cli
+from dolfinx_signorini.commands.reproduce import FIRST, STEP
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 PHASES = ("coarse", "mesh", "assembly", "solve", "errors")
 

@@ -13,9 +13,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import christof_haubner, error_norms, friedrichs_keller, paper_problem
-from dolfinx_signorini.cascade import DEFAULT_RTOL
+from dolfinx_signorini.paper.study import PAPER_NORMS
 from dolfinx_signorini.problem import METHODS
-from dolfinx_signorini.study import PAPER_NORMS
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 TIGHT = 1e-11
 

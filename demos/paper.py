@@ -22,7 +22,7 @@ from dolfinx_signorini import (
     plotting,
 )
 from dolfinx_signorini.norms import parse_norm
-from dolfinx_signorini.rates import eoc, expected_order
+from dolfinx_signorini.orders import eoc, expected_order
 
 comm = MPI.COMM_WORLD
 CELLS = (25, 51, 101, 201)  # squares per side, each cut into two triangles

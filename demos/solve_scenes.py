@@ -8,8 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.boundary import gather_boundary
-from dolfinx_signorini.scenes.summary import lines, summarise
+from dolfinx_signorini.scenes.output.boundary import gather_boundary
+from dolfinx_signorini.scenes.output.summary import lines, summarise
 
 comm = MPI.COMM_WORLD
 for path in sorted((Path(__file__).parent / "scenes").glob("*.toml")):

@@ -11,12 +11,16 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.contact_sets import (
+    condition_a,
+    condition_a_h,
+    given_contact_set,
+)
+from dolfinx_signorini.paper.theory.experiments import compute_family
+from dolfinx_signorini.paper.theory.figures import draw_contact_sets
+from dolfinx_signorini.paper.theory.section5 import CORNERS, contact_sets, definition_5_5_tables
+from dolfinx_signorini.paper.theory.violations import LENGTH, ever_more_intervals, fat_cantor_set
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.contact_sets import condition_a, condition_a_h, given_contact_set
-from dolfinx_signorini.theory.experiments import compute_family
-from dolfinx_signorini.theory.figures import draw_contact_sets
-from dolfinx_signorini.theory.section5 import CORNERS, contact_sets, definition_5_5_tables
-from dolfinx_signorini.theory.violations import LENGTH, ever_more_intervals, fat_cantor_set
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.experiments import compute_family
-from dolfinx_signorini.theory.figures import draw_dual
-from dolfinx_signorini.theory.section5 import (
+from dolfinx_signorini.paper.theory.experiments import compute_family
+from dolfinx_signorini.paper.theory.figures import draw_dual
+from dolfinx_signorini.paper.theory.section5 import (
     lemma_5_2_tables,
     proposition_5_4_tables,
     proposition_5_7_tables,
 )
+from dolfinx_signorini.plotting import save
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

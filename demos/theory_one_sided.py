@@ -12,13 +12,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.checks import number, table
+from dolfinx_signorini.paper.theory.experiments import discretise
+from dolfinx_signorini.paper.theory.one_sided import one_sided_approximation
+from dolfinx_signorini.paper.theory.ritz import supercloseness
+from dolfinx_signorini.paper.theory.scenes import paper_scene
+from dolfinx_signorini.paper.theory.trace import boundary_trace, draw_one_sided
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.checks import number, table
-from dolfinx_signorini.theory.experiments import discretise
-from dolfinx_signorini.theory.one_sided import one_sided_approximation
-from dolfinx_signorini.theory.ritz import supercloseness
-from dolfinx_signorini.theory.scenes import paper_scene
-from dolfinx_signorini.theory.trace import boundary_trace, draw_one_sided
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.experiments import compute_family
+from dolfinx_signorini.paper.theory.figures import draw_projection
+from dolfinx_signorini.paper.theory.section3 import lemma_3_2, lemma_3_2_tables
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.experiments import compute_family
-from dolfinx_signorini.theory.figures import draw_projection
-from dolfinx_signorini.theory.section3 import lemma_3_2, lemma_3_2_tables
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.checks import entry, orders, table
+from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, compute_family, rough_name
+from dolfinx_signorini.paper.theory.figures import draw_regularity
+from dolfinx_signorini.paper.theory.orders import Regularity, proven_order, singular_order
+from dolfinx_signorini.paper.theory.section4 import corollary_norms
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.checks import entry, orders, table
-from dolfinx_signorini.theory.experiments import ROUGH_EXPONENTS, compute_family, rough_name
-from dolfinx_signorini.theory.figures import draw_regularity
-from dolfinx_signorini.theory.orders import Regularity, proven_order, singular_order
-from dolfinx_signorini.theory.section4 import corollary_norms
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.experiments import compute_family, discretise
+from dolfinx_signorini.paper.theory.figures import draw_supercloseness
+from dolfinx_signorini.paper.theory.ritz import check_obstacle_problem, supercloseness
+from dolfinx_signorini.paper.theory.scenes import paper_scene
+from dolfinx_signorini.paper.theory.section3 import theorem_3_6_tables
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.theory.experiments import compute_family, discretise
-from dolfinx_signorini.theory.figures import draw_supercloseness
-from dolfinx_signorini.theory.ritz import check_obstacle_problem, supercloseness
-from dolfinx_signorini.theory.scenes import paper_scene
-from dolfinx_signorini.theory.section3 import theorem_3_6_tables
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

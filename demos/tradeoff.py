@@ -9,10 +9,10 @@
 # %%
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy import solve_to
-from dolfinx_signorini.accuracy_report import HEADER, outcome_lines, trial_line
-from dolfinx_signorini.configurations import Configuration, levels, solve_configuration
-from dolfinx_signorini.families import paper_family
+from dolfinx_signorini.accuracy.family import paper_family
+from dolfinx_signorini.accuracy.report import HEADER, outcome_lines, trial_line
+from dolfinx_signorini.accuracy.runs import Configuration, levels, solve_configuration
+from dolfinx_signorini.accuracy.search import solve_to
 from dolfinx_signorini.norms import error_norms
 
 comm = MPI.COMM_WORLD

@@ -5,15 +5,15 @@ checks, assembly, optimality, tao, active_set, patch, contact, cascade, problem,
 study, plotting, cli.
 """
 
-from dolfinx_signorini.cascade import solve_cascade
-from dolfinx_signorini.contact import ContactState
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, christof_haubner, interpolated
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.optimality import SolveResult
 from dolfinx_signorini.problem import SignoriniProblem, paper_problem
 from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.solvers.cascade import solve_cascade
+from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.residual import SolveResult
 
 __all__ = [
     "ContactState",

@@ -2,6 +2,6 @@
 
 import sys
 
-from dolfinx_signorini.cli import main
+from dolfinx_signorini.commands.main import main
 
 sys.exit(main())

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.errors import InputError, require
 
 if TYPE_CHECKING:
-    from dolfinx_signorini.assembly import DiscreteProblem
+    from dolfinx_signorini.system import DiscreteProblem
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]

@@ -17,8 +17,8 @@ from dolfinx import fem
 from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.assembly import DiscreteProblem
-from dolfinx_signorini.contact import ContactState
+from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.system import DiscreteProblem
 
 Array = npt.NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from dolfinx_signorini import compat
 from dolfinx_signorini.manufactured import DETACHMENT, christof_haubner
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.problem import paper_problem
-from dolfinx_signorini.rates import expected_order
 
 Array = npt.NDArray[np.float64]
 

@@ -6,14 +6,14 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini import cascade, tao
-from dolfinx_signorini.assembly import DiscreteProblem
-from dolfinx_signorini.contact import ContactState, contact_state
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.optimality import SolveResult
 from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
+from dolfinx_signorini.solvers import cascade, tao
+from dolfinx_signorini.solvers.pressure import ContactState, contact_state
+from dolfinx_signorini.solvers.residual import SolveResult
+from dolfinx_signorini.system import DiscreteProblem
 
 METHODS = ("cascade", *tao.METHODS)
 

@@ -17,7 +17,7 @@ from hypothesis import settings
 from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.assembly import DiscreteProblem
+from dolfinx_signorini.system import DiscreteProblem
 
 Array = npt.NDArray[np.float64]
 

@@ -6,11 +6,11 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import active_set
-from dolfinx_signorini.active_set import HeldSystem, solve_active_set
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
-from dolfinx_signorini.optimality import Optimality
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.solvers import active_set
+from dolfinx_signorini.solvers.active_set import HeldSystem, solve_active_set
+from dolfinx_signorini.solvers.residual import Optimality
 
 COMM = MPI.COMM_WORLD
 RTOL = 1e-9

@@ -7,9 +7,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import contact
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import METHODS, SignoriniProblem
+from dolfinx_signorini.solvers import pressure as contact
 
 COMM = MPI.COMM_WORLD
 

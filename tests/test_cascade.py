@@ -9,14 +9,14 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import cascade
-from dolfinx_signorini.cascade import predict, solve_cascade
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.study import COARSEST, PAPER_NORMS, coarse_levels
 from dolfinx_signorini.problem import SignoriniProblem, paper_problem
-from dolfinx_signorini.study import COARSEST, PAPER_NORMS, coarse_levels
+from dolfinx_signorini.solvers import cascade
+from dolfinx_signorini.solvers.cascade import predict, solve_cascade
 
 COMM = MPI.COMM_WORLD
 

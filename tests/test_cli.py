@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini import __version__, cli, reproduce
+from dolfinx_signorini import __version__
+from dolfinx_signorini.commands import main as cli
+from dolfinx_signorini.commands import reproduce
 
 TABLES = ("table1.csv", "table2.csv")
 # A job of its own inside of one that mpirun started: mpirun does not nest.

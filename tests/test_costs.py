@@ -9,13 +9,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini import (
-    SignoriniProblem,
-    assembly,
-    error_norms,
-    friedrichs_keller,
-    reproduce,
-)
+from dolfinx_signorini import SignoriniProblem, error_norms, friedrichs_keller, system
+from dolfinx_signorini.commands import reproduce
 from dolfinx_signorini.costs import Ledger, cost_text, describe
 from dolfinx_signorini.meshes import boundary_facets
 
@@ -72,9 +67,9 @@ def test_a_bare_problem_makes_none_of_what_it_does_not_need(monkeypatch):
     def forbidden(*args, **kwargs):
         raise AssertionError("made without need")
 
-    monkeypatch.setattr(assembly.fem_petsc, "apply_lifting", forbidden)
-    monkeypatch.setattr(assembly.fem, "Function", forbidden)
-    monkeypatch.setattr(assembly.fem, "Expression", forbidden)
+    monkeypatch.setattr(system.fem_petsc, "apply_lifting", forbidden)
+    monkeypatch.setattr(system.fem, "Function", forbidden)
+    monkeypatch.setattr(system.fem, "Expression", forbidden)
     problem = pose()
     monkeypatch.undo()
     # Without a reaction the matrix has no mass in it: it vanishes on constants.
@@ -100,7 +95,7 @@ def test_the_guard_of_the_bare_problem_can_fail(monkeypatch):
     def forbidden(*args, **kwargs):
         raise AssertionError("made without need")
 
-    monkeypatch.setattr(assembly.fem_petsc, "apply_lifting", forbidden)
+    monkeypatch.setattr(system.fem_petsc, "apply_lifting", forbidden)
     with pytest.raises(AssertionError, match="made without need"):
         pose(dirichlet=True)
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini.norms import parse_norm
-from dolfinx_signorini.rates import eoc, expected_order, regression
-from dolfinx_signorini.tables import _paper_table
+from dolfinx_signorini.orders import eoc, expected_order, regression
+from dolfinx_signorini.paper.tables import _paper_table
 
 orders = st.floats(0.1, 4.0)
 factors = st.floats(1e-100, 1e100)

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini import contact
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import METHODS, SignoriniProblem, paper_problem
-from dolfinx_signorini.tao import FIRST_ORDER
+from dolfinx_signorini.solvers import pressure as contact
+from dolfinx_signorini.solvers.tao import FIRST_ORDER
 
 COMM = MPI.COMM_WORLD
 TIGHT = 1e-11

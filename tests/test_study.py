@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 import pytest
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.rates import eoc
+from dolfinx_signorini.orders import eoc
+from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
+from dolfinx_signorini.paper.tables import _paper_table
 from dolfinx_signorini.records import Records
-from dolfinx_signorini.study import PAPER_NORMS, StudySettings, run_study
-from dolfinx_signorini.tables import _paper_table
 
 # Relative differences from Table 1, and absolute ones from the orders of Table 2.
 DIGITS = {"L4": 1e-4, "W1_4": 1e-4, "Linf": 1e-4, "W1_inf": 2e-4, "H1_2_boundary": 1.3e-2}

@@ -5,8 +5,8 @@ import io
 
 import pytest
 
-from dolfinx_signorini.study import PAPER_NORMS
-from dolfinx_signorini.tables import Cell, _paper_table, error_table, order_table
+from dolfinx_signorini.paper.study import PAPER_NORMS
+from dolfinx_signorini.paper.tables import Cell, _paper_table, error_table, order_table
 
 NORMS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")
 

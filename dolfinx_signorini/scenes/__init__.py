@@ -8,8 +8,8 @@ pictures, report, results (the files), and the jobs check and solve.
 """
 
 from dolfinx_signorini.scenes.posing import PosedScene, pose
+from dolfinx_signorini.scenes.reading import load_scene
 from dolfinx_signorini.scenes.scene import Scene
-from dolfinx_signorini.scenes.scene_file import load_scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 
 __all__ = ["PosedScene", "Scene", "SceneResult", "load_scene", "pose", "solve_scene"]

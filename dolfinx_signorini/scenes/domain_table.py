@@ -16,7 +16,7 @@ from dolfinx_signorini.scenes.domains import (
     coarse_polygon,
     mesh_file,
 )
-from dolfinx_signorini.scenes.table import Table
+from dolfinx_signorini.scenes.toml import Table
 
 SHAPES = ("square", "cube", "polygon", "file")
 MAX_CORNERS = 500

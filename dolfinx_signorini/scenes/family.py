@@ -3,8 +3,8 @@
 import math
 from dataclasses import replace
 
+from dolfinx_signorini.accuracy.family import Family
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.families import Family
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.scenes.domains import Cube, Domain, Polygon, Square
 from dolfinx_signorini.scenes.posing import PosedScene, pose

@@ -12,8 +12,8 @@ from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.accuracy.family import Posed
 from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.families import Posed
 from dolfinx_signorini.kit import (
     ManufacturedData,
     contact_violations,

@@ -7,9 +7,9 @@ neither assembled nor stored.
 
 from dataclasses import dataclass, replace
 
-from dolfinx_signorini.cascade import DEFAULT_RTOL
 from dolfinx_signorini.scenes.domains import Domain
 from dolfinx_signorini.scenes.expressions import Expression
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 Sides = tuple[str, ...]
 Tensor = tuple[tuple[Expression, ...], ...]

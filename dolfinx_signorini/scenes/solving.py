@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy import MAX_UNKNOWNS, Outcome, solve_to
-from dolfinx_signorini.accuracy_model import Trial
-from dolfinx_signorini.contact import ContactState
-from dolfinx_signorini.optimality import SolveResult
+from dolfinx_signorini.accuracy.model import Trial
+from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.scenes.expectations import Expectation, expect
 from dolfinx_signorini.scenes.family import scene_family
 from dolfinx_signorini.scenes.posing import PosedScene, interpolate_near, pose
 from dolfinx_signorini.scenes.scene import Scene
+from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.residual import SolveResult
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,13 @@ from typing import Any
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.configurations import (
+from dolfinx_signorini.accuracy.family import Family
+from dolfinx_signorini.accuracy.runs import (
     Configuration,
     Run,
     exact_solution,
     solve_configuration,
 )
-from dolfinx_signorini.families import Family
 from dolfinx_signorini.manufactured import interpolated
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import PAPER_RULE

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dolfinx_signorini import plotting
+from dolfinx_signorini.accuracy.grading import approximation_order
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.graded import approximation_order
 from dolfinx_signorini.norms import parse_norm
-from dolfinx_signorini.rates import regression
+from dolfinx_signorini.orders import regression
 from dolfinx_signorini.records import write_file
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.measuring import Row

@@ -20,7 +20,7 @@ from dolfinx_signorini import (  # noqa: E402
     paper_problem,
     solve_cascade,
 )
-from dolfinx_signorini.study import coarse_levels  # noqa: E402
+from dolfinx_signorini.paper.study import coarse_levels  # noqa: E402
 
 N = 2001
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.scenes import Scene
-from dolfinx_signorini.scenes.scene_file import parse_scene
+from dolfinx_signorini.scenes.reading import parse_scene
 
 DEMOS = Path(__file__).parents[2] / "demos" / "scenes"
 

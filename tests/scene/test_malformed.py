@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dolfinx_signorini.cli import main
+from dolfinx_signorini.commands.main import main
 
 SQUARE = {
     "": {"title": '"t"'},

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dolfinx_signorini.cli import main
+from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms, parse_norm
-from dolfinx_signorini.rates import expected_order
+from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.domains import Polygon, Square
 from dolfinx_signorini.scenes.expectations import expect

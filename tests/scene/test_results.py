@@ -9,11 +9,11 @@ import dolfinx
 import numpy as np
 import pytest
 
-from dolfinx_signorini.cli import main
+from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.boundary import gather_boundary
-from dolfinx_signorini.scenes.results import write_fields
-from dolfinx_signorini.scenes.summary import summarise
+from dolfinx_signorini.scenes.output.boundary import gather_boundary
+from dolfinx_signorini.scenes.output.files import write_fields
+from dolfinx_signorini.scenes.output.summary import summarise
 
 FILES = ["boundary.csv", "contact.png", "fields.bp", "record.json", "report.html", "solution.png"]
 UPPER = """

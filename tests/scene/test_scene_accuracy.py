@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from dolfinx_signorini import InputError
-from dolfinx_signorini.cli import main
+from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.boundary import gather_boundary
-from dolfinx_signorini.scenes.summary import summarise
+from dolfinx_signorini.scenes.output.boundary import gather_boundary
+from dolfinx_signorini.scenes.output.summary import summarise
 
 DETACHING = """
 accuracy = 4e-3

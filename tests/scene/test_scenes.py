@@ -8,9 +8,9 @@ from dolfinx import mesh
 
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.boundary import gather_boundary
 from dolfinx_signorini.scenes.domains import Cube, Polygon, Square
-from dolfinx_signorini.scenes.summary import summarise
+from dolfinx_signorini.scenes.output.boundary import gather_boundary
+from dolfinx_signorini.scenes.output.summary import summarise
 
 
 def measured_orders(comm, scene, domains, norms):

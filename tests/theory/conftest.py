@@ -5,8 +5,8 @@ import functools
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini.theory.experiments import discretise
-from dolfinx_signorini.theory.scenes import paper_scene, rough_scene, smooth_scene
+from dolfinx_signorini.paper.theory.experiments import discretise
+from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene, smooth_scene
 
 
 @functools.cache

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.theory.contact_sets import (
+from dolfinx_signorini.paper.theory.contact_sets import (
     condition_a,
     condition_a_h,
     contact_set_of_nodes,
     discrete_contact_set,
     given_contact_set,
 )
-from dolfinx_signorini.theory.violations import ever_more_intervals, fat_cantor_set
+from dolfinx_signorini.paper.theory.violations import ever_more_intervals, fat_cantor_set
 
 CORNERS = (0.0, 1.0, 2.0, 3.0)
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
-from dolfinx_signorini.theory.curve import BoundaryCurve
+from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 
 N = 7
 

@@ -7,15 +7,15 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
-from dolfinx_signorini.theory.discretisation import Discretisation
-from dolfinx_signorini.theory.dual import (
+from dolfinx_signorini.paper.theory.discretisation import Discretisation
+from dolfinx_signorini.paper.theory.dual import (
     discrete_contact_cells,
     dual_chains,
     exact_contact_cells,
     transfer,
 )
-from dolfinx_signorini.theory.experiments import discretise
-from dolfinx_signorini.theory.scenes import paper_scene, rough_scene
+from dolfinx_signorini.paper.theory.experiments import discretise
+from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene
 
 COMM = MPI.COMM_WORLD
 ROUNDING = 1e-9

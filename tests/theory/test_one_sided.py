@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import NotConvergedError
-from dolfinx_signorini.theory.one_sided import (
+from dolfinx_signorini.paper.theory.one_sided import (
     EdgeData,
     count_cases,
     edge_data,
@@ -16,8 +16,8 @@ from dolfinx_signorini.theory.one_sided import (
     sampling_error,
     solve_linear_program,
 )
-from dolfinx_signorini.theory.orders import supercloseness_order
-from dolfinx_signorini.theory.ritz import supercloseness
+from dolfinx_signorini.paper.theory.orders import supercloseness_order
+from dolfinx_signorini.paper.theory.ritz import supercloseness
 
 COMM = MPI.COMM_WORLD
 

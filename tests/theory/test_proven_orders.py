@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini.norms import parse_norm
-from dolfinx_signorini.rates import expected_order
-from dolfinx_signorini.theory.orders import (
+from dolfinx_signorini.orders import expected_order
+from dolfinx_signorini.paper.theory.orders import (
     Regularity,
     proven_order,
     singular_order,

@@ -5,11 +5,12 @@ import math
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini import cli
-from dolfinx_signorini.theory import checks, command, experiments
-from dolfinx_signorini.theory.orders import ProvenOrder
-from dolfinx_signorini.theory.report import results
-from dolfinx_signorini.theory.statements import STATEMENTS, select
+from dolfinx_signorini.commands import main as cli
+from dolfinx_signorini.commands import theory as command
+from dolfinx_signorini.paper.theory import checks, experiments
+from dolfinx_signorini.paper.theory.orders import ProvenOrder
+from dolfinx_signorini.paper.theory.report import results
+from dolfinx_signorini.paper.theory.statements import STATEMENTS, select
 
 COMM = MPI.COMM_WORLD
 # Numbers of the paper that have to have a row.

@@ -11,11 +11,11 @@ from mpi4py import MPI
 from dolfinx_signorini import compat
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.rates import eoc
-from dolfinx_signorini.theory.curve import BoundaryCurve
-from dolfinx_signorini.theory.dual import exact_contact_cells
-from dolfinx_signorini.theory.placement import PLACES, placed_scene, relative_errors
-from dolfinx_signorini.theory.scenes import paper_scene, rough_scene, smooth_scene
+from dolfinx_signorini.orders import eoc
+from dolfinx_signorini.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.paper.theory.dual import exact_contact_cells
+from dolfinx_signorini.paper.theory.placement import PLACES, placed_scene, relative_errors
+from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene, smooth_scene
 
 COMM = MPI.COMM_WORLD
 N = 12

@@ -15,10 +15,8 @@ from dolfinx_signorini import (
     friedrichs_keller,
     paper_problem,
 )
-from dolfinx_signorini.configurations import Configuration, solve_configuration
-from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.families import paper_family
-from dolfinx_signorini.graded import (
+from dolfinx_signorini.accuracy.family import paper_family
+from dolfinx_signorini.accuracy.grading import (
     RADIUS,
     approximation_order,
     graded_mesh,
@@ -26,9 +24,11 @@ from dolfinx_signorini.graded import (
     strongest_grading,
     transferred_sides,
 )
+from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
+from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.norms import error_norms, parse_norm
-from dolfinx_signorini.rates import expected_order
+from dolfinx_signorini.orders import expected_order
 
 
 def cells(domain: mesh.Mesh) -> np.ndarray:

@@ -11,15 +11,15 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, friedrichs_keller
-from dolfinx_signorini.cli import main
-from dolfinx_signorini.configurations import (
+from dolfinx_signorini.accuracy.family import paper_family
+from dolfinx_signorini.accuracy.runs import (
     Configuration,
     carried,
     exact_solution,
     levels,
     solve_configuration,
 )
-from dolfinx_signorini.families import paper_family
+from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records

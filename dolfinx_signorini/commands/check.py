@@ -1,0 +1,61 @@
+"""The job `check`: what a scene needs and costs, without solving it."""
+
+import argparse
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.scenes.expectations import (
+    Expectation,
+    cost,
+    expect,
+    order_text,
+    terms,
+    unknowns,
+)
+from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.scene import Scene
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Assemble the scene on its coarsest mesh and print what it needs, on rank 0.
+
+    Raises:
+        InputError: The scene is refused.
+    """
+    comm = MPI.COMM_WORLD
+    scene = load_scene(args.scene, comm)
+    with naming_the_file(args.scene, scene):
+        posed = pose(scene.levels()[0], comm)
+        try:
+            expectation = expect(scene, posed.sided)
+        finally:
+            posed.problem.destroy()
+    if comm.rank == 0:
+        print(scene.title)
+        for name, text in _lines(scene, expectation):
+            print(f"  {name:<20}{text}")
+        for note in expectation.notes:
+            print(f"note: {note}")
+    return 0
+
+
+def _lines(scene: Scene, expectation: Expectation) -> list[tuple[str, str]]:
+    rows = [("terms" if k == 0 else "", term) for k, term in enumerate(terms(scene))]
+    rows.append(("expected orders", order_text(expectation)))
+    if scene.accuracy is not None:
+        wanted = f"an error of {scene.accuracy:g} in {scene.norm}"
+        return [*rows, ("meshes", f"chosen from coarse runs, for {wanted}")]
+    meshes = [f"{level.domain.vertices}" for level in scene.levels()]
+    memory, seconds = cost(scene)
+    rows.append(("meshes", f"{', '.join(meshes)} vertices"))
+    rows.append(("unknowns", f"about {unknowns(scene)}"))
+    rows.append(("memory", f"about {memory / 1e9:.2g} GB in all"))
+    rows.append(("time", f"about {seconds + 1.0:.2g} s on one core, and more for the results"))
+    return rows

@@ -1,0 +1,79 @@
+"""The command line: one command per job.
+
+Exit codes: 0 done, 2 the input is refused, 3 a solver did not converge, 130 interrupted. Only
+rank 0 speaks; an unexpected error on one rank ends all of them.
+"""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import NoReturn
+
+from mpi4py import MPI
+
+from dolfinx_signorini.commands import check, reproduce, solve, theory, tradeoff
+from dolfinx_signorini.errors import InputError, NotConvergedError
+
+JOBS = {
+    "solve": (solve, "solve a scene file and write its results"),
+    "check": (check, "what a scene file needs and costs, without solving it"),
+    "reproduce": (reproduce, "the paper's experiment: both tables and the pictures"),
+    "theory": (theory, "the paper's statements as experiments, proven beside measured"),
+    "tradeoff": (tradeoff, "speed against accuracy: errors and seconds on a grid of meshes"),
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are InputErrors, so that one rank reports them for all."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message} (see {self.prog} --help)")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="dolfinx-signorini",
+        description="Signorini problems on FEniCSx: solve, measure the error, compare.",
+    )
+    jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
+    for name, (module, summary) in JOBS.items():
+        module.configure(jobs.add_parser(name, help=summary, description=summary))
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a job.
+
+    Args:
+        argv: Arguments without the program's name; those of the process by default.
+
+    Returns:
+        The exit code.
+    """
+    comm = MPI.COMM_WORLD
+    if comm.rank:  # --help and the like print on one rank only
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+    try:
+        args = _parser().parse_args(argv)
+        return int(JOBS[args.job][0].run(args))
+    except InputError as error:
+        return _fail(comm, error, 2)
+    except NotConvergedError as error:
+        return _fail(comm, error, 3)
+    except KeyboardInterrupt:
+        return 130
+    except Exception:
+        traceback.print_exc()
+        if comm.size == 1:
+            return 1
+        sys.stderr.flush()
+        comm.Abort(1)
+        raise
+
+
+def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:
+    if comm.rank == 0:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+    return code

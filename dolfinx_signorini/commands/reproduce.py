@@ -1,0 +1,129 @@
+"""The job `reproduce`: the paper's numerical experiment, its tables and pictures."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from dolfinx_signorini import plotting
+from dolfinx_signorini.costs import Cost, cost_text
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.norms import listed_norms
+from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
+from dolfinx_signorini.paper.tables import error_table, order_table
+from dolfinx_signorini.problem import METHODS
+from dolfinx_signorini.records import on_first, versions, write_file
+
+FIRST, STEP, LARGEST = 101, 100, 5001
+PICTURE_CELLS = 101
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument(
+        "--max-n",
+        type=int,
+        default=401,
+        metavar="N",
+        help="largest number of cells per side: 101, 201, ... up to N (default 401; "
+        "1001 is the paper's whole table)",
+    )
+    parser.add_argument(
+        "--method",
+        default="cascade",
+        help=f"solver: {', '.join(METHODS)} (default cascade)",
+    )
+    parser.add_argument(
+        "--norms",
+        default=",".join(PAPER_NORMS),
+        help="norms of the error, separated by commas (default: the paper's; others: L2, H1, "
+        "W1_8, L2_boundary, H1_2_boundary_spectral, ...)",
+    )
+    parser.add_argument(
+        "--rtol",
+        type=float,
+        help="relative natural residual of every solve (default: 1e-7 for the cascade, 1e-8 for "
+        "the methods of TAO)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results"),
+        metavar="DIR",
+        help="folder for rows, tables and pictures; a run that was stopped goes on from what it "
+        "finds there (default %(default)s)",
+    )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="print the forms, matrices and vectors made for the largest N, with bytes and seconds",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study and write tables and pictures; print the tables on rank 0.
+
+    Raises:
+        InputError: An argument makes no sense or the folder cannot be used.
+        NotConvergedError: Some problem could not be solved.
+    """
+    comm = MPI.COMM_WORLD
+    settings = _settings(args)
+    rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
+    picture = plotting.paper_picture(comm, PICTURE_CELLS)
+    on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
+    if args.costs and comm.rank == 0:
+        print(f"Costs of N = {rows[-1]['n']}:")
+        print(cost_text(Cost(**cost) for cost in rows[-1].get("costs", [])), flush=True)
+    return 0
+
+
+def _settings(args: argparse.Namespace) -> StudySettings:
+    if not FIRST <= args.max_n <= LARGEST:
+        raise InputError(f"--max-n: must lie between {FIRST} and {LARGEST}, not {args.max_n}")
+    if args.method not in METHODS:
+        raise InputError(f"--method: unknown {args.method!r}, known are {', '.join(METHODS)}")
+    if args.rtol is not None and not 0.0 < args.rtol < 1.0:
+        raise InputError(f"--rtol: must lie between 0 and 1, not {args.rtol}")
+    return StudySettings(method=args.method, norms=listed_norms(args.norms), rtol=args.rtol)
+
+
+def _write(
+    folder: Path,
+    rows: list[dict[str, Any]],
+    settings: StudySettings,
+    picture: plotting.PaperPicture | None,
+) -> None:
+    """Write and print the results; rank 0 only, which has the picture."""
+    assert picture is not None
+    tables = [error_table(rows, settings.norms)]
+    if len(rows) > 1:
+        tables.append(order_table(rows, settings.norms))
+    for number, table in enumerate(tables, start=1):
+        print(table.text(), flush=True)
+        write_file(folder / f"table{number}.md", table.markdown())
+        write_file(folder / f"table{number}.csv", table.csv())
+    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables))
+    report = {
+        "versions": versions(),
+        "settings": vars(settings) | {"norms": list(settings.norms)},
+        "rows": rows,
+        "tables": {
+            f"table{number}": {
+                label: {
+                    norm: {"value": c.value, "paper": c.paper, "difference": c.difference}
+                    for norm, c in zip(table.columns, cells, strict=True)
+                }
+                for label, cells in table.rows
+            }
+            for number, table in enumerate(tables, start=1)
+        },
+    }
+    write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
+    plotting.save(plotting.draw_solution_and_load(picture), folder / "solution_and_load")
+    plotting.save(plotting.draw_convergence(rows, settings.norms), folder / "convergence")
+    plotting.save(plotting.draw_bottom_edge(picture), folder / "bottom_edge")
+    print(f"tables and pictures: {folder}/", file=sys.stderr)

@@ -1,0 +1,143 @@
+"""The job `solve`: solve a scene file, print a summary, write its results."""
+
+import argparse
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.model import Trial
+from dolfinx_signorini.accuracy.report import HEADER, trial_line
+from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS
+from dolfinx_signorini.costs import cost_text
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.scenes.expectations import order_text
+from dolfinx_signorini.scenes.output.boundary import gather_boundary
+from dolfinx_signorini.scenes.output.files import output_folder, write_results
+from dolfinx_signorini.scenes.output.summary import Summary, lines, summarise
+from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
+from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for the results (default: the scene's name with -results, here)",
+    )
+    parser.add_argument(
+        "--outputs",
+        metavar="NAMES",
+        help=f"results to write, separated by commas: {', '.join(OUTPUTS)} (default: those that "
+        "the scene names; with --out and none named: all)",
+    )
+    parser.add_argument(
+        "--report", action="store_true", help="write one HTML page with everything on it"
+    )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="print the forms, matrices and vectors made for the finest level, with bytes and "
+        "seconds",
+    )
+
+    dial = parser.add_argument_group(
+        "accuracy", "choose mesh, degree and tolerance from cheap coarse runs, not by the scene"
+    )
+    request = dial.add_mutually_exclusive_group()
+    request.add_argument("--accuracy", type=float, metavar="E", help="the largest error allowed")
+    request.add_argument(
+        "--budget", type=float, metavar="S", help="seconds for coarse runs and the solution"
+    )
+    dial.add_argument(
+        "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"
+    )
+    dial.add_argument(
+        "--max-unknowns",
+        type=int,
+        metavar="N",
+        help=f"limit on the unknowns (default: {MAX_UNKNOWNS})",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve the scene; print its summary and write its results on rank 0.
+
+    Raises:
+        InputError: The scene is refused, or the folder cannot be written.
+        NotConvergedError: It could not be solved.
+    """
+    comm = MPI.COMM_WORLD
+    scene = load_scene(args.scene, comm)
+    asked = _asked(args, scene)
+    outputs = _outputs(args, scene.outputs)
+    folder = args.out or Path(f"{args.scene.stem}-results")
+    with output_folder(comm, folder) if outputs else nullcontext() as part:
+        with naming_the_file(args.scene, scene):
+            result = solve_scene(scene, comm, **asked, on_trial=_Progress(comm))
+        try:
+            boundary = gather_boundary(result)
+            summary = summarise(result, boundary)
+            costs = result.posed.problem.costs() if args.costs else None
+            if comm.rank == 0:
+                _print(result, summary)
+                if costs is not None:
+                    print(cost_text(costs), end="")
+            if part is not None:
+                write_results(result, summary, boundary, outputs, part)
+        finally:
+            result.destroy()
+    if outputs and comm.rank == 0:
+        print(f"results: {folder}/")
+    return 0
+
+
+class _Progress:
+    """Prints the runs of a search on rank 0, below a header."""
+
+    def __init__(self, comm: MPI.Comm):
+        self.printing = comm.rank == 0
+        self.header = HEADER + "\n"
+
+    def __call__(self, trial: Trial) -> None:
+        if self.printing:
+            print(f"{self.header}{trial_line(trial)}", flush=True)
+            self.header = ""
+
+
+def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """The accuracy or budget of the command line, with its norm and limit."""
+    names = ("accuracy", "budget", "norm", "max_unknowns")
+    asked = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    if asked and not asked.keys() & {"accuracy", "budget"} and scene.accuracy is None:
+        option = "--" + next(iter(asked)).replace("_", "-")
+        raise InputError(f"{option}: goes with --accuracy or --budget")
+    return asked
+
+
+def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...]:
+    outputs = named
+    if args.outputs is not None:
+        outputs = tuple(dict.fromkeys(name.strip() for name in args.outputs.split(",")))
+        for name in outputs:
+            if name not in OUTPUTS:
+                raise InputError(f"--outputs: unknown {name!r}, known are {', '.join(OUTPUTS)}")
+    elif args.out is not None and not named and not args.report:
+        outputs = tuple(OUTPUTS)
+    return tuple(dict.fromkeys((*outputs, "report"))) if args.report else outputs
+
+
+def _print(result: SceneResult, summary: Summary) -> None:
+    if result.outcome is not None:
+        print()
+    print(result.posed.scene.title)
+    for name, text in lines(summary):
+        print(f"  {name:<20}{text}")
+    print(f"  {'expected orders':<20}{order_text(result.expectation)}")
+    for note in result.expectation.notes:
+        print(f"note: {note}")

@@ -1,0 +1,101 @@
+"""The job `theory`: the paper's statements as experiments, and the document about them."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.paper.theory.experiments import Row, experiments, run_experiments
+from dolfinx_signorini.paper.theory.figures import FIGURES
+from dolfinx_signorini.paper.theory.report import PICTURES, document, results, section, summary
+from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
+from dolfinx_signorini.paper.theory.trace import BoundaryTrace, boundary_trace, draw_one_sided
+from dolfinx_signorini.plotting import save
+from dolfinx_signorini.records import on_first, write_file
+
+SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
+TRACE_CELLS = 31
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    parser.add_argument(
+        "--statement",
+        action="append",
+        metavar="NUMBER",
+        help="a statement of the paper, may be repeated; all by default: "
+        + ", ".join(f"{s.key} ({s.name.split(',')[0]})" for s in STATEMENTS),
+    )
+    parser.add_argument(
+        "--max-n",
+        type=int,
+        default=401,
+        metavar="N",
+        help=f"cells per side of the finest mesh, {SMALLEST} to {LARGEST} (default %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results/theory"),
+        metavar="DIR",
+        help="folder for rows, document and pictures; a run that was stopped goes on from what it "
+        "finds there (default %(default)s)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute what is missing, print the tables and write the document on rank 0.
+
+    Raises:
+        InputError: An argument makes no sense or the folder cannot be used.
+        NotConvergedError: Some problem could not be solved.
+    """
+    comm = MPI.COMM_WORLD
+    chosen = _statements(args)
+    needed = {name for statement in chosen for name in statement.experiments}
+    names = [name for name in experiments() if name in needed]
+    rows = run_experiments(comm, names, args.max_n, args.out)
+    trace = None
+    if any(statement.figure == "one_sided" for statement in chosen):
+        trace = boundary_trace(comm, TRACE_CELLS)
+    on_first(comm, args.out, lambda: _write(args, chosen, rows, trace))
+    return 0
+
+
+def _write(
+    args: argparse.Namespace,
+    chosen: list[Statement],
+    rows: Mapping[str, list[Row]],
+    trace: BoundaryTrace | None,
+) -> None:
+    """Print the tables and write the document; rank 0 only."""
+    checks = results(chosen, rows)
+    for statement in chosen:
+        print(section(statement, checks[statement.key], rows, args.max_n), flush=True)
+    print(summary(chosen, checks), flush=True)
+    pictures = args.out / PICTURES
+    pictures.mkdir(parents=True, exist_ok=True)
+    for name in {statement.figure for statement in chosen} & FIGURES.keys():
+        save(FIGURES[name](rows), pictures / name)
+    if trace is not None:
+        save(draw_one_sided(trace), pictures / "one_sided")
+    write_file(args.out / "theory.md", document(chosen, rows, args.max_n, _command(args)))
+    print(f"document and pictures: {args.out}/", file=sys.stderr)
+
+
+def _statements(args: argparse.Namespace) -> list[Statement]:
+    if not SMALLEST <= args.max_n <= LARGEST:
+        raise InputError(f"--max-n: must lie between {SMALLEST} and {LARGEST}, not {args.max_n}")
+    try:
+        return select(args.statement)
+    except KeyError as error:
+        known = ", ".join(statement.key for statement in STATEMENTS)
+        raise InputError(f"--statement: unknown {error.args[0]!r}, known are {known}") from None
+
+
+def _command(args: argparse.Namespace) -> str:
+    chosen = "".join(f" --statement {key}" for key in args.statement or ())
+    return f"dolfinx-signorini theory{chosen} --max-n {args.max_n}"

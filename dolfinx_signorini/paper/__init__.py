@@ -1,0 +1,1 @@
+"""The experiment and the theory of Christof and Haubner."""

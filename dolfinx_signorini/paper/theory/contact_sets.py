@@ -1,0 +1,247 @@
+"""Contact sets on the closed boundary curve, and the paper's conditions (A) and (A_h) on them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.paper.theory.discretisation import Discretisation
+from dolfinx_signorini.solvers.pressure import multiplier
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactSet:
+    """Closed, disjoint intervals of the arc length of a closed curve.
+
+    Attributes:
+        length: Length of the curve.
+        intervals: (start, end) with 0 <= start < length and start <= end < start + length; an end
+            beyond the length wraps around; the whole curve is (0, length).
+        detachments: The estimated position of each point of the relative boundary, in the order
+            start, end of the intervals; the points themselves for a set that is given.
+    """
+
+    length: float
+    intervals: tuple[tuple[float, float], ...]
+    detachments: tuple[float, ...]
+
+    @property
+    def boundary(self) -> tuple[float, ...]:
+        """The relative boundary: start and end of each interval; a singleton's point once."""
+        if self._whole:
+            return ()
+        points = (p for a, b in self.intervals for p in ((a, b) if b > a else (a,)))
+        return tuple(p % self.length for p in points)
+
+    @property
+    def singletons(self) -> tuple[float, ...]:
+        """The connected components that are single points."""
+        return tuple(a for a, b in self.intervals if a == b)
+
+    @property
+    def measure(self) -> float:
+        """Its length."""
+        return sum(b - a for a, b in self.intervals)
+
+    @property
+    def _whole(self) -> bool:
+        return self.intervals == ((0.0, self.length),)
+
+
+def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -> ContactSet:
+    """Return the union of given closed intervals, in order, merged where they meet.
+
+    Raises:
+        InputError: The length is not positive or an interval does not fit the curve.
+    """
+    if not length > 0.0:
+        raise InputError(f"length: must be positive, not {length}")
+    for a, b in intervals:
+        if not (math.isfinite(a) and a <= b <= a + length):
+            raise InputError(f"intervals: ({a}, {b}) does not fit a curve of length {length}")
+    merged: list[list[float]] = []
+    for a, b in sorted((a % length, a % length + b - a) for a, b in intervals):
+        if merged and a <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], b)
+        else:
+            merged.append([a, b])
+    while len(merged) > 1 and merged[-1][1] >= merged[0][0] + length:
+        first = merged.pop(0)
+        merged[-1][1] = max(merged[-1][1], first[1] + length)
+    if merged and merged[0][1] - merged[0][0] >= length:
+        return ContactSet(length, ((0.0, length),), ())
+    result = ContactSet(length, tuple((a, b) for a, b in merged), ())
+    return ContactSet(length, result.intervals, result.boundary)
+
+
+def discrete_contact_set(discretisation: Discretisation) -> ContactSet:
+    """Return {u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
+
+    Each detachment point is placed between the last node in contact and the first free one, where
+    the linear interpolant of gap - pressure (the force on a node by the diagonal of A, so that both
+    have one unit) changes its sign.
+    """
+    problem, curve = discretisation.problem, discretisation.curve
+    gap = curve.values(discretisation.u_h)
+    pressure = discretisation.u_h.copy()
+    pressure.x.array[problem.contact_dofs] = (
+        multiplier(problem, discretisation.u_h) / problem.contact_diagonal
+    )
+    return contact_set_of_nodes(curve, gap, curve.values(pressure))
+
+
+def contact_set_of_nodes(curve: BoundaryCurve, gap: Array, pressure: Array) -> ContactSet:
+    """Return the contact set of nodal gaps and pressures along a curve."""
+    active, n = gap <= 0.0, len(gap)
+    if active.all():
+        return ContactSet(curve.length, ((0.0, curve.length),), ())
+    starts = np.flatnonzero(active & ~np.roll(active, 1))
+    intervals, detachments = [], []
+    for start in starts:
+        count = int(np.argmin(np.roll(active, -start)))
+        last = (start + count - 1) % n
+        a, b = curve.s[start], curve.s[last]
+        intervals.append((float(a), float(b if b >= a else b + curve.length)))
+        detachments.append(_sign_change(curve, gap, pressure, int(start), -1))
+        if count > 1:
+            detachments.append(_sign_change(curve, gap, pressure, int(last), 1))
+    return ContactSet(curve.length, tuple(intervals), tuple(detachments))
+
+
+def _sign_change(curve: BoundaryCurve, gap: Array, pressure: Array, node: int, step: int) -> float:
+    """Where gap - pressure vanishes between a node in contact and its free neighbour."""
+    n = len(gap)
+    width = curve.widths[node if step > 0 else (node - 1) % n]
+    free, pressed = gap[(node + step) % n], max(pressure[node], 0.0)
+    return float((curve.s[node] + step * width * pressed / (pressed + free)) % curve.length)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the check of a condition found.
+
+    Attributes:
+        violations: What is violated, in words; empty where the condition holds.
+        points: For (A) the relative boundary; for (A_h) the points d_i.
+        radii: For (A_h) the radii delta_i.
+    """
+
+    violations: tuple[str, ...]
+    points: tuple[float, ...] = ()
+    radii: tuple[float, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the condition holds."""
+        return not self.violations
+
+
+def condition_a(inner: Sequence[ContactSet], outer: Sequence[ContactSet] = ()) -> Verdict:
+    """Check condition (A): a relative boundary of measure zero, finitely many components inside.
+
+    A union of finitely many intervals always satisfies it; it is given alone. Any other set is
+    given by approximations from inside and from outside, ever finer ones: it violates (A) where the
+    number of components inside still grows, or where what lies between them, and the relative
+    boundary with it, has a measure that does not tend to zero (extrapolated by Aitken's method).
+
+    Args:
+        inner: The set, or at least three approximations from inside.
+        outer: As many approximations from outside.
+
+    Raises:
+        InputError: The approximations are too few, or not as many on both sides.
+
+    Source: Definition 2.2.
+    """
+    if outer and (len(inner) != len(outer) or len(inner) < 3):
+        raise InputError("inner, outer: at least three approximations are needed on both sides")
+    if not outer and len(inner) != 1:
+        raise InputError("inner: one set, or approximations from outside as well")
+    violations = []
+    if outer:
+        counts = [len(c.intervals) - len(c.singletons) for c in inner]
+        if counts[-1] > counts[-2]:
+            found = ", ".join(map(str, counts))
+            violations.append(f"the number of components of the relative interior grows: {found}")
+        gaps = [b.measure - a.measure for a, b in zip(inner, outer, strict=True)]
+        limit = _aitken(gaps[-3:])
+        if limit > 0.01 * max(gaps):
+            violations.append(f"the relative boundary has the measure {limit:.3g}")
+    return Verdict(tuple(violations), inner[-1].boundary)
+
+
+def _aitken(values: Sequence[float]) -> float:
+    a, b, c = values
+    curvature = (c - b) - (b - a)
+    return c if curvature == 0.0 else c - (c - b) ** 2 / curvature
+
+
+def condition_a_h(levels: Sequence[ContactSet], corners: Sequence[float]) -> Verdict:
+    """Check condition (A_h) over a family of discrete contact sets.
+
+    Args:
+        levels: The contact sets of the family, all of them with "sufficiently small" h.
+        corners: Arc length of the corners.
+
+    Returns:
+        The points d_i in the middle between the extreme positions of the i-th boundary point, and
+        radii delta_i that reach half-way from there to the nearest other position or corner.
+
+    Raises:
+        InputError: There is no level.
+
+    Source: Definition 5.5.
+    """
+    if not levels:
+        raise InputError("levels: at least one contact set is needed")
+    length = levels[0].length
+    violations = [
+        f"level {k}: the component at s = {s:.6g} is a single point"
+        for k, c in enumerate(levels)
+        for s in c.singletons
+    ]
+    counts = [len(c.boundary) for c in levels]
+    if len(set(counts)) > 1:
+        found = ", ".join(map(str, counts))
+        return Verdict((*violations, f"the number of boundary points changes: {found}"))
+    if counts[0] == 0:
+        return Verdict(tuple(violations))
+    tracks = _matched([np.sort(c.boundary) for c in levels], length)
+    low, high = tracks.min(axis=0), tracks.max(axis=0)
+    points, radii = 0.5 * (low + high), []
+    for i in range(counts[0]):
+        after = low[i + 1] if i + 1 < counts[0] else low[0] + length
+        before = high[i - 1] if i else high[-1] - length
+        near = [_distance(low[i], high[i], corner, length) for corner in corners]
+        room = min([after - high[i], low[i] - before, *near])
+        if room <= 0.0:
+            where = f"s = {points[i] % length:.6g}"
+            violations.append(f"the ball about {where} cannot avoid its neighbour or a corner")
+        radii.append(float(0.5 * (high[i] - low[i]) + 0.4 * max(room, 0.0)))
+    return Verdict(tuple(violations), tuple(float(p % length) for p in points), tuple(radii))
+
+
+def _matched(boundaries: list[Array], length: float) -> Array:
+    """Boundary points of all levels, one row each, shifted cyclically to follow the last level."""
+    reference = boundaries[-1]
+    rows = []
+    for points in boundaries:
+        shifts = []
+        for k in range(len(points)):
+            row = np.roll(points, -k)
+            row = row + length * np.round((reference - row) / length)
+            shifts.append((float(np.abs(row - reference).max()), row))
+        rows.append(min(shifts, key=lambda shift: shift[0])[1])
+    return np.array(rows)
+
+
+def _distance(low: float, high: float, point: float, length: float) -> float:
+    """Distance of a point on the closed curve from an interval, 0 if it lies in it."""
+    images = point + length * np.arange(-1.0, 2.0)
+    return float(np.maximum(np.maximum(low - images, images - high), 0.0).min())

@@ -1,0 +1,233 @@
+"""The dual problems (D) and (D~) of Section 5, and the chains of inequalities (20), (21) and (26).
+
+The dual solution z is replaced by its finite element approximation on a mesh that is nested in the
+one of u_h and finer by an integer factor. On the mesh of u_h itself z would be its own interpolant
+and the decisive term (z - I_h(z), u_h - u)_H1 would vanish. What this costs is one more term in the
+chain, the `remainder`: with it, the chain holds to rounding.
+
+The reaction term of z is integrated by the vertex rule. The matrix then has no positive entry off
+its diagonal, so that the discrete maximum principle holds and z <= 0 is exact; what it costs is
+part of the remainder, too.
+
+All quantities are for the load divided by the third power of E = ||(u - u_h)^+||_L4, or with - for
++, so that the left end of each chain is E itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size
+from dolfinx_signorini.paper.theory.parts import expression_norms
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.quadrature import PAPER_RULE
+
+EPSILON = 0.25  # of the exponents (4 - eps)/3 and their like
+Q = (4.0 - EPSILON) / 3.0  # of the load and of second derivatives of z
+S = (4.0 - EPSILON) / (1.0 - EPSILON)  # conjugate to Q
+RTOL = 1e-11
+
+
+@dataclass(frozen=True)
+class DualChain:
+    """One dual problem and its chain, term by term.
+
+    Attributes:
+        error: E, the L^4 norm of (u - u_h)^+ or (u - u_h)^-: the left end of the chain.
+        duality: (z, w)_H1 with w = u_h - u for (D) and u - u_h for (D~).
+        bumps: (z, Sigma)_H1 with Sigma the hat functions of (20); 0 for (D~).
+        bump_load: The integral of the load with Sigma; 0 for (D~).
+        remainder: What the finite element approximation of z contributes: load(w - I w) -
+            (z, w - I w)_H1, I the interpolation on the finer mesh, and the error of the vertex
+            rule in (z, I w + Sigma)_H1.
+        interpolation: (z - I_h(z), w)_H1, a part of `duality`.
+        sign: (I_h(z), w)_H1, the other part, which is not positive.
+        holder: ||z - I_h(z)||_{W^{1,q}} ||w||_{W^{1,s}}, which bounds `interpolation`.
+        holder_split: The same with ||w||_{W^{1,s}} interpolated between W^{1,4} and W^{1,inf}.
+        stability: ||z||_H1 over ||load||_{L^q}: the constant of (18) and (22).
+        regularity: ||z - I_h(z)||_{W^{1,q}} over h ||load||_{L^q}: the constant of (19) and (23)
+            times that of the interpolation.
+        largest: The largest value of z relative to its size: not positive but for rounding.
+        contact: The largest |z| on the contact cells relative to its size.
+        admissible: The smallest nodal value on the contact cells of the function w + Sigma that
+            the chain is tested with, relative to its size.
+    """
+
+    error: float
+    duality: float
+    bumps: float
+    bump_load: float
+    remainder: float
+    interpolation: float
+    sign: float
+    holder: float
+    holder_split: float
+    stability: float
+    regularity: float
+    largest: float
+    contact: float
+    admissible: float
+
+    @property
+    def slack(self) -> float:
+        """Right-hand side less left-hand side of (20) or (26), over the left: not negative."""
+        right = self.duality + self.bumps + self.bump_load + self.remainder
+        return (right - self.error) / self.error
+
+
+def exact_contact_cells(
+    curve: BoundaryCurve, contact: tuple[tuple[float, float], ...]
+) -> npt.NDArray[np.bool_]:
+    """Return the edges that meet open intervals of the arc length (Definition 5.1)."""
+    marked = np.zeros(len(curve.s), dtype=bool)
+    tolerance = 1e-9 * curve.widths
+    for a, b in contact:
+        for turn in (-curve.length, 0.0, curve.length):
+            start, end = curve.s + turn, curve.s + curve.widths + turn
+            marked |= (end > a + tolerance) & (start < b - tolerance)
+    return marked
+
+
+def discrete_contact_cells(discretisation: Discretisation) -> npt.NDArray[np.bool_]:
+    """Return the edges on which u_h vanishes."""
+    active = discretisation.curve.values(discretisation.u_h) <= 0.0
+    return active & np.roll(active, -1)
+
+
+def dual_chains(coarse: Discretisation, fine: Discretisation) -> tuple[DualChain, DualChain]:
+    """Solve (D) and (D~) for a discretisation, and evaluate their chains.
+
+    Args:
+        coarse: The discretisation of u_h.
+        fine: The same scene on a finer mesh that is nested in it, for z.
+
+    Raises:
+        NotConvergedError: A solver did not reach its tolerance.
+    """
+    positive = _Dual(coarse, fine, exact_contact_cells(coarse.curve, coarse.scene.contact), 1.0)
+    negative = _Dual(coarse, fine, discrete_contact_cells(coarse), -1.0)
+    return positive.chain(), negative.chain()
+
+
+class _Dual:
+    """One dual problem; sign = 1 for (D), -1 for (D~)."""
+
+    def __init__(
+        self,
+        coarse: Discretisation,
+        fine: Discretisation,
+        cells: npt.NDArray[np.bool_],
+        sign: float,
+    ):
+        self.coarse, self.fine, self.sign, self.cells = coarse, fine, sign, cells
+        self.u_h = transfer(coarse.u_h, fine.space)
+        part = ufl.max_value(sign * (fine.exact.u - self.u_h), 0.0)
+        # By the same points as the load: error_norms turns the rule on half of the cells.
+        self.error = self._integral(part**4) ** 0.25
+        self.load = -((part / fem.Constant(fine.space.mesh, np.float64(self.error))) ** 3)
+        middle = fine.curve.s + 0.5 * fine.curve.widths
+        edge = np.searchsorted(coarse.curve.s, middle, side="right") - 1
+        self.fine_cells = cells[edge]
+        self.z = self._solve()
+
+    def chain(self) -> DualChain:
+        """Evaluate the terms."""
+        fine, sign, z = self.fine, self.sign, self.z
+        wanted = [f"W1_{S!r}", "W1_4", "W1_inf"]
+        norms = error_norms(self.u_h, fine.exact, wanted)
+        bumps = self._bumps(norms["W1_inf"])
+        z_h = transfer(z, self.coarse.space)
+        rough = fine.difference(z, transfer(z_h, fine.space))
+        duality = sign * (fine.product(z, self.u_h) - fine.exact_product(z))
+        coarse_sign = sign * (
+            self.coarse.product(z_h, self.coarse.u_h) - self.coarse.exact_product(z_h)
+        )
+        rough_norm = error_norms(rough, None, [f"W1_{Q!r}"])[f"W1_{Q!r}"]
+        load_norm = expression_norms(fine.space, self.load, [f"L{Q!r}"])[f"L{Q!r}"]
+        theta = 3.0 * EPSILON / (4.0 - EPSILON)
+        split = norms["W1_inf"] ** theta * norms["W1_4"] ** (1.0 - theta)
+        curve_z, size = fine.curve.values(z), _largest(z, -1.0)
+        held = self.fine_cells | np.roll(self.fine_cells, 1)
+        test = fem.Function(fine.space)  # the interpolant of w + Sigma
+        interpolant = fine.interpolate_exact()
+        test.x.array[:] = sign * (self.u_h.x.array - interpolant.x.array) + bumps.x.array
+        values = fine.curve.values(test)
+        return DualChain(
+            error=self.error,
+            duality=duality,
+            bumps=fine.product(z, bumps),
+            bump_load=-self._integral(self.load * bumps),
+            remainder=self._remainder(interpolant, test),
+            interpolation=duality - coarse_sign,
+            sign=coarse_sign,
+            holder=rough_norm * norms[wanted[0]],
+            holder_split=rough_norm * split,
+            stability=fine.norm(z) / load_norm,
+            regularity=rough_norm / (cell_size(self.coarse.space.mesh) * load_norm),
+            largest=_largest(z, 1.0) / size,
+            contact=float(np.abs(curve_z[held]).max(initial=0.0)) / size,
+            admissible=float(values[held].min(initial=0.0) / np.abs(values).max()),
+        )
+
+    def _solve(self) -> fem.Function:
+        z, v = ufl.TrialFunction(self.fine.space), ufl.TestFunction(self.fine.space)
+        a = ufl.inner(ufl.grad(z), ufl.grad(v)) * ufl.dx + lumped(z * v)
+        form = self.load * v * ufl.dx(metadata=PAPER_RULE.metadata)
+        facets = self.fine.curve.facets_between(self.fine_cells)
+        problem = SignoriniProblem(a, form, contact=facets)
+        solution = problem.solve(rtol=RTOL).u
+        problem.destroy()
+        return solution
+
+    def _bumps(self, slope: float) -> fem.Function:
+        """The sum of C h ||u - u_h||_{W^{1,inf}} phi_i over the ends of the contact cells."""
+        curve = self.coarse.curve
+        values = np.zeros(len(curve.s))
+        if self.sign > 0.0:
+            ends = self.cells != np.roll(self.cells, 1)
+            values[ends] = cell_size(self.coarse.space.mesh) * slope
+        return transfer(curve.function(values), self.fine.space)
+
+    def _remainder(self, interpolant: fem.Function, test: fem.Function) -> float:
+        fine, z, sign = self.fine, self.z, self.sign
+        work = -sign * self._integral(self.load * (fine.exact.u - interpolant))
+        product = -sign * (fine.exact_product(z) - fine.product(z, interpolant))
+        mass = z * test * ufl.dx
+        lumping = fem.assemble_scalar(fem.form(lumped(z * test) - mass))
+        return work - product + float(fine.comm.allreduce(lumping))
+
+    def _integral(self, integrand: Expr) -> float:
+        form = fem.form(integrand * ufl.dx(metadata=PAPER_RULE.metadata))
+        return float(self.fine.comm.allreduce(fem.assemble_scalar(form)))
+
+
+def lumped(integrand: Expr) -> ufl.Form:
+    """Return an integral by the vertex rule."""
+    return integrand * ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
+
+
+def transfer(source: fem.Function, space: fem.FunctionSpace) -> fem.Function:
+    """Interpolate a function into a space on another mesh of the same domain."""
+    cells = np.arange(
+        space.mesh.topology.index_map(2).size_local + space.mesh.topology.index_map(2).num_ghosts,
+        dtype=np.int32,
+    )
+    padding = 1e-8 * cell_size(space.mesh)
+    data = fem.create_interpolation_data(space, source.function_space, cells, padding=padding)
+    target = fem.Function(space)
+    target.interpolate_nonmatching(source, cells, data)
+    target.x.scatter_forward()
+    return target
+
+
+def _largest(function: fem.Function, sign: float) -> float:
+    """The largest nodal value of sign * function."""
+    domain = function.function_space.mesh
+    owned = function.x.array[: function.function_space.dofmap.index_map.size_local]
+    return float(max(domain.comm.allgather(float((sign * owned).max(initial=-np.inf)))))

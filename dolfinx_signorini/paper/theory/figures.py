@@ -1,0 +1,226 @@
+"""The pictures of the theory, one per group of statements."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+
+from dolfinx_signorini.paper.theory.checks import Row, Rows, Value, entry, fine, orders
+from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, placed_name, rough_name
+from dolfinx_signorini.paper.theory.orders import Regularity, proven_order, singular_order
+from dolfinx_signorini.paper.theory.placement import PLACES, relative_errors
+from dolfinx_signorini.paper.theory.section3 import FINE
+from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS
+from dolfinx_signorini.paper.theory.section5 import TERMS, contact_sets
+from dolfinx_signorini.plotting import COLOURS, MARKERS, draw_convergence
+
+TERM_NAMES = {
+    "interpolation": "$(z - I_h z, w)$",
+    "bumps": "$(z, \\Sigma)$, hat functions",
+    "bump_load": "load of $\\Sigma$",
+    "remainder": "approximation of $z$",
+    "sign": "$-(I_h z, w)$",
+    "holder": "Hölder bound of $(z - I_h z, w)$",
+}
+
+
+def draw_projection(rows: Rows) -> Figure:
+    """Draw the errors of the Ritz projection with their proven orders (Lemma 3.2)."""
+    figure, panels = plt.subplots(1, 2, figsize=(11, 5.6))
+    for axes, scene, p in zip(panels, ("paper", "smooth"), (3, 4), strict=True):
+        family = fine(rows[scene], FINE)
+        for i, (norm, order) in enumerate(
+            (
+                (f"W1_{p}", 1.0),
+                ("H1_2_boundary_spectral", 1.5),
+                (f"L{p}_boundary", 2.0 - 1.0 / p),
+                (f"L{p}", 2.0),
+            )
+        ):
+            name = norm.replace("_spectral", "")
+            _curve(axes, family, entry("ritz", norm), f"{name}, order {order:.3g}", i, order)
+        _finish(axes, family, f"$u - R_h(u)$, {scene} solution", "error", "below")
+    return _tight(figure)
+
+
+def draw_supercloseness(rows: Rows) -> Figure:
+    """Draw supercloseness beside the H^1 error and the bound of Lemma 3.4 (Theorem 3.6)."""
+    figure, axes = plt.subplots(figsize=(7.4, 5.4))
+    family = fine(rows["paper"], 101)
+    for i, (label, value, order) in enumerate(
+        (
+            ("$u - u_h$, order 1", entry("errors", "H1"), 1.0),
+            ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided", "norm"), 1.5),
+            ("$R_h(u) - u_h$", entry("supercloseness"), None),
+            ("its part near, order 3/2", entry("supercloseness_parts", "near"), 1.5),
+            ("its part far, order 2", entry("supercloseness_parts", "far"), 2.0),
+        )
+    ):
+        _curve(axes, family, value, label, i, order)
+    _finish(axes, family, "Supercloseness, the paper's solution", "$H^1$ norm", "right")
+    return _tight(figure)
+
+
+def draw_regularity(rows: Rows) -> Figure:
+    """Draw measured, proven and allowed orders against p (Corollaries 4.1 and 4.2)."""
+    figure, panels = plt.subplots(2, 2, figsize=(10, 7), sharex=True)
+    exponents = [*ROUGH_EXPONENTS, math.inf]
+    names = [*(rough_name(p) for p in ROUGH_EXPONENTS), "paper"]
+    x = np.arange(len(exponents))
+    for axes, norm in zip(
+        panels.flat, ("W1_inf", "Linf", "W1_4", "H1_2_boundary_spectral"), strict=True
+    ):
+        proven = [proven_order(Regularity(p), norm).value for p in exponents]
+        allowed = [singular_order(min(1.5, 2.0 - 2.0 / p), norm) for p in exponents]
+        measured = [orders(fine(rows[name]), entry("errors", norm))[-1] for name in names]
+        axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
+        axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
+        axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
+        axes.set(title=norm.replace("_spectral", ""), ylabel="order")
+        axes.grid(alpha=0.3)
+        axes.set_xticks(x, [*(f"{p:g}" for p in ROUGH_EXPONENTS), "inf"])
+    for axes in panels[1]:
+        axes.set_xlabel("p of $W^{2,p}$")
+    panels[0, 0].legend()
+    return _tight(figure)
+
+
+def draw_errors(rows: Rows) -> Figure:
+    """Draw the errors of the paper's solution with the orders of Theorem 6.1."""
+    return draw_convergence(fine(rows["paper"]), ("W1_inf", "W1_4", "Linf", "H1_2_boundary", "L4"))
+
+
+def draw_dual(rows: Rows) -> Figure:
+    """Draw the terms of the chains (20), (21) and (26) (Propositions 5.4 and 5.7)."""
+    figure, panels = plt.subplots(1, 2, figsize=(11.5, 6.2), sharey=True)
+    for axes, part, title in zip(
+        panels, ("plus", "minus"), ("(20), (21): $(u - u_h)^+$", "(26): $(u - u_h)^-$"), strict=True
+    ):
+        _band(axes, rows["dual"], entry(part, "error"), "error (left-hand side)")
+        for i, (name, label) in enumerate(TERM_NAMES.items()):
+            if name not in (*TERMS[part], "holder") or (part, name) == ("plus", "sign"):
+                continue  # (I_h z, w) vanishes for (D)
+            _curve(axes, rows["dual"], _size(part, name), label, i, None)
+        _finish(axes, rows["dual"], title, "size of the term", "below")
+    return _tight(figure)
+
+
+def draw_contact_sets(rows: Rows) -> Figure:
+    """Draw the contact sets by N, and the error of the detachment point (Definition 5.5)."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11.5, 5.4))
+    family = rows["paper"]
+    for i, found in enumerate(contact_sets(family)):
+        for a, b in found.intervals:
+            left.plot([a, b], [i, i], color=COLOURS[0], linewidth=6, solid_capstyle="butt")
+        left.plot(found.detachments, [i] * len(found.detachments), "D", color=COLOURS[1])
+    left.plot([], [], color=COLOURS[0], linewidth=6, label="$u_h = 0$")
+    left.plot([], [], "D", color=COLOURS[1], label="detachment point")
+    left.axvline(0.5, color="black", linestyle=":", label="end of the contact of $u$")
+    left.axvline(1.0, color="0.6", linewidth=1, label="corner (1, 0)")
+    left.set_yticks(range(len(family)), [str(row["n"]) for row in family])
+    left.set(xlabel="arc length from (0, 0)", ylabel="cells per side N", xlim=(0.4, 1.35))
+    left.set_title("Contact set of $u_h$")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    fitting = fine(family, FINE)
+    _curve(right, fitting, lambda row: 0.5 / row["n"], "first node in contact", 0, None)
+    _curve(right, fitting, _detachment, "by the change of sign, order 1", 1, 1.0)
+    _finish(right, fitting, "Distance from the detachment point of $u$", "distance")
+    return _tight(figure)
+
+
+def draw_placement(rows: Rows) -> Figure:
+    """Draw the errors by the place of the detachment point (Section 7)."""
+    figure, axes = plt.subplots(figsize=(8, 5))
+    families = {place: rows[placed_name(place)] for place in PLACES}
+    for i, norm in enumerate(PLACED_NORMS):
+        found = relative_errors(families, norm)
+        label = norm.replace("_spectral", "")
+        marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
+        values = [found[place][-1] for place in PLACES]
+        axes.plot(PLACES, values, marker + "-", color=colour, label=label)
+    axes.set_xticks(PLACES, ["on a node", "a quarter", "the middle", "three quarters"])
+    n = families[0.0][-1]["n"]
+    axes.set(xlabel="place in the edge", ylabel="error over that with the point on a node")
+    axes.set_title(f"Place of the detachment point, N = {n}")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    return _tight(figure)
+
+
+def draw_transition(rows: Rows) -> Figure:
+    """Draw the L^16 and W^{1,16} errors and their parts (Table 2)."""
+    figure, panels = plt.subplots(1, 2, figsize=(11, 4.8))
+    family = fine(rows["paper"], 101)
+    for axes, norm, near, far in zip(
+        panels, ("L16", "W1_16"), (1.625, 0.625), (2.0, 1.0), strict=True
+    ):
+        _band(axes, family, entry("errors", norm), "whole")
+        _curve(axes, family, entry("parts", "near", norm), f"near, order {near}", 1, near)
+        _curve(axes, family, entry("parts", "far", norm), f"far, order {far:g}", 0, far)
+        _finish(axes, family, norm, "error $u - u_h$")
+    return _tight(figure)
+
+
+FIGURES: dict[str, Callable[[Rows], Figure]] = {
+    "projection": draw_projection,
+    "supercloseness": draw_supercloseness,
+    "regularity": draw_regularity,
+    "errors": draw_errors,
+    "dual": draw_dual,
+    "contact_sets": draw_contact_sets,
+    "placement": draw_placement,
+    "transition": draw_transition,
+}
+
+
+def _size(part: str, name: str) -> Value:
+    return lambda row: abs(row[part][name])
+
+
+def _detachment(row: Row) -> float:
+    return min(abs(s - 0.5) for s in row["contact_set"]["detachments"])
+
+
+def _curve(
+    axes: Axes, rows: Sequence[Row], value: Value, label: str, index: int, order: float | None
+) -> None:
+    """Markers for the values, and a line of a given order through the last one."""
+    n = np.array([row["n"] for row in rows], dtype=float)
+    values = np.array([value(row) for row in rows])
+    style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)]}
+    marker = MARKERS[index % len(MARKERS)]
+    line = "" if order is not None else "-"
+    axes.loglog(n, values, marker + line, label=label, linewidth=0.9, **style)
+    if order is not None:
+        axes.loglog(n, values[-1] * (n / n[-1]) ** -order, linewidth=0.9, **style)
+
+
+def _band(axes: Axes, rows: Sequence[Row], value: Value, label: str) -> None:
+    """A broad line, for what others are compared with."""
+    n = [row["n"] for row in rows]
+    axes.loglog(n, [value(row) for row in rows], color="0.75", linewidth=7, label=label)
+
+
+def _finish(
+    axes: Axes, rows: Sequence[Row], title: str, quantity: str, legend: str = "inside"
+) -> None:
+    axes.set(title=title, xlabel="cells per side N", ylabel=quantity)
+    axes.set_xticks([row["n"] for row in rows], [str(row["n"]) for row in rows])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.grid(alpha=0.3)
+    if legend == "right":
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    elif legend == "below":
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    else:
+        axes.legend(loc="lower left")
+
+
+def _tight(figure: Figure) -> Figure:
+    figure.tight_layout()
+    return figure

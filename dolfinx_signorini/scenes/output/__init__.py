@@ -1,0 +1,1 @@
+"""What a solved scene writes: fields, tables, pictures, the record and the report."""

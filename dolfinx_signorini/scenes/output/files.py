@@ -1,0 +1,228 @@
+"""The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report.
+
+They are written to a folder of another name first and moved when all are there, so that no run
+leaves half a result behind.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import numpy as np
+from dolfinx import fem
+from dolfinx.io import XDMFFile
+from matplotlib.figure import Figure
+from mpi4py import MPI
+
+from dolfinx_signorini import plotting
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.records import on_first, versions, write_file
+from dolfinx_signorini.scenes.domains import MeshFile
+from dolfinx_signorini.scenes.output import pictures
+from dolfinx_signorini.scenes.output.boundary import ContactBoundary
+from dolfinx_signorini.scenes.output.report import write_report
+from dolfinx_signorini.scenes.output.summary import Summary
+from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+
+FILES = (
+    "fields.bp",
+    "fields.xdmf",
+    "fields.h5",
+    "boundary.csv",
+    "solution.png",
+    "contact.png",
+    "record.json",
+    "report.html",
+)
+
+
+@contextmanager
+def output_folder(comm: MPI.Comm, folder: Path) -> Iterator[Path]:
+    """Give a folder to write to; what is in it is moved to `folder` when all went well.
+
+    Args:
+        comm: The communicator; the call is collective.
+        folder: Where the files go, in a folder that exists; earlier results there are replaced,
+            other files stay.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    part = folder.with_name(folder.name + ".part")
+    on_first(comm, folder, lambda: _prepare(folder, part))
+    try:
+        yield part
+        comm.barrier()
+        on_first(comm, folder, lambda: _move(part, folder))
+    except (InputError, NotConvergedError):  # raised on all ranks
+        on_first(comm, folder, lambda: shutil.rmtree(part, ignore_errors=True))
+        raise
+    except BaseException:
+        if comm.rank == 0:
+            shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def write_results(
+    result: SceneResult,
+    summary: Summary,
+    boundary: ContactBoundary | None,
+    outputs: tuple[str, ...],
+    folder: Path,
+) -> None:
+    """Write the outputs of a solved scene; the call is collective.
+
+    Args:
+        result: The solved scene.
+        summary: Its numbers.
+        boundary: Its contact boundary, on rank 0.
+        outputs: Which of `OUTPUTS` to write; the record comes with all of them.
+        folder: Where to write.
+    """
+    scene, comm = result.posed.scene, result.posed.problem.comm
+    if "fields" in outputs:
+        write_fields(result, folder)
+    figures: dict[str, Figure] = {}
+    if "pictures" in outputs or "report" in outputs:
+        field = pictures.gather_field(result) if scene.domain.dimension == 2 else None
+        if boundary is not None:
+            figures = _figures(field, boundary, result)
+    if boundary is None:
+        return
+    record = make_record(result, summary, comm)
+    write_file(folder / "record.json", json.dumps(record, indent=1) + "\n")
+    if "boundary" in outputs:
+        write_file(folder / "boundary.csv", boundary_csv(boundary))
+    images = {}
+    for name, figure in figures.items():
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=150)
+        plotting.plt.close(figure)
+        images[name] = buffer.getvalue()
+        if "pictures" in outputs:
+            (folder / f"{name}.png").write_bytes(images[name])
+    if "report" in outputs:
+        write_file(folder / "report.html", write_report(record, summary, images))
+
+
+def write_fields(result: SceneResult, folder: Path) -> None:
+    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2."""
+    fields = [result.u, result.gap, result.pressure]
+    comm = result.posed.problem.comm
+    if dolfinx.has_adios2:
+        from dolfinx.io import VTXWriter
+
+        with VTXWriter(comm, str(folder / "fields.bp"), fields) as writer:
+            writer.write(0.0)
+        return
+    domain = result.posed.problem.space.mesh
+    linear = fem.functionspace(domain, ("Lagrange", 1))
+    with XDMFFile(comm, str(folder / "fields.xdmf"), "w") as file:
+        file.write_mesh(domain)
+        for field in fields:
+            values = fem.Function(linear, name=field.name)
+            values.interpolate(field)
+            file.write_function(values)
+
+
+def boundary_csv(boundary: ContactBoundary) -> str:
+    """Return the contact boundary as CSV: coordinates, u, gap, pressure and whether they touch.
+
+    The pressure is left empty where u has Dirichlet data.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    axes = ["x", "y", "z"][: boundary.points.shape[1]]
+    writer.writerow([*axes, "u", "gap", "pressure", "in_contact"])
+    for k, touching in enumerate(boundary.touching):
+        numbers = [float(v) for v in (*boundary.points[k], *boundary.values[k])]
+        writer.writerow([*("" if np.isnan(v) else v for v in numbers), int(touching)])
+    return text.getvalue()
+
+
+def make_record(result: SceneResult, summary: Summary, comm: MPI.Comm) -> dict[str, Any]:
+    """Return everything that is needed to repeat a run; rank 0 only."""
+    scene = result.posed.scene
+    record: dict[str, Any] = {
+        "title": scene.title,
+        "versions": versions(),
+        "ranks": comm.size,
+        "options": _options(result),
+        "scene": scene.text,
+        "summary": asdict(summary),
+        "meshes": _meshes(result),
+        "expected_orders": result.expectation.orders,
+        "notes": list(result.expectation.notes),
+        "solver": {key: value for key, value in vars(result.solve).items() if key != "u"},
+    }
+    if isinstance(scene.domain, MeshFile):
+        digest = hashlib.sha256(scene.domain.path.read_bytes()).hexdigest()
+        record["mesh_file"] = {"name": scene.domain.path.name, "sha256": digest}
+    return record
+
+
+def _options(result: SceneResult) -> dict[str, Any]:
+    """What a run was asked for, on the command line or in the scene."""
+    outcome, scene = result.outcome, result.posed.scene
+    if outcome is None:
+        return {"degree": scene.degree, "rtol": scene.rtol}
+    asked = {"accuracy": outcome.accuracy, "budget": outcome.budget, "norm": outcome.norm}
+    return {key: value for key, value in asked.items() if value is not None}
+
+
+def _meshes(result: SceneResult) -> list[dict[str, Any]]:
+    """The levels of the cascade, or the runs of a search, in their order."""
+    if result.outcome is None:
+        return [asdict(level) for level in result.levels]
+    return [
+        {
+            "configuration": str(trial.configuration),
+            "rtol": trial.configuration.rtol or DEFAULT_RTOL,
+            "unknowns": trial.unknowns,
+            "seconds": trial.seconds,
+            "error": trial.error,
+        }
+        for trial in result.outcome.trials
+    ]
+
+
+def _figures(
+    field: pictures.PlaneField | None, boundary: ContactBoundary, result: SceneResult
+) -> dict[str, Figure]:
+    scene = result.posed.scene
+    if field is None:
+        return {"contact": pictures.draw_contact_surface(boundary, scene.contact.upper)}
+    return {
+        "solution": pictures.draw_plane(field, boundary, scene.title),
+        "contact": pictures.draw_contact_line(boundary, scene.contact.upper),
+    }
+
+
+def _prepare(folder: Path, part: Path) -> None:
+    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise InputError(f"output folder {folder}: cannot be written")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir()
+
+
+def _move(part: Path, folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    for name in FILES:
+        old = folder / name
+        if old.is_dir():
+            shutil.rmtree(old)
+        else:
+            old.unlink(missing_ok=True)
+    for path in part.iterdir():
+        path.rename(folder / path.name)
+    part.rmdir()

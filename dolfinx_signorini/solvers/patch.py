@@ -1,0 +1,142 @@
+"""Small variational inequalities around chosen dofs, which tell the active set there.
+
+Where the active set of a start is nearly right, what is wrong with it sits at its ends: the
+detachment points. The discrete problem restricted to a patch around them, with everything outside
+frozen, is solved in milliseconds. Each rank solves the patch around the dofs that it owns,
+with rows of other ranks where the patch crosses over.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.residual import power_of_two
+from dolfinx_signorini.system import DiscreteProblem
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+
+# Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
+# curves.
+RINGS = {1: 12, 2: 12, 3: 3}
+MAX_PATCH = 50_000  # dofs of a rank; a larger patch is no cheap prediction any more
+LARGE = 0.5  # of all dofs: a patch of so many costs more than the linear solves that it saves
+MAX_STEPS = 40
+RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
+
+
+def patch_dofs(problem: DiscreteProblem, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
+    """Return the global indices of the dofs within some layers of neighbours of the seeds.
+
+    Args:
+        problem: The problem, whose matrix tells who is a neighbour.
+        seeds: Owned dofs, local indices.
+        reach: How many times as far as usual the patch goes.
+        more: Layers beyond those of the patch.
+    """
+    rows = seeds.astype(np.int32) + problem.A.getOwnershipRange()[0]
+    index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
+    rings = reach * RINGS[problem.space.mesh.topology.dim] + more
+    problem.A.increaseOverlap(index_set, rings)
+    dofs = np.unique(index_set.getIndices())
+    index_set.destroy()
+    return dofs
+
+
+def active_in_patch(
+    problem: DiscreteProblem,
+    x: PETSc.Vec,
+    multiplier: PETSc.Vec,
+    held: Mask,
+    seeds: Indices,
+    reach: int = 1,
+) -> Mask:
+    """Return the active set with the part near the seeds replaced by that of the patch problem.
+
+    Where the patch is too large to be cheap, the set stays as it is.
+
+    Args:
+        problem: The problem.
+        x: Feasible vector whose values outside the patch are kept.
+        multiplier: A x - b, right in the patch.
+        held: The active set so far, one entry per contact dof of this rank.
+        seeds: Owned dofs around which to correct it, local indices.
+        reach: How many times as far as usual the patch goes.
+    """
+    dofs = patch_dofs(problem, seeds, reach)
+    if len(dofs) > min(MAX_PATCH, LARGE * problem.unknowns):
+        dofs = dofs[:0]  # a patch of nothing: what follows is collective
+    lower = problem.A.createVecRight()
+    lower.set(-np.inf)
+    lower.array_w[problem.contact_dofs] = problem.obstacle
+    index_set = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
+    (matrix,) = problem.A.createSubMatrices(index_set)
+    start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
+    lower.destroy()
+    index_set.destroy()
+    active = _solve(matrix, residual, bound, start) if len(dofs) else np.zeros(0, dtype=bool)
+    matrix.destroy()
+    first, last = problem.A.getOwnershipRange()
+    owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
+    local = np.zeros(last - first, dtype=np.int8)
+    local[problem.contact_dofs] = held
+    local[dofs[owned] - first] = active[owned]
+    return local[problem.contact_dofs] == 1
+
+
+def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
+    target = PETSc.Vec().createSeq(index_set.getLocalSize())
+    scatter = PETSc.Scatter().create(vec, index_set, target, None)
+    scatter.scatter(vec, target)
+    values = target.array_r.copy()
+    scatter.destroy()
+    target.destroy()
+    return values
+
+
+def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> Mask:
+    """Primal-dual active set steps; the last active set where they do not settle.
+
+    Args:
+        A: The matrix of the patch.
+        residual: A x - b in the whole problem, at the start.
+        bound: Lower bounds, -inf where there is none.
+        start: Start vector.
+    """
+    diagonal = A.getDiagonal().array_r.copy()
+    unit = power_of_two(diagonal.max())  # held rows are no outliers of the matrix
+    contact = np.isfinite(bound)
+    g = np.where(contact, bound, 0.0)
+    active = start <= bound
+    held = A.duplicate()
+    correction, rhs = A.createVecs()
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setType("cg")
+    ksp.getPC().setType("sor")
+    ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+    ksp.setTolerances(rtol=RTOL, atol=0.0)
+    x, multiplier = start.copy(), residual.copy()
+    for _ in range(MAX_STEPS):
+        A.copy(held, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        held.zeroRowsColumns(np.flatnonzero(active).astype(np.int32), diag=unit)
+        shift = np.where(active, g - x, 0.0)
+        correction.array_w[:] = shift
+        A.mult(correction, rhs)
+        rhs.array_w[:] = np.where(active, 0.0, -(multiplier + rhs.array_r))
+        size = rhs.norm(PETSc.NormType.INFINITY)
+        size = power_of_two(size) if size > 0.0 else 1.0
+        rhs.scale(1.0 / size)
+        ksp.setOperators(held)
+        ksp.solve(rhs, correction)
+        correction.array_w[:] = np.where(active, shift, size * correction.array_r)
+        A.mult(correction, rhs)
+        x += correction.array_r
+        multiplier += rhs.array_r
+        update = contact & (multiplier - diagonal * (x - g) > 0.0)
+        if (update == active).all():
+            break
+        active = update
+    for item in (ksp, held, correction, rhs):
+        item.destroy()
+    return active
