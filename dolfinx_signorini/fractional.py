@@ -21,7 +21,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells
 
 NODES = 9  # interpolation nodes per facet
 SAMPLES = 64  # samples per facet: what lies above their frequency is 2e-4 of the norm
@@ -69,30 +69,15 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
         vertices: The two vertices of every edge, shape (edges, 2).
 
     Returns:
-        For each curve its edges in order, shape (edges, 2): the edge's row in `vertices`, and
-        1 where the curve runs from its second to its first vertex, else 0.
+        The curves, see `meshes.edge_chains`.
 
     Raises:
         ValueError: Some vertex does not belong to exactly two edges.
     """
-    order = np.argsort(vertices.ravel(), kind="stable")
-    ids = vertices.ravel()[order]
-    if len(ids) % 2 or (ids[::2] != ids[1::2]).any() or (ids[1:-1:2] == ids[2::2]).any():
+    _, counts = np.unique(vertices, return_counts=True)
+    if (counts != 2).any():
         raise ValueError("the boundary is not made of closed curves: a vertex has not two edges")
-    partner = np.empty_like(order)  # the other edge end at the same vertex
-    partner[order[::2]], partner[order[1::2]] = order[1::2], order[::2]
-    seen = np.zeros(len(vertices), dtype=bool)
-    curves = []
-    for first in range(len(vertices)):
-        if seen[first]:
-            continue
-        curve, start = [], 2 * first
-        while not seen[start // 2]:
-            seen[start // 2] = True
-            curve.append((start // 2, start % 2))
-            start = int(partner[start ^ 1])
-        curves.append(np.array(curve, dtype=np.int64))
-    return curves
+    return edge_chains(vertices)
 
 
 def _facet_samples(

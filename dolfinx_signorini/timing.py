@@ -1,0 +1,52 @@
+"""Wall-clock seconds of the phases of a computation, the same on all ranks."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from mpi4py import MPI
+
+
+class Phases:
+    """A stopwatch for named phases.
+
+    The phases of one computation follow each other without gaps if the whole computation runs
+    inside of them, so that their sum is what a clock on the wall shows:
+
+        phases = Phases(comm)
+        with phases("mesh"):
+            domain = friedrichs_keller(comm, 100)
+        print(phases.seconds["mesh"], phases.total)
+
+    Args:
+        comm: The communicator; a phase ends when the last rank has reached its end.
+        report: Whether rank 0 writes each phase to the standard error stream when it ends.
+
+    Attributes:
+        seconds: The seconds of each phase by name; a phase that was entered twice is added up.
+    """
+
+    def __init__(self, comm: MPI.Comm, report: bool = False):
+        self.comm, self.report = comm, report
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Time a block; the entry of the block and its end are collective."""
+        start = self._now()
+        yield
+        seconds = self._now() - start
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        if self.report and self.comm.rank == 0:
+            print(f"  {name} {seconds:.1f} s", end="", file=sys.stderr, flush=True)
+
+    @property
+    def total(self) -> float:
+        """The seconds of all phases together."""
+        return sum(self.seconds.values())
+
+    def _now(self) -> float:
+        """The time on rank 0 when all ranks have come here."""
+        self.comm.barrier()
+        return float(self.comm.bcast(time.perf_counter()))
