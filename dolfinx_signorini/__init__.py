@@ -1,33 +1,39 @@
 """Signorini problems on FEniCSx: one-sided constraints on the boundary, solved with PETSc TAO.
 
-The parts, in the order data flows: meshes, quadrature, manufactured (known solutions), costs,
-checks, assembly, optimality, tao, active_set, patch, contact, cascade, problem, norms, rates,
-study, plotting, cli.
+The rooms, in the order in which data flows: meshes and quadrature; manufactured (known solutions);
+system, solvers and problem; norms, orders and detachment; then what is built on them: accuracy,
+scenes, paper, tradeoff, and commands.
 """
 
+from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, christof_haubner, interpolated
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.solvers.cascade import solve_cascade
+from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.solvers.residual import SolveResult
+from dolfinx_signorini.solvers.result import SolveResult
 
 __all__ = [
+    "METHODS",
     "ContactState",
+    "DetachmentPoint",
     "InputError",
     "ManufacturedSolution",
     "NotConvergedError",
     "QuadratureRule",
     "SignoriniProblem",
     "SolveResult",
+    "boundary_facets",
     "christof_haubner",
+    "coarse_levels",
+    "detachment_points",
     "error_norms",
     "friedrichs_keller",
     "interpolated",
-    "paper_problem",
     "solve_cascade",
 ]
 

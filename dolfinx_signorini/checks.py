@@ -1,17 +1,13 @@
 """Checks of an assembled problem: what makes no sense is refused before anything is solved."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError, require
-
-if TYPE_CHECKING:
-    from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.system import System
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
@@ -21,76 +17,101 @@ VANISHING = 1e-12  # relative; what is as small as that against rounding is noth
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
 
 
-def check_bounds(problem: DiscreteProblem, dofs: Indices, values: Array) -> None:
-    """Refuse an obstacle or Dirichlet data that are not finite, or an obstacle above the data.
+def check_bounds(
+    space: fem.FunctionSpace,
+    dofs: Indices,
+    obstacle: Array,
+    fixed: Indices,
+    data: Array,
+    upper: bool = False,
+) -> None:
+    """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
 
     Args:
-        problem: The problem, with its Dirichlet data.
+        space: The function space.
         dofs: The owned dofs on the contact boundary, those with Dirichlet data included.
-        values: The obstacle at these.
+        obstacle: The obstacle at these dofs.
+        fixed: The owned dofs with Dirichlet data.
+        data: The Dirichlet data at these dofs.
+        upper: Whether the obstacle is an upper one.
+
+    Raises:
+        InputError: The subject is "obstacle" or "Dirichlet data".
     """
-    comm = problem.comm
-    fixed, data = problem.fixed_dofs, problem.fixed_values
-    bad = dofs[~np.isfinite(values)]
-    place = _place(problem, bad[0]) if len(bad) else ""
-    require(comm, not len(bad), f"obstacle: it is not a finite number at {place}")
-    bad = fixed[~np.isfinite(data)]
-    place = _place(problem, bad[0]) if len(bad) else ""
-    require(comm, not len(bad), f"Dirichlet data: not a finite number at {place}")
+    comm = space.mesh.comm
+    for subject, places, values in (
+        ("obstacle", dofs, obstacle),
+        ("Dirichlet data", fixed, data),
+    ):
+        bad = places[~np.isfinite(values)]
+        message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
+        require(comm, not message, message, subject)
     common, i, j = np.intersect1d(dofs, fixed, return_indices=True)
-    above = np.flatnonzero(values[i] > data[j])
+    beyond = obstacle[i] < data[j] if upper else obstacle[i] > data[j]
     message = ""
-    if len(above):
-        k = above[0]
+    for k in np.flatnonzero(beyond)[:1]:
         message = (
-            f"obstacle: {values[i[k]]:.6g} lies above the Dirichlet data "
-            f"{data[j[k]]:.6g} at {_place(problem, common[k])}"
+            f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
+            f"{data[j[k]]:.6g} at {_place(space, common[k])}"
         )
-    require(comm, not message, message)
+    require(comm, not message, message, "obstacle")
 
 
-def check_entries(problem: DiscreteProblem) -> Array:
-    """Refuse entries that are not finite, or a diagonal that is not positive; return the diagonal.
+def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:
+    """Refuse entries that are not finite, or a diagonal that is not positive.
 
-    The diagonal is that of the rows of this rank.
+    Args:
+        comm: The communicator of the mesh.
+        diagonal: The diagonal of the matrix, the rows of this rank.
+        load: The load vector, the rows of this rank.
+
+    Raises:
+        InputError: The subject is "load" or "form a".
     """
-    comm = problem.comm
-    finite = bool(np.isfinite(problem.b.array_r).all())
-    require(comm, finite, "load: the assembled form L has an entry that is not finite")
-    vector = problem.A.getDiagonal()
-    diagonal = np.array(vector.array_r)
-    vector.destroy()
+    finite = bool(np.isfinite(load).all())
+    require(comm, finite, "the assembled form L has an entry that is not finite", "load")
     finite = bool(np.isfinite(diagonal).all())
-    require(comm, finite, "form a: the assembled matrix has an entry that is not finite")
+    require(comm, finite, "the assembled matrix has an entry that is not finite", "form a")
     positive = bool((diagonal > 0.0).all())
-    require(comm, positive, "form a: not positive definite, a diagonal entry is not positive")
-    return diagonal
+    require(comm, positive, "not positive definite, a diagonal entry is not positive", "form a")
 
 
-def check_range(problem: DiscreteProblem, diagonal: Array) -> None:
-    """Refuse an operator, forces or a solution too large or small to have all their digits."""
-    load = np.abs(problem.b.array_r).max(initial=0.0)
+def check_range(system: System, diagonal: Array) -> None:
+    """Refuse an operator, forces or a solution too large or small to have all their digits.
+
+    Args:
+        system: The system.
+        diagonal: The diagonal of its matrix, the rows of this rank.
+
+    Raises:
+        InputError: The subject is "form a", "load", "obstacle" or "load and obstacle".
+    """
+    load = np.abs(system.b.array_r).max(initial=0.0)
     with np.errstate(over="ignore", under="ignore"):
-        push = (problem.contact_diagonal * np.maximum(problem.obstacle, 0.0)).max(initial=0.0)
+        push = (system.contact_diagonal * np.maximum(system.obstacle, 0.0)).max(initial=0.0)
         local = np.array([diagonal.max(initial=0.0), load, max(load, push)])
-        operator, load, force = np.max(problem.comm.allgather(local), axis=0)
+        operator, load, force = np.max(system.comm.allgather(local), axis=0)
         height = force / operator
-    for name, size in (
-        ("form a: its largest diagonal entry", operator),
-        ("load: its largest entry", load),
-        ("obstacle: its force", force),
-        ("load and obstacle: the size of the solution", height),
+    for subject, name, size in (
+        ("form a", "its largest diagonal entry", operator),
+        ("load", "its largest entry", load),
+        ("obstacle", "its force", force),
+        ("load and obstacle", "the size of the solution", height),
     ):
         if size != 0.0 and not SMALLEST <= size <= LARGEST:
             raise InputError(
                 f"{name}, {size:.3g}, is not between {SMALLEST:g} and {LARGEST:g}; "
-                "choose other units"
+                "choose other units",
+                subject,
             )
 
 
-def check_symmetry(problem: DiscreteProblem) -> None:
-    """Refuse a form that is not symmetric: compare x.(A y) with y.(A x) for two vectors."""
-    A = problem.A
+def check_symmetry(A: PETSc.Mat) -> None:
+    """Refuse a matrix that is not symmetric: compare x.(A y) with y.(A x) for two vectors.
+
+    Raises:
+        InputError: The subject is "form a".
+    """
     x, y, product = (A.createVecRight() for _ in range(3))
     index = np.arange(*A.getOwnershipRange(), dtype=np.float64)
     x.array_w[:] = np.cos(1.7 * index**2)
@@ -102,50 +123,68 @@ def check_symmetry(problem: DiscreteProblem) -> None:
     size = largest * x.norm(PETSc.NormType.NORM_1)
     A.mult(x, product)
     defect = abs(forward - y.dot(product))
+    comm = A.comm.tompi4py()
     for vec in (x, y, product):
         vec.destroy()
     symmetric = defect <= SYMMETRY_TOLERANCE * size
-    require(problem.comm, symmetric, "form a: not symmetric, so that no energy is minimised")
+    require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
 
 
-def check_definite(problem: DiscreteProblem, diagonal: Array) -> bool:
-    """Refuse a(1, 1) < 0, and a form without a unique solution where it vanishes on constants.
+def vanishes_on_constants(A: PETSc.Mat, fixed: Indices, diagonal: Array) -> bool:
+    """Return whether a matrix maps constants to zero; refuse one with a(1, 1) < 0.
 
-    Returns:
-        Whether the form vanishes on constants: the only functions it may leave out, and where it
-        does, the load has to press against the obstacle.
+    Args:
+        A: The matrix.
+        fixed: The owned dofs with Dirichlet data.
+        diagonal: The diagonal of the matrix, the rows of this rank.
+
+    Raises:
+        InputError: The subject is "form a".
     """
-    comm, A, b = problem.comm, problem.A, problem.b
+    comm = A.comm.tompi4py()
     x, product = A.createVecRight(), A.createVecLeft()
     x.set(1.0)
-    x.array_w[problem.fixed_dofs] = 0.0
+    x.array_w[fixed] = 0.0
     A.mult(x, product)
     energy, bound = x.dot(product), comm.allreduce(float(diagonal.sum()))
     vanishes = product.norm(PETSc.NormType.NORM_1) <= VANISHING * bound
-    work, loads = b.dot(x), b.norm(PETSc.NormType.NORM_1)
     x.destroy()
     product.destroy()
     definite = energy >= -VANISHING * bound
-    require(comm, definite, "form a: not positive definite, a(1, 1) is negative")
-    singular = vanishes and comm.allreduce(len(problem.fixed_dofs)) == 0
-    if not singular:
-        return False
+    require(comm, definite, "not positive definite, a(1, 1) is negative", "form a")
+    return bool(vanishes and comm.allreduce(len(fixed)) == 0)
+
+
+def check_held(system: System) -> None:
+    """Refuse a system without a unique solution where its form vanishes on constants.
+
+    The constants are the only functions on which a form may vanish. Where a form does, the load has
+    to press against the obstacle.
+
+    Raises:
+        InputError: The subject is "contact" or "load".
+    """
+    if not system.singular:
+        return
+    comm = system.comm
     require(
         comm,
-        comm.allreduce(len(problem.contact_dofs)) > 0,
-        "contact: empty, while the form a vanishes on constants: the operator is singular; "
+        comm.allreduce(len(system.contact_dofs)) > 0,
+        "empty, while the form a vanishes on constants: the operator is singular; "
         "give contact facets, a Dirichlet condition or a reaction term",
+        "contact",
     )
+    work, loads = system.b.sum(), system.b.norm(PETSc.NormType.NORM_1)
     require(
         comm,
         work < -VANISHING * loads,
-        f"load: L(1) = {work:.6g} is not negative, while the form a vanishes on constants: "
+        f"L(1) = {work:.6g} is not negative, while the form a vanishes on constants: "
         + ("the energy is unbounded" if work > VANISHING * loads else "the solution is not unique")
         + "; the load must press against the obstacle",
+        "load",
     )
-    return True
 
 
-def _place(problem: DiscreteProblem, dof: int) -> str:
-    x = problem.space.tabulate_dof_coordinates()[dof]
+def _place(space: fem.FunctionSpace, dof: int) -> str:
+    x = space.tabulate_dof_coordinates()[dof]
     return "(" + ", ".join(f"{c:.6g}" for c in x) + ")"

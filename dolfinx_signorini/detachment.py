@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.meshes import facet_cells
+from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 
@@ -49,20 +48,19 @@ class DetachmentPoint:
     strength: float
 
 
-def detachment_points(problem: DiscreteProblem, state: ContactState) -> list[DetachmentPoint]:
+def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     """Find the points where contact really ends, the strongest first.
 
     Where gap and pressure vanish together, the discrete contact set begins and ends anywhere, by
     rounding. What counts is an end with a gap on one side and a pressure on the other.
 
     Args:
-        problem: The problem, in the plane.
-        state: Its solution with the pressure density.
+        problem: A problem in the plane that has been solved.
 
     Returns:
         The same points on all ranks.
     """
-    edges, gap, density = _boundary_table(problem, state)
+    edges, gap, density = _boundary_table(problem)
     largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
@@ -135,18 +133,15 @@ def _zero(s: Array, values: Array, degree: int) -> float:
     return float(real[np.argmin(np.abs(real))]) if len(real) else np.inf
 
 
-def _boundary_table(problem: DiscreteProblem, state: ContactState) -> tuple[Array, Array, Array]:
+def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array]:
     """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
 
     Returns:
         The same on all ranks: ends, shape (edges, 2, 2), gaps and densities, shape (edges, 2).
     """
     space = problem.space
-    gap = fem.Function(space)
-    dofs = problem.contact_dofs
-    gap.x.array[dofs] = state.u.x.array[dofs] - problem.obstacle
-    gap.x.scatter_forward()
-    pairs = problem.contact_integrals.reshape(-1, 2)
+    gap, pressure = problem.gap.x.array, problem.pressure.x.array
+    pairs = facet_cells(space.mesh, problem.system.layout.owned_facets)
     parts = [np.empty((0, 2), dtype=np.int32)]
     for facet in range(3):
         closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
@@ -156,8 +151,6 @@ def _boundary_table(problem: DiscreteProblem, state: ContactState) -> tuple[Arra
         parts += [np.column_stack(pair) for pair in pairwise(chain)]
     edges = np.concatenate(parts)
     x = space.tabulate_dof_coordinates()[:, :2]
-    table = np.column_stack(
-        [x[edges].reshape(-1, 4), gap.x.array[edges], state.density.x.array[edges]]
-    )
+    table = np.column_stack([x[edges].reshape(-1, 4), gap[edges], pressure[edges]])
     table = np.concatenate(problem.comm.allgather(table))
     return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8]

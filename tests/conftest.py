@@ -17,7 +17,7 @@ from hypothesis import settings
 from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 
@@ -72,12 +72,12 @@ def serial(comm: MPI.Comm) -> None:
 
 
 @pytest.fixture(scope="session")
-def solve_with_scipy() -> Callable[[DiscreteProblem], Array]:
+def solve_with_scipy() -> Callable[[SignoriniProblem], Array]:
     """A solver that shares nothing with the package but the matrix and the load."""
     return _solve_with_scipy
 
 
-def _solve_with_scipy(problem: DiscreteProblem) -> Array:
+def _solve_with_scipy(problem: SignoriniProblem) -> Array:
     """Return the owned values of the solution: active sets and sparse LU on rank 0."""
     comm = problem.comm
     first = problem.A.getOwnershipRange()[0]
@@ -88,7 +88,7 @@ def _solve_with_scipy(problem: DiscreteProblem) -> Array:
             ),
             problem.b.array_r.copy(),
             problem.contact_dofs + first,
-            problem.obstacle,
+            problem.system.obstacle,
         )
     )
     solution = None

@@ -9,8 +9,9 @@ from mpi4py import MPI
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
-from dolfinx_signorini.solvers.active_set import HeldSystem, solve_active_set
-from dolfinx_signorini.solvers.residual import Optimality
+from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.residual import NaturalResidual
 
 COMM = MPI.COMM_WORLD
 RTOL = 1e-9
@@ -35,22 +36,21 @@ def pressed():
 
 def solution(problem):
     """The active set and the owned values of the solution, by TAO alone."""
-    u = problem.vector_of(problem.solve("bntr", rtol=1e-12).u)
-    values = u.array_r.copy()
-    u.destroy()
+    values = problem.solve("bntr", rtol=1e-12).x.array[: problem.b.getLocalSize()].copy()
     dofs = problem.contact_dofs
     return values[dofs] == problem.obstacle, values
 
 
 def run(problem, held, trusted):
     """Run the method from a guess; return solver, values, and the residual that it reached."""
-    system, optimality = HeldSystem(problem), Optimality(problem, RTOL)
-    x = problem.start_values()
-    residual = solve_active_set(system, optimality, x, held, RTOL, trusted)
+    system = problem.system
+    solver, measure = HeldSolver(system), NaturalResidual(system, RTOL)
+    x = system.start()
+    residual = solve_active_set(system, solver, measure, x, held, RTOL, trusted)
     values = x.array_r.copy()
-    for item in (system, optimality, x):
+    for item in (solver, measure, x):
         item.destroy()
-    return system, values, residual
+    return solver, values, residual
 
 
 def largest(values):
@@ -59,27 +59,26 @@ def largest(values):
 
 def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pressed):
     held, values = solution(pressed)
-    system, found, residual = run(pressed, held, True)
+    solver, found, residual = run(pressed, held, True)
     assert residual <= RTOL
     assert largest(found - values) <= 1e-7 * largest(values)
-    assert (system.solves, system.setups) == (1, 1)
-    once = system.iterations
+    assert (solver.solves, solver.setups) == (1, 1)
+    once = solver.iterations
     # Release the dof that is pressed most.
-    x = pressed.vector_of(fem.Function(pressed.space))
-    x.array_w[:] = values
-    optimality = Optimality(pressed)
-    optimality.measure(x)
-    pressure = optimality.multiplier.array_r[pressed.contact_dofs]
+    x = pressed.system.start(values)
+    measure = NaturalResidual(pressed.system)
+    measure(x)
+    pressure = measure.multiplier.array_r[pressed.contact_dofs]
     wrong = held & (pressure != COMM.allreduce(float(pressure.max(initial=0.0)), op=MPI.MAX))
-    optimality.destroy()
+    measure.destroy()
     x.destroy()
     assert COMM.allreduce(int((wrong != held).sum())) == 1
-    system, found, residual = run(pressed, wrong, True)
+    solver, found, residual = run(pressed, wrong, True)
     assert residual <= RTOL
     assert largest(found - values) <= 1e-7 * largest(values)
     assert ((found[pressed.contact_dofs] == pressed.obstacle) == held).all()
-    assert (system.solves, system.setups) == (2, 1)
-    assert system.iterations <= 2 * once + 2
+    assert (solver.solves, solver.setups) == (2, 1)
+    assert solver.iterations <= 2 * once + 2
 
 
 def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
@@ -87,7 +86,7 @@ def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
     monkeypatch.setattr(
         active_set,
         "_correct_locally",
-        lambda problem, optimality, x, held, reach: ~held,
+        lambda system, measure, x, held, reach: ~held,
     )
     held, values = solution(pressed)
     _, found, residual = run(pressed, ~held, False)
@@ -99,13 +98,13 @@ def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
 def test_without_reaction_some_dof_is_always_held(size, monkeypatch):
     """However small a load is: it is borne where the body, flat by then, touches the obstacle."""
     summit, counts = 2.0, []
-    solve = HeldSystem.solve
+    solve = HeldSolver.solve
 
-    def counted(system, x, held, atol):
+    def counted(solver, system, x, held, atol):
         counts.append(COMM.allreduce(int(held.sum())))
-        solve(system, x, held, atol)
+        solve(solver, system, x, held, atol)
 
-    monkeypatch.setattr(HeldSystem, "solve", counted)
+    monkeypatch.setattr(HeldSolver, "solve", counted)
 
     def obstacle(x):
         return summit - (x[0] - 0.5) ** 2 - (x[1] - 1.0) ** 2  # a node is at the summit

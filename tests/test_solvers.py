@@ -1,5 +1,7 @@
 """Solvers: agreement with each other and with SciPy, optimality, exact scaling, honest failure."""
 
+from contextlib import nullcontext
+
 import dolfinx
 import numpy as np
 import pytest
@@ -13,19 +15,29 @@ from petsc4py import PETSc
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
-from dolfinx_signorini.problem import METHODS, SignoriniProblem, paper_problem
-from dolfinx_signorini.solvers import pressure as contact
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.tao import FIRST_ORDER
 
 COMM = MPI.COMM_WORLD
 TIGHT = 1e-11
 
 
-def paper(n):
-    return paper_problem(christof_haubner(friedrichs_keller(COMM, n)))
+def paper(n, **arguments):
+    """The paper's problem, its forms times a constant k, its load times another one."""
+    exact = christof_haubner(friedrichs_keller(COMM, n))
+    space = fem.functionspace(exact.mesh, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    k, size = (fem.Constant(exact.mesh, 1.0) for _ in range(2))
+    a = k * (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    dx = ufl.Measure("dx", exact.mesh, subdomain_data=[(1, exact.support_cells())])
+    load = size * k * exact.load * v * dx(1, metadata={"quadrature_degree": 7})
+    problem = SignoriniProblem(a, load, contact=boundary_facets(exact.mesh), **arguments)
+    problem.k, problem.size = k, size
+    return problem
 
 
-def bumpy(n, factor=1.0):
+def bumpy(n, factor=1.0, **arguments):
     """Contact and an obstacle at the bottom, data on top, a coefficient, load and data times k."""
     domain = friedrichs_keller(COMM, n)
     space = fem.functionspace(domain, ("Lagrange", 1))
@@ -38,13 +50,18 @@ def bumpy(n, factor=1.0):
     facets = boundary_facets(domain)
     middle = dolfinx.mesh.compute_midpoints(domain, 1, facets)
     top = fem.locate_dofs_topological(space, 1, facets[middle[:, 1] > 1 - 1e-9])
-    return SignoriniProblem(
+    data = fem.Function(space)
+    data.x.array[:] = 0.25 * factor
+    problem = SignoriniProblem(
         a,
         load,
         contact=facets[middle[:, 1] < 1e-9],
-        obstacle=lambda x: factor * (-0.1 - 0.15 * np.cos(7.0 * x[0])),
-        bcs=[fem.dirichletbc(PETSc.ScalarType(0.25 * factor), top, space)],
+        obstacle=k * (-0.1 - 0.15 * ufl.cos(7.0 * x[0])),
+        bcs=[fem.dirichletbc(data, top)],
+        **arguments,
     )
+    problem.size, problem.data = k, data
+    return problem
 
 
 @pytest.fixture(scope="module", params=["paper", "bumpy"])
@@ -56,7 +73,13 @@ def problem(request):
 
 @pytest.fixture(scope="module")
 def solution(problem):
-    return owned(problem.solve(rtol=TIGHT).u)
+    return owned(problem.solve(rtol=TIGHT))
+
+
+def solved(problem, method="cascade", **arguments):
+    """Solve from nothing, and return the owned values with the diagnostics."""
+    u = problem.solve(method, warm_start=False, **arguments)
+    return owned(u), problem.result
 
 
 def owned(u):
@@ -76,19 +99,19 @@ def difference(values, others):
 def test_all_methods_and_scipy_agree_on_the_papers_problem(n, solve_with_scipy):
     problem = paper(n)
     reference = solve_with_scipy(problem)
-    results = {m: problem.solve(m, rtol=TIGHT) for m in METHODS}
+    results = {m: solved(problem, m, rtol=TIGHT) for m in METHODS}
     problem.destroy()
-    for method, result in results.items():
-        assert difference(owned(result.u), reference) <= 1e-8, method
+    for method, (u, result) in results.items():
+        assert difference(u, reference) <= 1e-8, method
         assert result.natural_residual <= TIGHT
     for method in ("bqnls", "bntr"):
-        assert difference(owned(results[method].u), owned(results["bncg"].u)) <= 1e-8
+        assert difference(results[method][0], results["bncg"][0]) <= 1e-8
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_default_tolerance_is_enough_for_six_digits(problem, method, solve_with_scipy):
-    result = problem.solve(method)
-    assert difference(owned(result.u), solve_with_scipy(problem)) <= 1e-6
+    u, result = solved(problem, method)
+    assert difference(u, solve_with_scipy(problem)) <= 1e-6
     assert result.method == method
     assert "TAO" in result.reason
     assert (result.linear_solves > 0) == (method == "cascade")
@@ -97,8 +120,9 @@ def test_default_tolerance_is_enough_for_six_digits(problem, method, solve_with_
 
 @pytest.mark.parametrize("method", METHODS)
 def test_optimality_conditions(problem, method):
-    result = problem.solve(method, rtol=TIGHT)
-    u, force = owned(result.u), contact.multiplier(problem, result.u)
+    u, result = solved(problem, method, rtol=TIGHT)
+    x = problem.system.start(u)
+    force = problem.system.multiplier(x)
     gap = u[problem.contact_dofs] - problem.obstacle
     scale = COMM.allreduce(float(np.abs(problem.b.array_r).sum()))
     assert (gap >= 0.0).all()
@@ -109,8 +133,7 @@ def test_optimality_conditions(problem, method):
     assert counts.min() >= 3
     assert result.active_dofs == COMM.allreduce(int((gap == 0.0).sum()))
     # Equilibrium at all other dofs, and the Dirichlet data exactly.
-    assert (u[problem.fixed_dofs] == problem.fixed_values).all()
-    x = problem.vector_of(result.u)
+    assert (u[problem.fixed_dofs] == problem.system.fixed_values).all()
     residual = problem.A.createVecLeft()
     problem.A.mult(x, residual)
     rest = residual.array_r - problem.b.array_r
@@ -135,7 +158,7 @@ def test_no_feasible_vector_has_less_energy(problem, solution, seed, size):
     rng = np.random.default_rng([seed, COMM.rank])
     v = u + 10.0**size * rng.normal(size=len(u)) * (rng.random(len(u)) < 0.5)
     v[problem.contact_dofs] = np.maximum(v[problem.contact_dofs], problem.obstacle)
-    v[problem.fixed_dofs] = problem.fixed_values
+    v[problem.fixed_dofs] = problem.system.fixed_values
     least = energy(u)
     assert energy(v) >= least - 1e-12 * abs(least)
 
@@ -144,25 +167,24 @@ EXPONENTS = [-600, -300, -1, 1, 300, 600]
 
 
 def scale_data(problem, factor):
-    problem.b.scale(factor)
-    problem.obstacle *= factor
-    problem.fixed_values *= factor
+    problem.size.value *= factor
+    problem.data.x.array[:] *= factor
 
 
 def assert_scaled(unit, scaled, k):
-    assert np.array_equal(scaled.u.x.array, 2.0**k * unit.u.x.array)
-    assert np.abs(unit.u.x.array).max(initial=0.0) < 1.0
+    assert np.array_equal(scaled[0], 2.0**k * unit[0])
+    assert np.abs(unit[0]).max(initial=0.0) < 1.0
     for count in ("iterations", "linear_solves", "linear_iterations", "active_dofs"):
-        assert getattr(scaled, count) == getattr(unit, count), count
+        assert getattr(scaled[1], count) == getattr(unit[1], count), count
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_data_times_a_power_of_two_scale_the_solution_bitwise(method):
     problem = bumpy(15)
-    unit = problem.solve(method)
+    unit = solved(problem, method)
     for k in EXPONENTS:
         scale_data(problem, 2.0**k)
-        assert_scaled(unit, problem.solve(method), k)
+        assert_scaled(unit, solved(problem, method), k)
         scale_data(problem, 2.0**-k)
     problem.destroy()
 
@@ -171,8 +193,8 @@ def test_the_cascade_from_coarse_scales_bitwise():
     problems = bumpy(9), bumpy(31)
 
     def solve():
-        state = problems[0].contact_state(problems[0].solve().u)
-        return problems[1].solve(coarse=state)
+        problems[0].solve(warm_start=False)
+        return solved(problems[1], coarse=problems[0].contact_state())
 
     unit = solve()
     for k in EXPONENTS:
@@ -192,7 +214,7 @@ def test_forms_times_a_power_of_two_scale_the_solution_bitwise(method, k):
     results = []
     for factor in (1.0, 2.0**k):
         problem = bumpy(15, factor)
-        results.append(problem.solve(method))
+        results.append(solved(problem, method))
         problem.destroy()
     assert_scaled(*results, k)
 
@@ -201,11 +223,9 @@ def test_forms_times_a_power_of_two_scale_the_solution_bitwise(method, k):
 @pytest.mark.parametrize("factor", [1e-200, 1e-12, 1e9])
 def test_the_operators_size_does_not_matter(method, factor):
     problem = paper(11)
-    reference = owned(problem.solve(method, rtol=TIGHT).u)
-    problem.A.scale(factor)
-    problem.b.scale(factor)
-    problem.contact_diagonal *= factor
-    scaled = owned(problem.solve(method, rtol=TIGHT).u)
+    reference, _ = solved(problem, method, rtol=TIGHT)
+    problem.k.value = factor
+    scaled, _ = solved(problem, method, rtol=TIGHT)
     problem.destroy()
     assert difference(scaled, reference) <= 1e-9
 
@@ -213,10 +233,10 @@ def test_the_operators_size_does_not_matter(method, factor):
 @pytest.mark.parametrize("method", METHODS)
 def test_nothing_to_do_is_done_at_once(method):
     problem = paper(7)
-    problem.b.set(0.0)
-    result = problem.solve(method)
+    problem.size.value = 0.0
+    u, result = solved(problem, method)
     problem.destroy()
-    assert not result.u.x.array.any()
+    assert not u.any()
     assert result.natural_residual == 0.0
     assert result.active_dofs == 4 * 7
 
@@ -227,7 +247,7 @@ def test_nothing_to_do_is_done_at_once(method):
 )
 def test_limits_raise_with_residual_and_reason(problem, method, limit, word):
     with pytest.raises(NotConvergedError, match=method) as caught:
-        problem.solve(method, **{limit: 3})
+        problem.solve(method, warm_start=False, **{limit: 3})
     assert word in caught.value.reason
     assert 1e-8 < caught.value.residual < 10.0
     assert f"{caught.value.residual:.3g}" in str(caught.value)
@@ -236,7 +256,7 @@ def test_limits_raise_with_residual_and_reason(problem, method, limit, word):
 def test_an_accuracy_beyond_rounding_is_not_claimed(problem):
     for method in ("cascade", "bqnls", "bntr"):
         try:
-            result = problem.solve(method, rtol=1e-18)
+            _, result = solved(problem, method, rtol=1e-18)
         except NotConvergedError as error:
             assert 1e-18 < error.residual < 1e-10
         else:
@@ -244,9 +264,9 @@ def test_an_accuracy_beyond_rounding_is_not_claimed(problem):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_options_act_and_do_not_leak(problem, method):
+@pytest.mark.parametrize("make", [paper, bumpy])
+def test_options_act_and_do_not_leak(make, method):
     before = PETSc.Options().getAll()
-    usual = problem.solve(method)
     options = {
         "cascade": {"pc_type": "jacobi", "ksp_max_it": 150},
         "bncg": {"tao_bncg_type": "hs"},
@@ -254,11 +274,33 @@ def test_options_act_and_do_not_leak(problem, method):
         "blmvm": {"tao_blmvm_mat_lmvm_hist_size": 2},
         "tron": {"pc_type": "jacobi"},
     }.get(method, {"tao_bnk_pc_type": "jacobi"})
-    other = problem.solve(method, options=options)
+    problems = make(17), make(17, petsc_options=options)
+    (usual, r), (other, s) = (solved(problem, method) for problem in problems)
+    for problem in problems:
+        problem.destroy()
     assert PETSc.Options().getAll() == before
-    assert difference(owned(other.u), owned(usual.u)) <= 1e-6
-    counts = [(r.iterations, r.linear_solves, r.linear_iterations) for r in (usual, other)]
+    assert difference(other, usual) <= 1e-6
+    counts = [(r.iterations, r.linear_solves, r.linear_iterations) for r in (r, s)]
     assert counts[0] != counts[1]
+
+
+@pytest.mark.parametrize("method", ["cascade", "bncg"])
+def test_the_options_of_the_database_are_the_users(method):
+    """What a user has set under the prefix acts, wins, and is there afterwards."""
+    database, name = (
+        PETSc.Options(),
+        "mine_ksp_max_it" if method == "cascade" else "mine_tao_max_it",
+    )
+    option = name.removeprefix("mine_")
+    database[name] = 1
+    try:
+        problem = paper(17, petsc_options_prefix="mine_", petsc_options={option: 77})
+        with pytest.raises(NotConvergedError) if method == "bncg" else nullcontext():
+            problem.solve(method)
+        problem.destroy()
+        assert database.getInt(name) == 1
+    finally:
+        database.delValue(name)
 
 
 @pytest.mark.parametrize(
@@ -267,8 +309,9 @@ def test_options_act_and_do_not_leak(problem, method):
 )
 def test_options_do_not_leak_from_a_failure(problem, method, options):
     before = PETSc.Options().getAll()
+    wrong = paper(9, petsc_options=options)
     with pytest.raises(PETSc.Error):
-        problem.solve(method, options=options)
+        wrong.solve(method)
     assert PETSc.Options().getAll() == before
     problem.solve(method)
 
@@ -283,25 +326,28 @@ def test_a_good_start_saves_iterations(method):
         dtype=np.int32,
     )
     data = fem.create_interpolation_data(fine.space, coarse.space, cells, padding=1e-6)
-    start.interpolate_nonmatching(coarse.solve().u, cells, data)
+    start.interpolate_nonmatching(coarse.solve(), cells, data)
     start.x.scatter_forward()
-    cold, warm = fine.solve(method), fine.solve(method, start=start)
-    again = fine.solve(method, start=cold.u)
+    (u, cold), warm = solved(fine, method), solved(fine, method, start=start)
+    solution = fine.u.copy()
+    solution.x.array[: len(u)] = u
+    again = solved(fine, method, start=solution)
     kept = owned(start)
     start.x.array[:] -= 1.0  # below the obstacle: it is lifted
-    below = fine.solve(method, start=start)
+    below = solved(fine, method, start=start)
     for problem in (coarse, fine):
         problem.destroy()
     if method == "bqnls":  # the others can take as long for what is left
-        assert warm.iterations < cold.iterations
-    assert again.iterations == 0
-    for result in (warm, again, below):
-        assert difference(owned(result.u), owned(cold.u)) <= 1e-6
+        assert warm[1].iterations < cold.iterations
+    assert again[1].iterations == 0
+    for values, _ in (warm, again, below):
+        assert difference(values, u) <= 1e-6
     assert np.array_equal(owned(start), kept - 1.0)  # the start is not overwritten
 
 
 def test_wrong_arguments_are_named(problem):
-    state = problem.contact_state(problem.solve().u)
+    problem.solve()
+    state = problem.contact_state()
     for method, arguments, name in (
         ("newton", {}, "method"),
         ("cascade", {"rtol": 0.0}, "rtol"),

@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.manufactured import DETACHMENT, ManufacturedSolution, christof_haubner
 from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
-from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
 
 

@@ -13,7 +13,8 @@ from mpi4py import MPI
 from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.problem import SignoriniProblem, paper_problem
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE
 from dolfinx_signorini.records import Records
 from dolfinx_signorini.solvers.cascade import solve_cascade

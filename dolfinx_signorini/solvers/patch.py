@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.residual import power_of_two
-from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -26,26 +26,26 @@ MAX_STEPS = 40
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
 
-def patch_dofs(problem: DiscreteProblem, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
+def patch_dofs(system: System, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
     """Return the global indices of the dofs within some layers of neighbours of the seeds.
 
     Args:
-        problem: The problem, whose matrix tells who is a neighbour.
+        system: The system, whose matrix tells which dofs are neighbours.
         seeds: Owned dofs, local indices.
         reach: How many times as far as usual the patch goes.
         more: Layers beyond those of the patch.
     """
-    rows = seeds.astype(np.int32) + problem.A.getOwnershipRange()[0]
+    rows = seeds.astype(np.int32) + system.A.getOwnershipRange()[0]
     index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    rings = reach * RINGS[problem.space.mesh.topology.dim] + more
-    problem.A.increaseOverlap(index_set, rings)
+    rings = reach * RINGS[system.space.mesh.topology.dim] + more
+    system.A.increaseOverlap(index_set, rings)
     dofs = np.unique(index_set.getIndices())
     index_set.destroy()
     return dofs
 
 
 def active_in_patch(
-    problem: DiscreteProblem,
+    system: System,
     x: PETSc.Vec,
     multiplier: PETSc.Vec,
     held: Mask,
@@ -57,32 +57,32 @@ def active_in_patch(
     Where the patch is too large to be cheap, the set stays as it is.
 
     Args:
-        problem: The problem.
+        system: The system.
         x: Feasible vector whose values outside the patch are kept.
         multiplier: A x - b, right in the patch.
         held: The active set so far, one entry per contact dof of this rank.
         seeds: Owned dofs around which to correct it, local indices.
         reach: How many times as far as usual the patch goes.
     """
-    dofs = patch_dofs(problem, seeds, reach)
-    if len(dofs) > min(MAX_PATCH, LARGE * problem.unknowns):
+    dofs = patch_dofs(system, seeds, reach)
+    if len(dofs) > min(MAX_PATCH, LARGE * system.unknowns):
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
-    lower = problem.A.createVecRight()
+    lower = system.A.createVecRight()
     lower.set(-np.inf)
-    lower.array_w[problem.contact_dofs] = problem.obstacle
+    lower.array_w[system.contact_dofs] = system.obstacle
     index_set = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
-    (matrix,) = problem.A.createSubMatrices(index_set)
+    (matrix,) = system.A.createSubMatrices(index_set)
     start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
     lower.destroy()
     index_set.destroy()
     active = _solve(matrix, residual, bound, start) if len(dofs) else np.zeros(0, dtype=bool)
     matrix.destroy()
-    first, last = problem.A.getOwnershipRange()
+    first, last = system.A.getOwnershipRange()
     owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
     local = np.zeros(last - first, dtype=np.int8)
-    local[problem.contact_dofs] = held
+    local[system.contact_dofs] = held
     local[dofs[owned] - first] = active[owned]
-    return local[problem.contact_dofs] == 1
+    return local[system.contact_dofs] == 1
 
 
 def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:

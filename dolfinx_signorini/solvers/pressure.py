@@ -1,24 +1,27 @@
-"""The contact boundary of a discrete solution: contact pressure and its density."""
+"""The contact pressure of a discrete solution, and the state that a finer mesh starts from."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
 
-from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ContactState:
-    """A discrete solution as a finer mesh needs it.
+    """A discrete solution as the solve on another mesh needs it.
+
+    A problem gives its state, and another one starts from the state:
+
+        fine.solve(coarse=problem.contact_state())
 
     Attributes:
-        u: The solution.
+        u: The solution of the system; for an upper obstacle that is -u.
         density: The density of the contact pressure, zero away from the contact dofs.
     """
 
@@ -26,48 +29,17 @@ class ContactState:
     density: fem.Function
 
 
-def multiplier(problem: DiscreteProblem, u: fem.Function) -> Array:
-    """Return lambda = A u - b at the contact dofs of this rank: the force on each of them."""
-    x = problem.vector_of(u)
-    force = x.duplicate()
-    problem.A.mult(x, force)
-    force.axpy(-1.0, problem.b)
-    values = force.array_r[problem.contact_dofs].copy()
-    x.destroy()
-    force.destroy()
-    return values
+def contact_state(system: System, x: PETSc.Vec) -> ContactState:
+    """Return a solution with the density of its contact pressure.
 
-
-def boundary_weights(problem: DiscreteProblem) -> Array:
-    """Return the share of the contact boundary that belongs to each contact dof of this rank.
-
-    The diagonal of the boundary mass matrix, scaled to add up to the whole: positive for every
-    degree and dimension, unlike the integrals of the basis functions.
-
-    Source: Hinton, Rock and Zienkiewicz, Earthq. Eng. Struct. Dyn. 4 (1976) 245-249.
+    Args:
+        system: The system.
+        x: Its solution.
     """
-    space = problem.space
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    ds = ufl.Measure("ds", space.mesh, subdomain_data=[(1, problem.contact_integrals)])(1)
-    matrix = fem_petsc.assemble_matrix(fem.form(u * v * ds))
-    matrix.assemble()
-    problem.ledger.add("matrix", "boundary mass matrix", matrix)
-    diagonal = matrix.getDiagonal()
-    ones = diagonal.duplicate()
-    ones.set(1.0)
-    rows = diagonal.duplicate()
-    matrix.mult(ones, rows)
-    total, trace = rows.sum(), diagonal.sum()
-    weights = diagonal.array_r[problem.contact_dofs] * (total / trace if trace > 0.0 else 1.0)
-    for item in (matrix, diagonal, ones, rows):
-        item.destroy()
-    return np.asarray(weights)
-
-
-def contact_state(problem: DiscreteProblem, u: fem.Function) -> ContactState:
-    """Return a solution with the density of its contact pressure."""
-    density = fem.Function(problem.space, name="pressure")
-    weights = boundary_weights(problem)
-    density.x.array[problem.contact_dofs] = multiplier(problem, u) / weights
-    density.x.scatter_forward()
+    u = fem.Function(system.space, name="u")
+    u.x.array[: x.getLocalSize()] = x.array_r
+    density = fem.Function(system.space, name="pressure")
+    density.x.array[system.contact_dofs] = system.multiplier(x) / system.layout.weights
+    for function in (u, density):
+        function.x.scatter_forward()
     return ContactState(u=u, density=density)

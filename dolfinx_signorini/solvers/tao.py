@@ -7,22 +7,21 @@ of its diagonal, in the unit s in which the natural residual of x0 has size one:
 
 So neither the size of the load nor that of the operator matters (scaling by powers of two is
 exact), and neither do the absolute safeguards inside TAO, nor cancellation: a round ends after a
-few digits, the next one starts from the point reached, in a unit of its own, and the residual goes
-down to rounding. In one round, BQNLS and BNCG stall at 1e-9 for tens of thousands of iterations.
+few digits, the next round starts from the point reached, in a unit of its own, and the residual
+goes down to rounding. In one round, BQNLS and BNCG stall at 1e-9 for tens of thousands of
+iterations.
 """
 
-import itertools
-import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.solvers.residual import Optimality, SolveResult, power_of_two
-from dolfinx_signorini.system import DiscreteProblem
+from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
+from dolfinx_signorini.system import System
 
 FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
@@ -34,8 +33,6 @@ DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residu
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
 ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
-
-_counter = itertools.count()
 
 REASONS = {
     PETSc.TAO.Reason.CONVERGED_GATOL: "the projected gradient is small enough",
@@ -53,200 +50,151 @@ REASONS = {
 }
 
 
-def solve_tao(
-    problem: DiscreteProblem,
-    method: str = "bqnls",
-    *,
-    rtol: float = DEFAULT_RTOL,
-    start: fem.Function | None = None,
-    max_iterations: int = MAX_ITERATIONS,
-    max_evaluations: int = MAX_EVALUATIONS,
-    options: Mapping[str, Any] | None = None,
-) -> SolveResult:
-    """Solve the discrete problem with a bound-constrained TAO solver.
-
-    Args:
-        problem: The assembled problem.
-        method: First-order "bncg" (nonlinear conjugate gradients), "bqnls" or "blmvm"
-            (quasi-Newton); second-order "bntr", "bnls" or "tron" (Newton, with CG and algebraic
-            multigrid for the inactive dofs).
-        rtol: The natural residual to reach, relative to the data.
-        start: Where to start, for example a coarser solution interpolated to the problem's
-            space; zero by default. It is lifted to the obstacle first.
-        max_iterations: Limit on TAO's iterations in all.
-        max_evaluations: Limit on the evaluations of energy and gradient in all.
-        options: PETSc options for TAO, without prefix, for example {"tao_bncg_type": "prp"}.
-
-    Returns:
-        The solution; its `iterations` are TAO's.
-
-    Raises:
-        InputError: The method or rtol make no sense, or the form is found to be indefinite.
-        NotConvergedError: The natural residual was not reached.
-    """
-    if method not in METHODS:
-        raise InputError(f"method: unknown {method!r}, known are {', '.join(METHODS)}")
-    if not 0.0 < rtol < 1.0:
-        raise InputError(f"rtol: must lie between 0 and 1, not {rtol}")
-    began = time.perf_counter()
-    x = problem.start_values() if start is None else problem.vector_of(start)
-    problem.project(x)
-    optimality = Optimality(problem, rtol)
-    rounds = TaoRounds(problem, method, options or {}, max_iterations, max_evaluations)
-    try:
-        residual = rounds.run(x, optimality, rtol)
-        seconds = {"solve": time.perf_counter() - began}
-        return rounds.result(x, residual, rtol, method, (0, 0), seconds)
-    finally:
-        optimality.destroy()
-        x.destroy()
-
-
 class TaoRounds:
-    """TAO rounds on one problem, with the limits and the counts that they share.
+    """Rounds of a TAO solver on one system, with the limits and the counts that they share.
+
+    A run improves a feasible vector in place:
+
+        rounds = TaoRounds(system, "bqnls")
+        residual = rounds.run(x, NaturalResidual(system), rtol=1e-8)
+        rounds.destroy()
 
     Args:
-        problem: The problem.
-        method: TAO's type.
-        options: PETSc options for TAO, without prefix.
-        max_iterations: Limit on the iterations of all rounds.
-        max_evaluations: Limit on the evaluations of all rounds.
+        system: The system.
+        method: The type of the TAO solver: first-order "bncg" (nonlinear conjugate gradients),
+            "bqnls" or "blmvm" (quasi-Newton), or second-order "bntr", "bnls" or "tron" (Newton,
+            with CG and algebraic multigrid for the inactive dofs).
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix, for example {"tao_bncg_type": "prp"}.
+        max_iterations: The limit on the iterations of all rounds.
+        max_evaluations: The limit on the evaluations of energy and gradient of all rounds.
+
+    Attributes:
+        iterations, evaluations, linear_iterations: The counts of all rounds so far.
+        reason: Why the last round stopped, in words.
     """
 
     def __init__(
         self,
-        problem: DiscreteProblem,
+        system: System,
         method: str,
+        *,
+        prefix: str = "",
         options: Mapping[str, Any] | None = None,
         max_iterations: int = MAX_ITERATIONS,
         max_evaluations: int = MAX_EVALUATIONS,
     ):
-        self.problem, self.method, self.options = problem, method, options or {}
+        self.system, self.method = system, method
+        self.prefix, self.options = prefix, options or {}
         self.max_iterations, self.max_evaluations = max_iterations, max_evaluations
         self.iterations = self.evaluations = self.linear_iterations = 0
         self.reason = ""
         self.indefinite = False
-        diagonal = problem.A.getDiagonal()
+        diagonal = system.A.getDiagonal()
         self.size = power_of_two(diagonal.norm(PETSc.NormType.INFINITY))
         diagonal.destroy()
+        self.hessian: PETSc.Mat | None = None
+        if method in SECOND_ORDER:
+            self.hessian = system.A.copy()
+            self.hessian.scale(1.0 / self.size)
+            system.ledger.add("matrix", "TAO: Hessian", self.hessian)
 
-    def run(self, x: PETSc.Vec, optimality: Optimality, rtol: float) -> float:
-        """Run rounds from a feasible x, overwritten, and return the residual reached."""
-        residual = optimality.measure(x)
-        while True:
-            previous = optimality.norm
-            self.round(x, optimality, max(rtol, ROUND_REDUCTION * residual))
-            residual = optimality.measure(x)
-            if residual <= rtol or not optimality.norm < 0.5 * previous or self.exhausted:
-                return residual
-
-    def result(
-        self,
-        x: PETSc.Vec,
-        residual: float,
-        rtol: float,
-        method: str,
-        linear: tuple[int, int],
-        seconds: dict[str, float],
-    ) -> SolveResult:
-        """Return x as a result.
+    def run(self, x: PETSc.Vec, measure: NaturalResidual, rtol: float) -> float:
+        """Run rounds from a feasible vector, and return the relative natural residual reached.
 
         Args:
-            x: The vector reached.
-            residual: Its relative natural residual.
-            rtol: The residual that was asked for.
-            method: What to call the solver.
-            linear: Linear solves and their iterations before TAO.
-            seconds: Wall-clock seconds of the phases of the solve.
+            x: The start, overwritten by the solution.
+            measure: Measures the natural residual.
+            rtol: The relative natural residual to reach.
 
         Raises:
-            NotConvergedError: The residual is larger than rtol.
+            InputError: The form is found to be indefinite.
         """
-        if not residual <= rtol:
-            advice = (
-                "raise max_iterations, loosen rtol, or start from a coarser solution"
-                if self.exhausted
-                else "a further round hardly lowers it: loosen rtol, or look for thin cells and "
-                "for coefficients far apart, whose rounding allows no less"
-            )
-            raise NotConvergedError(
-                f"{method} stopped at a relative natural residual of {residual:.3g}, not "
-                f"{rtol:.3g}: {self.reason}; {advice}",
-                residual,
-                self.reason,
-            )
-        problem = self.problem
-        u = fem.Function(problem.space, name="u")
-        u.x.array[: x.getLocalSize()] = x.array_r
-        u.x.scatter_forward()
-        problem.ledger.add("vector", "solution u", x)
-        for phase, value in seconds.items():
-            problem.ledger.add("phase", phase, seconds=value)
-        active = int((x.array_r[problem.contact_dofs] <= problem.obstacle).sum())
-        return SolveResult(
-            u=u,
-            method=method,
-            reason=f"TAO {self.method}: {self.reason}",
-            iterations=self.iterations,
-            linear_solves=linear[0],
-            linear_iterations=linear[1] + self.linear_iterations,
-            natural_residual=residual,
-            active_dofs=problem.comm.allreduce(active),
-            seconds=problem.seconds | seconds,
-        )
+        residual = measure(x)
+        while True:
+            previous = measure.norm
+            self._round(x, measure, max(rtol, ROUND_REDUCTION * residual))
+            residual = measure(x)
+            if residual <= rtol or not measure.norm < 0.5 * previous or self.exhausted:
+                return residual
 
     @property
     def exhausted(self) -> bool:
+        """Whether a limit on iterations or evaluations has been reached."""
         return self.iterations >= self.max_iterations or self.evaluations >= self.max_evaluations
 
-    def round(self, x: PETSc.Vec, optimality: Optimality, target: float) -> None:
-        """Run TAO on the correction to x, and add it.
+    def failure(self, name: str, residual: float, rtol: float) -> NotConvergedError:
+        """Return the exception that says that a residual was not reached.
 
         Args:
-            x: Feasible start, overwritten.
-            optimality: Holds the multiplier A x - b and the residual of this x.
+            name: The name of the solver.
+            residual: The relative natural residual that was reached.
+            rtol: The one that was asked for.
+        """
+        advice = (
+            "raise max_iterations, loosen rtol, or start from a coarser solution"
+            if self.exhausted
+            else "a further round hardly lowers it: loosen rtol, or look for thin cells and "
+            "for coefficients far apart, whose rounding allows no less"
+        )
+        return NotConvergedError(
+            f"{name} stopped at a relative natural residual of {residual:.3g}, not "
+            f"{rtol:.3g}: {self.reason}; {advice}",
+            residual,
+            self.reason,
+        )
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        if self.hessian is not None:
+            self.hessian.destroy()
+
+    def _round(self, x: PETSc.Vec, measure: NaturalResidual, target: float) -> None:
+        """Run TAO on the correction to x, and add the correction.
+
+        Args:
+            x: The feasible start, overwritten.
+            measure: Holds the multiplier A x - b and the residual of this x.
             target: The relative natural residual to stop at.
         """
-        rhs = optimality.multiplier.copy()
-        rhs.array_w[self.problem.fixed_dofs] = 0.0
-        unit = power_of_two(optimality.norm / self.size) if optimality.norm > 0.0 else 1.0
+        rhs = measure.multiplier.copy()
+        rhs.array_w[self.system.fixed_dofs] = 0.0
+        unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
         rhs.scale(-1.0 / (unit * self.size))
         d = rhs.duplicate()
         d.set(0.0)
         lower, upper = self._bounds(x, unit)
         for name, vec in (("gradient", rhs), ("step", d), ("lower", lower), ("upper", upper)):
-            self.problem.ledger.add("vector", f"TAO: {name}", vec)
-        tao = PETSc.TAO().create(self.problem.comm)
-        self.problem.A.scale(1.0 / self.size)
+            self.system.ledger.add("vector", f"TAO: {name}", vec)
+        tao = PETSc.TAO().create(self.system.comm)
         try:
-            gatol = 0.5 * target * optimality.scale / (unit * self.size)
+            gatol = 0.5 * target * measure.scale / (unit * self.size)
             tao.setTolerances(gatol=gatol, grtol=0.0, gttol=0.0)
             self._configure(tao, rhs, d, (lower, upper))
             tao.solve()
             self.iterations += tao.getIterationNumber()
             self.reason = REASONS.get(tao.getConvergedReason(), "the reason has no name")
             x.axpy(unit, d)
-            self.problem.project(x)
+            self.system.project(x)
         except PETSc.Error:
             if not self.indefinite:  # else energies may have left the range of numbers
                 raise
         finally:
-            self.problem.A.scale(self.size)
             for item in (tao, rhs, d, lower, upper):
                 item.destroy()
         if self.indefinite:
-            raise InputError(f"form a: not positive definite, found by TAO {self.method}")
+            raise InputError(f"not positive definite, found by TAO {self.method}", "form a")
 
     def _bounds(self, x: PETSc.Vec, unit: float) -> tuple[PETSc.Vec, PETSc.Vec]:
         lower, upper = x.duplicate(), x.duplicate()
         lower.set(PETSc.NINFINITY)
         upper.set(PETSc.INFINITY)
-        dofs = self.problem.contact_dofs
+        dofs = self.system.contact_dofs
         with np.errstate(over="ignore"):  # an obstacle out of reach is none
-            gap = (x.array_r[dofs] - self.problem.obstacle) / unit
+            gap = (x.array_r[dofs] - self.system.obstacle) / unit
         lower.array_w[dofs] = np.maximum(-gap, PETSc.NINFINITY)
-        lower.array_w[self.problem.fixed_dofs] = 0.0
-        upper.array_w[self.problem.fixed_dofs] = 0.0
+        lower.array_w[self.system.fixed_dofs] = 0.0
+        upper.array_w[self.system.fixed_dofs] = 0.0
         return lower, upper
 
     def _count_linear(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
@@ -255,11 +203,12 @@ class TaoRounds:
     def _configure(
         self, tao: PETSc.TAO, rhs: PETSc.Vec, d: PETSc.Vec, bounds: tuple[PETSc.Vec, PETSc.Vec]
     ) -> None:
-        A = self.problem.A
+        A, scale = self.system.A, 1.0 / self.size
 
         def energy(tao: PETSc.TAO, v: PETSc.Vec, gradient: PETSc.Vec) -> float:
             self.evaluations += 1
             A.mult(v, gradient)
+            gradient.scale(scale)
             curvature = v.dot(gradient)
             # No exception from here: it would leave PETSc's line search half-way.
             if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
@@ -279,17 +228,10 @@ class TaoRounds:
         tao.setVariableBounds(bounds)
         tao.setMaximumIterations(self.max_iterations - self.iterations)
         tao.setMaximumFunctionEvaluations(self.max_evaluations - self.evaluations)
-        if self.method in SECOND_ORDER:
-            tao.setHessian(lambda tao, v, H, P: None, A)
+        if self.hessian is not None:
+            tao.setHessian(lambda tao, v, H, P: None, self.hessian)
             tao.getKSP().getPC().setType("hypre")
             tao.getKSP().setMonitor(self._count_linear)
-        prefix = f"dolfinx_signorini_tao_{next(_counter)}_"
-        tao.setOptionsPrefix(prefix)
-        database = PETSc.Options()
-        for key, value in self.options.items():
-            database[prefix + key] = value
-        try:
+        tao.setOptionsPrefix(self.prefix)
+        with options_set(self.prefix, self.options):
             tao.setFromOptions()
-        finally:
-            for key in self.options:
-                database.delValue(prefix + key)

@@ -1,0 +1,47 @@
+"""Which data of a UFL object have changed since they were looked at last."""
+
+import hashlib
+from typing import TypeAlias
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.core.expr import Expr
+
+Item: TypeAlias = "ufl.Form | Expr"
+
+
+class Watch:
+    """Notices changed values of the Constants and Functions in a form or an expression.
+
+    For example:
+
+        watch = Watch(L)
+        speed.value = 2.0
+        watch.changed(comm)  # True, and False when asked again
+
+    Args:
+        item: The form or the expression.
+    """
+
+    def __init__(self, item: Item):
+        self._data = [*extract_constants(item), *extract_coefficients(item)]
+        self._digest = self._read()
+
+    def changed(self, comm: MPI.Comm) -> bool:
+        """Return whether a value has changed on some rank since the last call; collective."""
+        if not self._data:
+            return False
+        digest = self._read()
+        changed = digest != self._digest
+        self._digest = digest
+        return bool(comm.allreduce(changed, op=MPI.LOR))
+
+    def _read(self) -> bytes:
+        digest = hashlib.blake2b(digest_size=16)
+        for item in self._data:
+            values = item.x.array if isinstance(item, fem.Function) else item.value
+            digest.update(np.ascontiguousarray(values).view(np.uint8).data)
+        return digest.digest()

@@ -1,0 +1,234 @@
+"""Linear solves with some contact dofs held at the obstacle.
+
+With the held dofs eliminated, the operator is P A P on the free dofs, P the projection that zeroes
+the held ones: no matrix is changed or copied for it. A preconditioner needs a matrix; the one with
+the rows and columns of the held dofs replaced by a diagonal is made when the preconditioner is set
+up. A set of held dofs that differs little from the one of the set-up is served by the same
+preconditioner between two projections. CG notices the difference only slowly, and a set-up that
+costs more iterations than a new one is dropped.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.solvers.residual import power_of_two
+from dolfinx_signorini.system import System
+
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+
+# One Gauss-Seidel sweep forward on the way down and one backward on the way up are symmetric
+# together, and half the work of PETSc's default, which is symmetric each time. The last levels, a
+# few dofs each, cost more than a direct solve.
+DEFAULT_OPTIONS: dict[str, Any] = {
+    "ksp_type": "cg",
+    "pc_type": "hypre",
+    "pc_hypre_type": "boomeramg",
+    "pc_hypre_boomeramg_relax_type_down": "SOR/Jacobi",
+    "pc_hypre_boomeramg_relax_type_up": "backward-SOR/Jacobi",
+    "pc_hypre_boomeramg_max_coarse_size": 50,
+}
+SETUP_ITERATIONS = 8  # what a multigrid set-up costs, in iterations
+REUSE = 0.02  # of the contact dofs, or 4 of them, may have changed since the set-up
+MAX_ITERATIONS = 200
+ROUNDED = 1e-6  # of the first residual: below it a negative curvature may be rounding
+
+
+class HeldSolver:
+    """A linear solver for systems with the same matrix, whose held dofs change from solve to solve.
+
+    A solve improves a vector in place:
+
+        solver = HeldSolver(system)
+        solver.solve(system, x, held, atol=1e-10)
+
+    Args:
+        system: One of the systems.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix; CG with BoomerAMG by default.
+
+    Attributes:
+        solves: The number of linear solves so far.
+        setups: The number of set-ups of the preconditioner so far.
+        iterations: The number of conjugate gradient iterations so far.
+    """
+
+    def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
+        self.solves = self.setups = self.iterations = 0
+        self._projected = _Projected(system.A)
+        self._matrix: PETSc.Mat | None = None
+        self._held: Mask | None = None  # those of the set-up
+        self._exact = False  # whether the set-up is that of the present matrix
+        self._pace = self._excess = 0.0
+        self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
+        self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
+        self.ledger.add("vector", "correction with held dofs", self._correction)
+        self._ksp = PETSc.KSP().create(self.comm)
+        self._ksp.setOptionsPrefix(prefix)
+        with options_set(prefix, DEFAULT_OPTIONS | dict(options or {})):
+            self._ksp.setFromOptions()
+        self._pc = self._projected.pc = self._ksp.getPC()
+        self._ksp.setPC(self._projected.preconditioner)
+        self._ksp.setOperators(self._projected.operator)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+
+    def solve(self, system: System, x: PETSc.Vec, held: Mask, atol: float) -> None:
+        """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
+
+        Args:
+            system: The system, with the matrix of this solver.
+            x: The start, overwritten by the solution.
+            held: Whether a contact dof of this rank is held at the obstacle.
+            atol: The norm of the residual to reach.
+
+        Raises:
+            InputError: The form turned out to be indefinite.
+        """
+        dofs = system.contact_dofs[held]
+        x.array_w[dofs] = system.obstacle[held]
+        x.array_w[system.fixed_dofs] = system.fixed_values
+        self._projected.zeroed = np.concatenate((dofs, system.fixed_dofs))
+        fresh = self._prepare(system, held)
+        converged = self._correct(system, x, atol, fresh)
+        if not converged and not fresh:
+            self._set_up(system, held)
+            self._correct(system, x, atol, True)
+        self.solves += 1
+
+    def matrix_changed(self) -> None:
+        """Tell the solver that the entries of the matrix have changed: no set-up is exact now."""
+        self._exact = False
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._projected.pc = None
+        for item in (
+            self._ksp,
+            self._pc,
+            self._projected.preconditioner,
+            self._projected.operator,
+            self._rhs,
+            self._correction,
+            self._matrix,
+        ):
+            if item is not None:
+                item.destroy()
+
+    def _prepare(self, system: System, held: Mask) -> bool:
+        """Set the preconditioner up, unless the last set-up will do; return whether it is new."""
+        limit = max(4, int(REUSE * self.comm.allreduce(len(held))))
+        if self._held is not None:
+            changed = self.comm.allreduce(int((held != self._held).sum()))
+            # A method without iterations does not mend what a set-up lacks.
+            mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
+            if (changed == 0 and self._exact) or (
+                changed <= limit and mended and self._excess < SETUP_ITERATIONS
+            ):
+                return False
+        self._set_up(system, held)
+        return True
+
+    def _set_up(self, system: System, held: Mask) -> None:
+        if self._matrix is None:
+            self._matrix = self.A.copy()
+            self.ledger.add("matrix", "A with held dofs", self._matrix)
+        else:
+            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        rows = system.contact_dofs[held] + self._matrix.getOwnershipRange()[0]
+        self._matrix.zeroRowsColumns(rows, diag=_typical(system))
+        self._pc.setOperators(self._matrix)
+        self._pc.setUp()
+        self._held, self._exact = held.copy(), True
+        self._pace = self._excess = 0.0
+        self.setups += 1
+
+    def _correct(self, system: System, x: PETSc.Vec, atol: float, fresh: bool) -> bool:
+        """Add the correction that CG finds to x; return whether the residual was reached.
+
+        With a set-up that is not fresh CG may take as many iterations more than with a fresh one
+        as a set-up costs.
+        """
+        # The correction to x in the unit of its residual: no square overflows or underflows.
+        unit, start = self._residual(system, x)
+        target = atol / unit
+        limit = MAX_ITERATIONS
+        if not fresh and self._pace > 0.0 and target > 0.0:
+            expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
+            limit = min(limit, math.ceil(expected) + SETUP_ITERATIONS)
+        self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
+        self._ksp.solve(self._rhs, self._correction)
+        x.axpy(unit, self._correction)
+        iterations, end = self._ksp.getIterationNumber(), self._ksp.getResidualNorm()
+        self.iterations += iterations
+        self._wear(iterations, start, end)
+        reason = self._ksp.getConvergedReason()
+        if reason < 0:
+            self._held = None  # no second solve with this set-up
+        indefinite = reason in (
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+        )
+        # A small residual or a form that vanishes on constants looks indefinite through rounding.
+        if indefinite and not system.singular and end > ROUNDED:
+            raise InputError("not positive definite, found by conjugate gradients", "form a")
+        return bool(reason > 0)
+
+    def _residual(self, system: System, x: PETSc.Vec) -> tuple[float, float]:
+        """Set the right-hand side to b - A x on the free dofs, 0 on others.
+
+        Returns:
+            The unit of the right-hand side, and its norm in this unit.
+        """
+        self.A.mult(x, self._rhs)
+        self._rhs.aypx(-1.0, system.b)
+        self._rhs.array_w[self._projected.zeroed] = 0.0
+        largest = self._rhs.norm(PETSc.NormType.INFINITY)
+        unit = power_of_two(largest) if largest > 0.0 else 1.0
+        self._rhs.scale(1.0 / unit)
+        return unit, self._rhs.norm()
+
+    def _wear(self, iterations: int, start: float, end: float) -> None:
+        """Count the iterations beyond those that the first solve after the set-up needed."""
+        digits = math.log10(start / end) if 0.0 < end < start else 0.0
+        if digits < 0.5:
+            return
+        if self._pace == 0.0:
+            self._pace = iterations / digits
+        self._excess += max(0.0, iterations - self._pace * digits)
+
+
+class _Projected:
+    """The operator P A P and the preconditioner P M P, P zeroing the held and the fixed dofs."""
+
+    def __init__(self, A: PETSc.Mat):
+        self.A, self.pc, self.zeroed = A, None, np.empty(0, dtype=np.int32)
+        self.operator = PETSc.Mat().createPython(A.getSizes(), self, comm=A.comm)
+        self.operator.setUp()
+        self.preconditioner = PETSc.PC().create(A.comm)
+        self.preconditioner.setType(PETSc.PC.Type.PYTHON)
+        self.preconditioner.setPythonContext(self)
+
+    def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y to P A x, for an x that is zero at the held dofs."""
+        self.A.mult(x, y)
+        y.array_w[self.zeroed] = 0.0
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y to P M x."""
+        self.pc.apply(x, y)
+        y.array_w[self.zeroed] = 0.0
+
+
+def _typical(system: System) -> float:
+    """A typical diagonal entry, so that held rows are no outliers of the matrix."""
+    entries = system.contact_diagonal
+    total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
+    return float(total / count) if count else 1.0

@@ -1,0 +1,32 @@
+"""The diagnostics of a solve, and the refusal of an answer that is not converged."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SolveResult:
+    """What a solve of a Signorini problem took, and how good its answer is.
+
+    For example, after `problem.solve()`:
+
+        print(problem.result.reason, problem.result.natural_residual)
+
+    Attributes:
+        method: The solver.
+        reason: Why the solver stopped, in words.
+        iterations: The iterations of TAO.
+        linear_solves: The linear solves of the active set method; 0 where TAO did everything.
+        linear_iterations: The iterations of the linear solver, inside of TAO included.
+        natural_residual: The natural residual relative to the data.
+        active_dofs: The number of contact dofs with u = g.
+        seconds: The wall-clock seconds of each phase.
+    """
+
+    method: str
+    reason: str
+    iterations: int
+    linear_solves: int
+    linear_iterations: int
+    natural_residual: float
+    active_dofs: int
+    seconds: dict[str, float]
