@@ -1,9 +1,7 @@
 """The Signorini problem as users pose and solve it."""
 
 import itertools
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,21 +10,16 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini import checks, system
-from dolfinx_signorini.changes import Watch
+from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.solvers import METHODS
-from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.contact import solve_by_active_sets, solve_by_tao
 from dolfinx_signorini.solvers.held import HeldSolver
-from dolfinx_signorini.solvers.prediction import Mask, predict
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
-from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
-from dolfinx_signorini.solvers.tao import TaoRounds
-from dolfinx_signorini.system import Array, Data, Indices, Layout, System
-from dolfinx_signorini.timing import Phases
+from dolfinx_signorini.system import System
 
 # With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
@@ -70,7 +63,6 @@ class SignoriniProblem:
         space: The function space.
         system: What the solvers see; for an upper obstacle that is the problem for -u.
         sign: 1 for a lower obstacle, -1 for an upper one.
-        seconds: The wall-clock seconds of the phases of the assembly.
 
     Raises:
         InputError: The load, the obstacle or the Dirichlet data are not finite, the obstacle
@@ -105,24 +97,17 @@ class SignoriniProblem:
         if bound not in ("lower", "upper"):
             raise InputError(f"must be 'lower' or 'upper', not {bound!r}", "bound")
         self.sign = 1.0 if bound == "lower" else -1.0
-        self.bcs, self._options = list(bcs), dict(petsc_options or {})
+        self._options = dict(petsc_options or {})
         self._prefix = (
             f"dolfinx_signorini_{next(_counter)}_"
             if petsc_options_prefix is None
             else petsc_options_prefix
         )
-        self.ledger, phases = Ledger(), Phases(self.comm)
-        with phases("forms"):
-            facets = _facets(self.space.mesh, contact)
-            boundary = system.dofs_on_facets(self.space, facets)
-            fixed = system.dirichlet_dofs(self.space, self.bcs)
-            self._layout = Layout(self.space, facets, boundary, fixed, self.ledger)
-            options = form_compiler_options, jit_options
-            self._a, self._L = self._compiled("a", a, *options), self._compiled("L", L, *options)
-            self._obstacle_at = system.evaluator(self.space, obstacle, boundary)
-            self._watch_a, self._watch_L = Watch(a), Watch(L)
-        self._assemble(phases, matrix=True, load=True)
-        self.seconds = phases.seconds
+        facets = _facets(self.space.mesh, contact)
+        compilation = form_compiler_options, jit_options
+        self._assembly = Assembly(a, L, facets, obstacle, self.sign, bcs, *compilation)
+        self._layout = self._assembly.layout
+        self._system = self._assembly.system()
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -165,6 +150,16 @@ class SignoriniProblem:
         return self._system
 
     @property
+    def ledger(self) -> Ledger:
+        """Where the costs of the problem are noted."""
+        return self._layout.ledger
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """The wall-clock seconds of the phases of the assembly: forms, matrix, load, checks."""
+        return self._assembly.phases.seconds
+
+    @property
     def A(self) -> PETSc.Mat:
         """The matrix, with the Dirichlet data eliminated."""
         return self.system.A
@@ -201,7 +196,7 @@ class SignoriniProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        return self.contact_dofs[self._held()]
+        return self.contact_dofs[self.system.touching(self._solution())]
 
     @property
     def gap(self) -> fem.Function:
@@ -214,7 +209,9 @@ class SignoriniProblem:
         """
         x, dofs = self._solution(), self._layout.boundary_dofs
         gap = fem.Function(self.space, name="gap")
-        gap.x.array[dofs] = np.maximum(x.array_r[dofs] - self.sign * self._obstacle_at(), 0.0)
+        gap.x.array[dofs] = np.maximum(
+            x.array_r[dofs] - self.sign * self._assembly.obstacle_at(), 0.0
+        )
         gap.x.scatter_forward()
         return gap
 
@@ -228,7 +225,8 @@ class SignoriniProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        held, forces = self._held(), self.system.multiplier(self._solution())
+        x = self._solution()
+        held, forces = self.system.touching(x), self.system.multiplier(x)
         pressure = fem.Function(self.space, name="pressure")
         pressure.x.array[self.contact_dofs] = (
             np.where(held, np.maximum(forces, 0.0), 0.0) / self._layout.weights
@@ -287,26 +285,30 @@ class SignoriniProblem:
         limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
         given = {name: limit for name, limit in limits.items() if limit is not None}
         rtol = self._checked(method, coarse, rtol, given)
-        began = time.perf_counter()
         warm = warm_start and start is None and self.result is not None
-        held = self._held() if warm else None
+        held = self.system.touching(self._solution()) if warm else None
         self.update()
-        if start is None and warm:
+        if warm:
             start = self.u
-        x = self.system.start(None if start is None else self.sign * start.x.array)
-        if held is not None:
-            held |= self._at_obstacle(x)  # where the obstacle has risen
-        elif start is not None:
-            held = self._at_obstacle(x)
-        if self._solver is not None and not warm_start:
-            self._solver.destroy()
-            self._solver = None
+        system = self.system
+        x = system.start(None if start is None else self.sign * start.x.array)
+        if start is not None:  # where the obstacle has risen, or what a user has found
+            held = system.touching(x) if held is None else held | system.touching(x)
+        if not warm_start:
+            self._free_solver()
         self._free_solution()
+        self.result = None
         try:
             if method == "cascade":
-                self.result = self._by_active_sets(x, held, coarse, rtol, began)
+                if self._solver is None:
+                    self._solver = HeldSolver(system, self._prefix, self._options)
+                self.result = solve_by_active_sets(
+                    system, self._solver, x, held, coarse, rtol, self._prefix
+                )
             else:
-                self.result = self._by_tao(x, method, rtol, given, began)
+                self.result = solve_by_tao(
+                    system, method, x, rtol, self._prefix, self._options, given
+                )
         except BaseException:
             x.destroy()
             raise
@@ -325,22 +327,22 @@ class SignoriniProblem:
         Raises:
             InputError: The changed data make no sense.
         """
-        _ = self.system
-        matrix = self._watch_a.changed(self.comm) or matrix
-        load = self._watch_L.changed(self.comm) or matrix
-        self._assemble(Phases(self.comm), matrix, load)
+        old = self.system
+        try:
+            self._system = self._assembly.renewed(old, matrix)
+        except InputError:
+            if not old.b:  # its vector is gone, and the matrix is another one
+                self._system = None
+            raise
 
     def destroy(self) -> None:
-        """Free the PETSc objects; the solution stays."""
-        if self._solver is not None:
-            self._solver.destroy()
-        if self._x is not None:
-            self._x.destroy()
-            self._x = None
+        """Free the PETSc objects; `u` and `result` stay."""
+        self._free_solver()
+        self._free_solution()
         if self._system is not None:
             self._system.A.destroy()
             self._system.b.destroy()
-        self._solver = self._system = None
+        self._system = None
 
     def _checked(
         self, method: str, coarse: ContactState | None, rtol: float | None, given: Mapping[str, int]
@@ -358,203 +360,21 @@ class SignoriniProblem:
             raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
         return rtol
 
-    def _by_active_sets(
-        self,
-        x: PETSc.Vec,
-        held: Mask | None,
-        coarse: ContactState | None,
-        rtol: float,
-        began: float,
-    ) -> SolveResult:
-        """Find the active set, and let TAO accept the solution or, if need be, improve it."""
-        system = self.system
-        if self._solver is None:
-            self._solver = HeldSolver(system, self._prefix, self._options)
-        solver = self._solver
-        counts = solver.solves, solver.iterations
-        measure = NaturalResidual(system, rtol)
-        if coarse is not None:
-            held = predict(system, coarse)
-        guess = np.full(len(self.contact_dofs), True) if held is None else held
-        predicted = time.perf_counter()
-        try:
-            trusted = coarse is not None
-            residual = solve_active_set(system, solver, measure, x, guess, rtol, trusted)
-            system.project(x)
-            if residual > rtol:  # Newton's method needs the memory
-                solver.destroy()
-                self._solver = None
-            solved = time.perf_counter()
-            rounds = TaoRounds(system, "bncg" if residual <= rtol else "bntr", prefix=self._prefix)
-            residual = _run(rounds, x, measure, rtol, "cascade")
-        finally:
-            measure.destroy()
-        seconds = {"predict": predicted - began, "solve": solved - predicted}
-        seconds["accept"] = time.perf_counter() - solved
-        linear = solver.solves - counts[0], solver.iterations - counts[1]
-        return self._result("cascade", x, rounds, residual, linear, seconds)
-
-    def _by_tao(
-        self, x: PETSc.Vec, method: str, rtol: float, limits: Mapping[str, int], began: float
-    ) -> SolveResult:
-        measure = NaturalResidual(self.system, rtol)
-        rounds = TaoRounds(
-            self.system, method, prefix=self._prefix, options=self._options, **limits
-        )
-        try:
-            residual = _run(rounds, x, measure, rtol, method)
-        finally:
-            measure.destroy()
-        seconds = {"solve": time.perf_counter() - began}
-        return self._result(method, x, rounds, residual, (0, 0), seconds)
-
-    def _result(
-        self,
-        method: str,
-        x: PETSc.Vec,
-        rounds: TaoRounds,
-        residual: float,
-        linear: tuple[int, int],
-        seconds: dict[str, float],
-    ) -> SolveResult:
-        self.ledger.add("vector", "solution u", x)
-        for phase, value in seconds.items():
-            self.ledger.add("phase", phase, seconds=value)
-        return SolveResult(
-            method=method,
-            reason=f"TAO {rounds.method}: {rounds.reason}",
-            iterations=rounds.iterations,
-            linear_solves=linear[0],
-            linear_iterations=linear[1] + rounds.linear_iterations,
-            natural_residual=residual,
-            active_dofs=self.comm.allreduce(int(self._at_obstacle(x).sum())),
-            seconds=self.seconds | seconds,
-        )
-
-    def _assemble(self, phases: Phases, matrix: bool, load: bool) -> None:
-        """Make the system anew from the parts whose data have changed."""
-        fixed = self._layout.fixed_dofs
-        obstacle = self._obstacle_at()
-        data = system.dirichlet_values(self.space, self.bcs, fixed)
-        checks.check_bounds(
-            self.space, self._layout.boundary_dofs, obstacle, fixed, data, self.sign < 0.0
-        )
-        old = self._system
-        obstacle, data = self.sign * obstacle[self._layout.free], self.sign * data
-        if old is not None:
-            load = self.comm.allreduce(load or bool((data != old.fixed_values).any()), op=MPI.LOR)
-            if not matrix and not load:
-                self._system = replace(old, obstacle=obstacle)
-                return
-        if matrix:
-            with phases("matrix"):
-                A = system.assembled_matrix(
-                    self._a, self.bcs, fixed, None if old is None else old.A
-                )
-            self.ledger.add("matrix", "A", A, phases.seconds["matrix"])
-            if self._solver is not None:
-                self._solver.matrix_changed()
-        else:
-            assert old is not None
-            A = old.A
-        with phases("load"):
-            b = system.assembled_load(self._L, self._a, self.bcs, fixed, A)
-            b.scale(self.sign)
-        self.ledger.add("vector", "load b", b, phases.seconds["load"])
-        if old is not None:
-            old.b.destroy()
-        with phases("checks"):
-            self._system = self._checked_system(A, b, obstacle, data, matrix, old)
-
-    def _checked_system(
-        self,
-        A: PETSc.Mat,
-        b: PETSc.Vec,
-        obstacle: Array,
-        data: Array,
-        matrix: bool,
-        old: System | None,
-    ) -> System:
-        diagonal_vector = A.getDiagonal()
-        diagonal = np.array(diagonal_vector.array_r)
-        diagonal_vector.destroy()
-        try:
-            checks.check_entries(self.comm, diagonal, b.array_r)
-            singular = False if old is None else old.singular
-            if matrix:
-                checks.check_symmetry(A)
-                singular = checks.vanishes_on_constants(A, self.fixed_dofs, diagonal)
-            made = System(
-                layout=self._layout,
-                A=A,
-                b=b,
-                obstacle=obstacle,
-                contact_diagonal=diagonal[self.contact_dofs],
-                fixed_values=data,
-                singular=singular,
-            )
-            checks.check_range(made, diagonal)
-            checks.check_held(made)
-        except InputError:
-            for item in (A, b):
-                item.destroy()
-            self._system = None
-            raise
-        if old is None:
-            self._note()
-        return made
-
-    def _note(self) -> None:
-        """Enter the arrays of the constraints into the ledger."""
-        count, fixed = len(self.contact_dofs), len(self.fixed_dofs)
-        self.ledger.add("array", "contact dofs, their obstacle and diagonal", 20 * count)
-        if self.comm.allreduce(fixed):
-            self.ledger.add("array", "Dirichlet dofs and data", 12 * fixed)
-
-    def _compiled(
-        self,
-        name: str,
-        form: ufl.Form,
-        form_compiler_options: Mapping[str, Any] | None,
-        jit_options: Mapping[str, Any] | None,
-    ) -> fem.Form:
-        start = time.perf_counter()
-        compiled = fem.form(
-            form, form_compiler_options=form_compiler_options, jit_options=jit_options
-        )
-        self.ledger.add("form", name, form, time.perf_counter() - start)
-        return compiled
-
     def _solution(self) -> PETSc.Vec:
         _ = self.system
         if self._x is None:
             raise InputError("has not been solved yet", "problem")
         return self._x
 
-    def _held(self) -> Mask:
-        """Whether a contact dof of this rank is in contact."""
-        return self._at_obstacle(self._solution())
-
-    def _at_obstacle(self, x: PETSc.Vec) -> Mask:
-        return np.asarray(x.array_r[self.contact_dofs] <= self.system.obstacle)
-
     def _free_solution(self) -> None:
         if self._x is not None:
             self._x.destroy()
-        self._x = self.result = None
+        self._x = None
 
-
-def _run(
-    rounds: TaoRounds, x: PETSc.Vec, measure: NaturalResidual, rtol: float, name: str
-) -> float:
-    """Run TAO, and return the residual; raise NotConvergedError unless the residual is rtol."""
-    try:
-        residual = rounds.run(x, measure, rtol)
-    finally:
-        rounds.destroy()
-    if not residual <= rtol:
-        raise rounds.failure(name, residual, rtol)
-    return residual
+    def _free_solver(self) -> None:
+        if self._solver is not None:
+            self._solver.destroy()
+        self._solver = None
 
 
 def _scalar_space(a: ufl.Form, L: ufl.Form) -> fem.FunctionSpace:

@@ -1,4 +1,4 @@
-"""The discrete problem: forms, contact facets, obstacle and Dirichlet data become arrays in PETSc.
+"""The discrete problem as arrays in PETSc.
 
 The solvers of this package see one system,
 
@@ -10,9 +10,7 @@ is neither assembled nor stored; the obstacle is an array over the contact dofs.
 """
 
 import functools
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,15 +19,12 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
 from dolfinx_signorini.costs import Ledger
-from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
+from dolfinx_signorini.meshes import facet_cells
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
-Data: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
 
 
 @dataclass(frozen=True)
@@ -113,6 +108,7 @@ class System:
         contact_diagonal: The diagonal entries of A at the contact dofs.
         fixed_values: The Dirichlet data at the fixed dofs.
         singular: Whether the form vanishes on constants, so that only contact holds the solution.
+        assembled: How often the matrix has been assembled.
     """
 
     layout: Layout
@@ -122,6 +118,7 @@ class System:
     contact_diagonal: Array
     fixed_values: Array
     singular: bool
+    assembled: int = 1
 
     @property
     def space(self) -> fem.FunctionSpace:
@@ -172,6 +169,10 @@ class System:
         values[self.contact_dofs] = np.maximum(values[self.contact_dofs], self.obstacle)
         values[self.fixed_dofs] = self.fixed_values
 
+    def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
+        """Return whether x is at the obstacle, or below, at each contact dof of this rank."""
+        return np.asarray(x.array_r[self.contact_dofs] <= self.obstacle)
+
     def multiplier(self, x: PETSc.Vec) -> Array:
         """Return A x - b at the contact dofs of this rank: the force on each of them."""
         force = x.duplicate()
@@ -180,133 +181,3 @@ class System:
         values = force.array_r[self.contact_dofs].copy()
         force.destroy()
         return values
-
-
-def dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
-    """Return the owned dofs on facets, also on facets that only another rank owns.
-
-    Args:
-        space: The function space.
-        facets: Facets that this rank knows; the call is collective.
-    """
-    tdim = space.mesh.topology.dim
-    space.mesh.topology.create_connectivity(tdim - 1, tdim)
-    dofs = fem.locate_dofs_topological(space, tdim - 1, facets)
-    return dofs[dofs < space.dofmap.index_map.size_local]
-
-
-def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
-    """Return a function that evaluates data at dofs, each time with the present values.
-
-    A UFL expression is compiled once, and evaluated on the cells that have one of the dofs.
-
-    Args:
-        space: A scalar Lagrange space.
-        value: A number, a UFL expression, a function of the space or of another one on its mesh,
-            or a callable of the coordinates, shape (3, n), which returns shape (n,).
-        dofs: Dofs of this rank.
-    """
-    if isinstance(value, int | float | np.number):
-        return lambda: np.full(len(dofs), float(value))
-    if isinstance(value, fem.Function) and value.function_space == space:
-        return lambda: value.x.array[dofs].copy()
-    if callable(value) and not isinstance(value, Expr):
-        x = space.tabulate_dof_coordinates()[dofs].T
-        return lambda: np.broadcast_to(np.asarray(value(x), dtype=np.float64), (len(dofs),)).copy()
-    marked = np.zeros(len(space.tabulate_dof_coordinates()), dtype=bool)
-    marked[dofs] = True
-    cells = cells_with_dofs(space, marked)
-    points = compat.interpolation_points(space.element)
-    expression = fem.Expression(value, points, comm=space.mesh.comm)
-    g = fem.Function(space)
-
-    def evaluate() -> Array:
-        g.interpolate(expression, cells0=cells)
-        return g.x.array[dofs].copy()
-
-    return evaluate
-
-
-def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> Indices:
-    """Return the owned dofs that some Dirichlet conditions fix."""
-    marked = np.zeros(space.dofmap.index_map.size_local, dtype=bool)
-    for bc in bcs:
-        dofs, owned = bc.dof_indices()
-        marked[dofs[:owned]] = True
-    return np.flatnonzero(marked).astype(np.int32)
-
-
-def dirichlet_values(
-    space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: Indices
-) -> Array:
-    """Return the data of Dirichlet conditions at dofs that they fix; the last condition wins."""
-    values = np.zeros(len(dofs))
-    if bcs:
-        index_map = space.dofmap.index_map
-        everywhere = np.zeros(index_map.size_local + index_map.num_ghosts)
-        for bc in bcs:
-            bc.set(everywhere)
-        values[:] = everywhere[dofs]
-    return values
-
-
-def assembled_matrix(
-    form: fem.Form, bcs: Sequence[fem.DirichletBC], fixed: Indices, A: PETSc.Mat | None = None
-) -> PETSc.Mat:
-    """Return the matrix of a form; Dirichlet rows get a diagonal of the size of the other rows.
-
-    With the largest diagonal entry in place of 1 the unit in which the form is written is free.
-
-    Args:
-        form: The bilinear form, compiled.
-        bcs: The Dirichlet conditions.
-        fixed: The owned dofs with Dirichlet data.
-        A: A matrix of the same form, to be assembled again; a new one by default.
-    """
-    if A is None:
-        A = fem_petsc.assemble_matrix(form, bcs=list(bcs))
-    else:
-        A.zeroEntries()
-        fem_petsc.assemble_matrix(A, form, bcs=list(bcs))
-    A.assemble()
-    if bcs:
-        diagonal = A.getDiagonal()
-        diagonal.array_w[fixed] = 0.0
-        diagonal.array_w[fixed] = _size(diagonal)
-        A.setDiagonal(diagonal)
-        A.assemble()
-        diagonal.destroy()
-    return A
-
-
-def assembled_load(
-    load: fem.Form,
-    form: fem.Form,
-    bcs: Sequence[fem.DirichletBC],
-    fixed: Indices,
-    A: PETSc.Mat,
-) -> PETSc.Vec:
-    """Return the load vector with the Dirichlet data lifted.
-
-    Args:
-        load: The linear form, compiled.
-        form: The bilinear form, compiled.
-        bcs: The Dirichlet conditions.
-        fixed: The owned dofs with Dirichlet data.
-        A: The matrix, whose Dirichlet rows have their diagonal.
-    """
-    b = fem_petsc.assemble_vector(load)
-    if bcs:
-        fem_petsc.apply_lifting(b, [form], bcs=[list(bcs)])
-    b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    if bcs:
-        diagonal = A.getDiagonal()
-        values = dirichlet_values(load.function_spaces[0], bcs, fixed)
-        b.array_w[fixed] = diagonal.array_r[fixed] * values
-        diagonal.destroy()
-    return b
-
-
-def _size(diagonal: PETSc.Vec) -> float:
-    largest = float(diagonal.norm(PETSc.NormType.INFINITY))
-    return largest if largest > 0.0 else 1.0

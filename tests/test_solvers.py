@@ -16,6 +16,7 @@ from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.quadrature import PAPER_RULE
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.tao import FIRST_ORDER
 
@@ -31,7 +32,7 @@ def paper(n, **arguments):
     k, size = (fem.Constant(exact.mesh, 1.0) for _ in range(2))
     a = k * (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
     dx = ufl.Measure("dx", exact.mesh, subdomain_data=[(1, exact.support_cells())])
-    load = size * k * exact.load * v * dx(1, metadata={"quadrature_degree": 7})
+    load = size * k * exact.load * v * dx(1, metadata=PAPER_RULE.metadata)
     problem = SignoriniProblem(a, load, contact=boundary_facets(exact.mesh), **arguments)
     problem.k, problem.size = k, size
     return problem

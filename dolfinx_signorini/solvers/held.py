@@ -66,7 +66,7 @@ class HeldSolver:
         self._projected = _Projected(system.A)
         self._matrix: PETSc.Mat | None = None
         self._held: Mask | None = None  # those of the set-up
-        self._exact = False  # whether the set-up is that of the present matrix
+        self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._pace = self._excess = 0.0
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
@@ -103,24 +103,19 @@ class HeldSolver:
             self._correct(system, x, atol, True)
         self.solves += 1
 
-    def matrix_changed(self) -> None:
-        """Tell the solver that the entries of the matrix have changed: no set-up is exact now."""
-        self._exact = False
+    def free(self) -> None:
+        """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""
+        self._pc.reset()
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix = self._held = None
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        self._projected.pc = None
-        for item in (
-            self._ksp,
-            self._pc,
-            self._projected.preconditioner,
-            self._projected.operator,
-            self._rhs,
-            self._correction,
-            self._matrix,
-        ):
-            if item is not None:
-                item.destroy()
+        self.free()
+        for item in (self._ksp, self._pc, self._rhs, self._correction):
+            item.destroy()
+        self._projected.free()
 
     def _prepare(self, system: System, held: Mask) -> bool:
         """Set the preconditioner up, unless the last set-up will do; return whether it is new."""
@@ -129,7 +124,7 @@ class HeldSolver:
             changed = self.comm.allreduce(int((held != self._held).sum()))
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
-            if (changed == 0 and self._exact) or (
+            if (changed == 0 and system.assembled == self._assembled) or (
                 changed <= limit and mended and self._excess < SETUP_ITERATIONS
             ):
                 return False
@@ -146,7 +141,7 @@ class HeldSolver:
         self._matrix.zeroRowsColumns(rows, diag=_typical(system))
         self._pc.setOperators(self._matrix)
         self._pc.setUp()
-        self._held, self._exact = held.copy(), True
+        self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0
         self.setups += 1
 
@@ -209,7 +204,8 @@ class _Projected:
     """The operator P A P and the preconditioner P M P, P zeroing the held and the fixed dofs."""
 
     def __init__(self, A: PETSc.Mat):
-        self.A, self.pc, self.zeroed = A, None, np.empty(0, dtype=np.int32)
+        self.A, self.pc = A, PETSc.PC()
+        self.zeroed: Indices = np.empty(0, dtype=np.int32)
         self.operator = PETSc.Mat().createPython(A.getSizes(), self, comm=A.comm)
         self.operator.setUp()
         self.preconditioner = PETSc.PC().create(A.comm)
@@ -225,6 +221,11 @@ class _Projected:
         """Set y to P M x."""
         self.pc.apply(x, y)
         y.array_w[self.zeroed] = 0.0
+
+    def free(self) -> None:
+        """Free the PETSc objects; a method `destroy` would be called by PETSc, too."""
+        self.preconditioner.destroy()
+        self.operator.destroy()
 
 
 def _typical(system: System) -> float:

@@ -1,0 +1,315 @@
+"""Assembly: forms, contact facets, obstacle and Dirichlet data become a system.
+
+The system is made once, and again from the parts whose data have changed.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+from ufl.core.expr import Expr
+
+from dolfinx_signorini import checks, compat
+from dolfinx_signorini.changes import Watch
+from dolfinx_signorini.costs import Ledger
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.system import Layout, System
+from dolfinx_signorini.timing import Phases
+
+Indices = npt.NDArray[np.int32]
+Array = npt.NDArray[np.float64]
+Data: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
+
+
+class Assembly:
+    """What a system is assembled from.
+
+    An assembly makes a system, and later the system for changed data:
+
+        assembly = Assembly(a, L, facets, obstacle, 1.0, bcs)
+        system = assembly.system()
+        wind.value = 2.0
+        system = assembly.renewed(system)
+
+    Args:
+        a: The bilinear form.
+        L: The linear form.
+        facets: The contact facets that this rank knows.
+        obstacle: The obstacle, see `SignoriniProblem`.
+        sign: 1 for a lower obstacle, -1 for an upper one.
+        bcs: The Dirichlet conditions.
+        form_compiler_options, jit_options: See `dolfinx.fem.form`.
+
+    Attributes:
+        layout: The dofs with a constraint or Dirichlet data.
+        obstacle_at: Evaluates the obstacle at the owned dofs on the contact boundary.
+        phases: The seconds of the phases so far.
+    """
+
+    def __init__(
+        self,
+        a: ufl.Form,
+        L: ufl.Form,
+        facets: Indices,
+        obstacle: Data,
+        sign: float,
+        bcs: Sequence[fem.DirichletBC],
+        form_compiler_options: Mapping[str, Any] | None = None,
+        jit_options: Mapping[str, Any] | None = None,
+    ):
+        space = a.arguments()[0].ufl_function_space()
+        self.sign, self.bcs, self.comm = sign, list(bcs), space.mesh.comm
+        self.phases, ledger = Phases(self.comm), Ledger()
+        with self.phases("forms"):
+            boundary = dofs_on_facets(space, facets)
+            fixed = dirichlet_dofs(space, self.bcs)
+            self.layout = Layout(space, facets, boundary, fixed, ledger)
+            options: dict[str, Any] = {
+                "form_compiler_options": form_compiler_options,
+                "jit_options": jit_options,
+            }
+            self._a, self._L = (
+                _compiled(ledger, name, form, options) for name, form in (("a", a), ("L", L))
+            )
+            self.obstacle_at = evaluator(space, obstacle, boundary)
+            self._watch_a, self._watch_L = Watch(a), Watch(L)
+
+    def system(self) -> System:
+        """Assemble the system.
+
+        Raises:
+            InputError: The data make no sense, see `SignoriniProblem`.
+        """
+        made = self._assembled(None, True, True)
+        count, fixed = len(made.contact_dofs), len(made.fixed_dofs)
+        made.ledger.add("array", "contact dofs, their obstacle and diagonal", 20 * count)
+        if self.comm.allreduce(fixed):
+            made.ledger.add("array", "Dirichlet dofs and data", 12 * fixed)
+        return made
+
+    def renewed(self, old: System, matrix: bool = False) -> System:
+        """Return the system for the present data; the old one must not be used any more.
+
+        Args:
+            old: The system so far.
+            matrix: Assemble matrix and load in any case.
+
+        Raises:
+            InputError: The data make no sense, see `SignoriniProblem`; the old system is lost then.
+        """
+        matrix = self._watch_a.changed(self.comm) or matrix
+        load = self._watch_L.changed(self.comm) or matrix
+        return self._assembled(old, matrix, load)
+
+    def _assembled(self, old: System | None, matrix: bool, load: bool) -> System:
+        space, fixed = self.layout.space, self.layout.fixed_dofs
+        obstacle, data = self.obstacle_at(), dirichlet_values(space, self.bcs, fixed)
+        upper = self.sign < 0.0
+        checks.check_bounds(space, self.layout.boundary_dofs, obstacle, fixed, data, upper)
+        obstacle, data = self.sign * obstacle[self.layout.free], self.sign * data
+        if old is not None:
+            moved = bool((data != old.fixed_values).any())
+            load = self.comm.allreduce(load or moved, op=MPI.LOR)
+            if not load:
+                return replace(old, obstacle=obstacle)
+        A = self._matrix(old) if matrix or old is None else old.A
+        with self.phases("load"):
+            b = assembled_load(self._L, self._a, self.bcs, fixed, A)
+            b.scale(self.sign)
+        self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
+        if old is not None:
+            old.b.destroy()
+        with self.phases("checks"):
+            try:
+                return self._checked(A, b, obstacle, data, old, matrix)
+            except InputError:
+                A.destroy()
+                b.destroy()
+                raise
+
+    def _matrix(self, old: System | None) -> PETSc.Mat:
+        with self.phases("matrix"):
+            fixed = self.layout.fixed_dofs
+            A = assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
+        self.layout.ledger.add("matrix", "A", A, self.phases.seconds["matrix"])
+        return A
+
+    def _checked(
+        self,
+        A: PETSc.Mat,
+        b: PETSc.Vec,
+        obstacle: Array,
+        data: Array,
+        old: System | None,
+        matrix: bool,
+    ) -> System:
+        """Return the system of its parts, after a check of what is new."""
+        vector = A.getDiagonal()
+        diagonal = np.array(vector.array_r)
+        vector.destroy()
+        checks.check_entries(self.comm, diagonal, b.array_r)
+        assembled = old.assembled + matrix if old is not None else 1
+        if old is None or matrix:
+            checks.check_symmetry(A)
+            singular = checks.vanishes_on_constants(A, self.layout.fixed_dofs, diagonal)
+        else:
+            singular = old.singular
+        made = System(
+            layout=self.layout,
+            A=A,
+            b=b,
+            obstacle=obstacle,
+            contact_diagonal=diagonal[self.layout.contact_dofs],
+            fixed_values=data,
+            singular=singular,
+            assembled=assembled,
+        )
+        checks.check_range(made, diagonal)
+        checks.check_held(made)
+        return made
+
+
+def dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
+    """Return the owned dofs on facets, also on facets that only another rank owns.
+
+    Args:
+        space: The function space.
+        facets: Facets that this rank knows; the call is collective.
+    """
+    tdim = space.mesh.topology.dim
+    space.mesh.topology.create_connectivity(tdim - 1, tdim)
+    dofs = fem.locate_dofs_topological(space, tdim - 1, facets)
+    return dofs[dofs < space.dofmap.index_map.size_local]
+
+
+def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
+    """Return a function that evaluates data at dofs, each time with the present values.
+
+    A UFL expression is compiled once, and evaluated on the cells that have one of the dofs.
+
+    Args:
+        space: A scalar Lagrange space.
+        value: A number, a UFL expression, a function of the space or of another one on its mesh,
+            or a callable of the coordinates, shape (3, n), which returns shape (n,).
+        dofs: Dofs of this rank.
+    """
+    if isinstance(value, int | float | np.number):
+        return lambda: np.full(len(dofs), float(value))
+    if isinstance(value, fem.Function) and value.function_space == space:
+        return lambda: value.x.array[dofs].copy()
+    if callable(value) and not isinstance(value, Expr):
+        x = space.tabulate_dof_coordinates()[dofs].T
+        return lambda: np.broadcast_to(np.asarray(value(x), dtype=np.float64), (len(dofs),)).copy()
+    marked = np.zeros(len(space.tabulate_dof_coordinates()), dtype=bool)
+    marked[dofs] = True
+    cells = cells_with_dofs(space, marked)
+    points = compat.interpolation_points(space.element)
+    expression = fem.Expression(value, points, comm=space.mesh.comm)
+    g = fem.Function(space)
+
+    def evaluate() -> Array:
+        g.interpolate(expression, cells0=cells)
+        return g.x.array[dofs].copy()
+
+    return evaluate
+
+
+def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> Indices:
+    """Return the owned dofs that some Dirichlet conditions fix."""
+    marked = np.zeros(space.dofmap.index_map.size_local, dtype=bool)
+    for bc in bcs:
+        dofs, owned = bc.dof_indices()
+        marked[dofs[:owned]] = True
+    return np.flatnonzero(marked).astype(np.int32)
+
+
+def dirichlet_values(
+    space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: Indices
+) -> Array:
+    """Return the data of Dirichlet conditions at dofs that they fix; the last condition wins."""
+    values = np.zeros(len(dofs))
+    if bcs:
+        index_map = space.dofmap.index_map
+        everywhere = np.zeros(index_map.size_local + index_map.num_ghosts)
+        for bc in bcs:
+            bc.set(everywhere)
+        values[:] = everywhere[dofs]
+    return values
+
+
+def assembled_matrix(
+    form: fem.Form, bcs: Sequence[fem.DirichletBC], fixed: Indices, A: PETSc.Mat | None = None
+) -> PETSc.Mat:
+    """Return the matrix of a form; Dirichlet rows get a diagonal of the size of the other rows.
+
+    With the largest diagonal entry in place of 1 the unit in which the form is written is free.
+
+    Args:
+        form: The bilinear form, compiled.
+        bcs: The Dirichlet conditions.
+        fixed: The owned dofs with Dirichlet data.
+        A: A matrix of the same form, to be assembled again; a new one by default.
+    """
+    if A is None:
+        A = fem_petsc.assemble_matrix(form, bcs=list(bcs))
+    else:
+        A.zeroEntries()
+        fem_petsc.assemble_matrix(A, form, bcs=list(bcs))  # type: ignore[misc, arg-type]
+    A.assemble()
+    if bcs:
+        diagonal = A.getDiagonal()
+        diagonal.array_w[fixed] = 0.0
+        diagonal.array_w[fixed] = _size(diagonal)
+        A.setDiagonal(diagonal)
+        A.assemble()
+        diagonal.destroy()
+    return A
+
+
+def assembled_load(
+    load: fem.Form,
+    form: fem.Form,
+    bcs: Sequence[fem.DirichletBC],
+    fixed: Indices,
+    A: PETSc.Mat,
+) -> PETSc.Vec:
+    """Return the load vector with the Dirichlet data lifted.
+
+    Args:
+        load: The linear form, compiled.
+        form: The bilinear form, compiled.
+        bcs: The Dirichlet conditions.
+        fixed: The owned dofs with Dirichlet data.
+        A: The matrix, whose Dirichlet rows have their diagonal.
+    """
+    b = fem_petsc.assemble_vector(load)
+    if bcs:
+        fem_petsc.apply_lifting(b, [form], bcs=[list(bcs)])
+    b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    if bcs:
+        diagonal = A.getDiagonal()
+        values = dirichlet_values(load.function_spaces[0], bcs, fixed)
+        b.array_w[fixed] = diagonal.array_r[fixed] * values
+        diagonal.destroy()
+    return b
+
+
+def _size(diagonal: PETSc.Vec) -> float:
+    largest = float(diagonal.norm(PETSc.NormType.INFINITY))
+    return largest if largest > 0.0 else 1.0
+
+
+def _compiled(ledger: Ledger, name: str, form: ufl.Form, options: Mapping[str, Any]) -> fem.Form:
+    start = time.perf_counter()
+    compiled = fem.form(form, **options)
+    ledger.add("form", name, form, time.perf_counter() - start)
+    return compiled

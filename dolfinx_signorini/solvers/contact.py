@@ -1,0 +1,144 @@
+"""The two ways to solve a system: active sets that TAO accepts, or TAO alone."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.prediction import predict
+from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.solvers.tao import TaoRounds
+from dolfinx_signorini.system import System
+
+Mask = npt.NDArray[np.bool_]
+
+
+def solve_by_active_sets(
+    system: System,
+    solver: HeldSolver,
+    x: PETSc.Vec,
+    held: Mask | None,
+    coarse: ContactState | None,
+    rtol: float,
+    prefix: str,
+) -> SolveResult:
+    """Find the active set, and let TAO accept the solution or, if need be, improve it.
+
+    Args:
+        system: The system.
+        solver: The linear solver of this system, which may have a set-up from earlier solves.
+        x: A feasible start, overwritten by the solution.
+        held: A guess of the active set, one entry per contact dof; None for everything in contact.
+        coarse: A solution on another mesh that predicts the active set, in place of a guess.
+        rtol: The natural residual to reach, relative to the data.
+        prefix: The prefix of PETSc options.
+
+    Raises:
+        InputError: The form is found to be indefinite.
+        NotConvergedError: The natural residual was not reached.
+    """
+    began = time.perf_counter()
+    counts = solver.solves, solver.iterations
+    if coarse is not None:
+        held = predict(system, coarse)
+    elif held is None:
+        held = np.full(len(system.contact_dofs), True)
+    predicted = time.perf_counter()
+    measure = NaturalResidual(system, rtol)
+    try:
+        trusted = coarse is not None
+        residual = solve_active_set(system, solver, measure, x, held, rtol, trusted)
+        system.project(x)
+        solved = time.perf_counter()
+        if residual > rtol:
+            solver.free()  # Newton's method needs the memory
+        rounds = TaoRounds(system, "bncg" if residual <= rtol else "bntr", prefix=prefix)
+        residual = _run(rounds, x, measure, rtol, "cascade")
+    finally:
+        measure.destroy()
+    seconds = {
+        "predict": predicted - began,
+        "solve": solved - predicted,
+        "accept": time.perf_counter() - solved,
+    }
+    linear = solver.solves - counts[0], solver.iterations - counts[1]
+    return _result(system, x, "cascade", rounds, residual, linear, seconds)
+
+
+def solve_by_tao(
+    system: System,
+    method: str,
+    x: PETSc.Vec,
+    rtol: float,
+    prefix: str,
+    options: Mapping[str, Any],
+    limits: Mapping[str, int],
+) -> SolveResult:
+    """Solve a system with a bound-constrained TAO solver alone.
+
+    Args:
+        system: The system.
+        method: The type of the TAO solver, see `TaoRounds`.
+        x: A feasible start, overwritten by the solution.
+        rtol: The natural residual to reach, relative to the data.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix.
+        limits: The limits `max_iterations` and `max_evaluations`, where they are given.
+
+    Raises:
+        InputError: The form is found to be indefinite.
+        NotConvergedError: The natural residual was not reached.
+    """
+    began = time.perf_counter()
+    measure = NaturalResidual(system, rtol)
+    rounds = TaoRounds(system, method, prefix=prefix, options=options, **limits)
+    try:
+        residual = _run(rounds, x, measure, rtol, method)
+    finally:
+        measure.destroy()
+    seconds = {"solve": time.perf_counter() - began}
+    return _result(system, x, method, rounds, residual, (0, 0), seconds)
+
+
+def _run(
+    rounds: TaoRounds, x: PETSc.Vec, measure: NaturalResidual, rtol: float, name: str
+) -> float:
+    """Run TAO, and return the residual; raise NotConvergedError unless the residual is rtol."""
+    try:
+        residual = rounds.run(x, measure, rtol)
+    finally:
+        rounds.destroy()
+    if not residual <= rtol:
+        raise rounds.failure(name, residual, rtol)
+    return residual
+
+
+def _result(
+    system: System,
+    x: PETSc.Vec,
+    method: str,
+    rounds: TaoRounds,
+    residual: float,
+    linear: tuple[int, int],
+    seconds: dict[str, float],
+) -> SolveResult:
+    system.ledger.add("vector", "solution u", x)
+    for phase, value in seconds.items():
+        system.ledger.add("phase", phase, seconds=value)
+    return SolveResult(
+        method=method,
+        reason=f"TAO {rounds.method}: {rounds.reason}",
+        iterations=rounds.iterations,
+        linear_solves=linear[0],
+        linear_iterations=linear[1] + rounds.linear_iterations,
+        natural_residual=residual,
+        active_dofs=system.comm.allreduce(int(system.touching(x).sum())),
+        seconds=seconds,
+    )
