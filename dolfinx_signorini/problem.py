@@ -16,6 +16,7 @@ from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.contact import solve_by_active_sets, solve_by_tao
 from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
@@ -90,6 +91,7 @@ class SignoriniProblem:
         # The last solution of the system; None before the first and after a solve that failed.
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
+        self._history = History()
         self.space = _scalar_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
         if self.u.function_space != self.space:
@@ -286,25 +288,25 @@ class SignoriniProblem:
         given = {name: limit for name, limit in limits.items() if limit is not None}
         rtol = self._checked(method, coarse, rtol, given)
         warm = warm_start and start is None and self.result is not None
-        held = self.system.touching(self._solution()) if warm else None
         self.update()
-        if warm:
-            start = self.u
         system = self.system
-        x = system.start(None if start is None else self.sign * start.x.array)
-        if start is not None:  # where the obstacle has risen, or what a user has found
-            held = system.touching(x) if held is None else held | system.touching(x)
         if not warm_start:
             self._free_solver()
+            self._history = History()
+        start = self.u if warm else start
+        x = system.start(None if start is None else self.sign * start.x.array)
         self._free_solution()
         self.result = None
         try:
             if method == "cascade":
                 if self._solver is None:
                     self._solver = HeldSolver(system, self._prefix, self._options)
+                held = None if start is None else system.touching(x)
+                known = coarse if coarse is not None else self._history if warm else None
                 self.result = solve_by_active_sets(
-                    system, self._solver, x, held, coarse, rtol, self._prefix
+                    system, self._solver, x, held, known, rtol, self._prefix
                 )
+                self._history.add(system, x)
             else:
                 self.result = solve_by_tao(
                     system, method, x, rtol, self._prefix, self._options, given

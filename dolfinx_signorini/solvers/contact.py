@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.active_set import solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -25,7 +26,7 @@ def solve_by_active_sets(
     solver: HeldSolver,
     x: PETSc.Vec,
     held: Mask | None,
-    coarse: ContactState | None,
+    start: ContactState | History | None,
     rtol: float,
     prefix: str,
 ) -> SolveResult:
@@ -36,7 +37,8 @@ def solve_by_active_sets(
         solver: The linear solver of this system, which may have a set-up from earlier solves.
         x: A feasible start, overwritten by the solution.
         held: A guess of the active set, one entry per contact dof; None for everything in contact.
-        coarse: A solution on another mesh that predicts the active set, in place of a guess.
+        start: In place of x and the guess, a solution on another mesh that predicts the active set,
+            or earlier solutions on this mesh.
         rtol: The natural residual to reach, relative to the data.
         prefix: The prefix of PETSc options.
 
@@ -46,14 +48,16 @@ def solve_by_active_sets(
     """
     began = time.perf_counter()
     counts = solver.solves, solver.iterations
-    if coarse is not None:
-        held = predict(system, coarse)
+    measure = NaturalResidual(system, rtol)
+    if isinstance(start, ContactState):
+        held = predict(system, start)
+    elif start is not None:
+        held = _best_guess(system, measure, start, x)
     elif held is None:
         held = np.full(len(system.contact_dofs), True)
     predicted = time.perf_counter()
-    measure = NaturalResidual(system, rtol)
     try:
-        trusted = coarse is not None
+        trusted = isinstance(start, ContactState)
         residual = solve_active_set(system, solver, measure, x, held, rtol, trusted)
         system.project(x)
         solved = time.perf_counter()
@@ -105,6 +109,23 @@ def solve_by_tao(
         measure.destroy()
     seconds = {"solve": time.perf_counter() - began}
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
+
+
+def _best_guess(
+    system: System, measure: NaturalResidual, history: History, x: PETSc.Vec
+) -> Mask | None:
+    """Set x to the guess with the smallest natural residual, and return its active set."""
+    best, chosen = np.inf, None
+    guesses = history.guesses(system)
+    for values, held in guesses:
+        guess = system.start(values)
+        guess.array_w[system.contact_dofs[held]] = system.obstacle[held]
+        residual = measure(guess) if len(guesses) > 1 else 0.0
+        if residual < best:
+            best, chosen = residual, held
+            guess.copy(x)
+        guess.destroy()
+    return chosen
 
 
 def _run(

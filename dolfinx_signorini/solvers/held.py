@@ -1,11 +1,9 @@
 """Linear solves with some contact dofs held at the obstacle.
 
-With the held dofs eliminated, the operator is P A P on the free dofs, P the projection that zeroes
-the held ones: no matrix is changed or copied for it. A preconditioner needs a matrix; the one with
-the rows and columns of the held dofs replaced by a diagonal is made when the preconditioner is set
-up. A set of held dofs that differs little from the one of the set-up is served by the same
-preconditioner between two projections. CG notices the difference only slowly, and a set-up that
-costs more iterations than a new one is dropped.
+A preconditioner needs a matrix. The matrix with the rows and columns of the held dofs replaced by a
+diagonal is made when the preconditioner is set up. A set of held dofs that differs little from the
+set of the set-up is served by the same preconditioner, see `projected`. A set-up that costs more
+additional iterations than a new one is dropped.
 """
 
 import math
@@ -18,6 +16,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.solvers.projected import Projected
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.system import System
 
@@ -36,7 +35,7 @@ DEFAULT_OPTIONS: dict[str, Any] = {
     "pc_hypre_boomeramg_max_coarse_size": 50,
 }
 SETUP_ITERATIONS = 8  # what a multigrid set-up costs, in iterations
-REUSE = 0.02  # of the contact dofs, or 4 of them, may have changed since the set-up
+REUSE = 0.05  # of the contact dofs, or 4 of them, may have changed since the set-up
 MAX_ITERATIONS = 200
 ROUNDED = 1e-6  # of the first residual: below it a negative curvature may be rounding
 
@@ -63,7 +62,6 @@ class HeldSolver:
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
         self.solves = self.setups = self.iterations = 0
-        self._projected = _Projected(system.A)
         self._matrix: PETSc.Mat | None = None
         self._held: Mask | None = None  # those of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
@@ -75,7 +73,8 @@ class HeldSolver:
         self._ksp.setOptionsPrefix(prefix)
         with options_set(prefix, DEFAULT_OPTIONS | dict(options or {})):
             self._ksp.setFromOptions()
-        self._pc = self._projected.pc = self._ksp.getPC()
+        self._pc = self._ksp.getPC()
+        self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
@@ -95,11 +94,11 @@ class HeldSolver:
         dofs = system.contact_dofs[held]
         x.array_w[dofs] = system.obstacle[held]
         x.array_w[system.fixed_dofs] = system.fixed_values
-        self._projected.zeroed = np.concatenate((dofs, system.fixed_dofs))
         fresh = self._prepare(system, held)
         converged = self._correct(system, x, atol, fresh)
         if not converged and not fresh:
             self._set_up(system, held)
+            self._projected.hold(system, dofs, None)
             self._correct(system, x, atol, True)
         self.solves += 1
 
@@ -118,7 +117,12 @@ class HeldSolver:
         self._projected.free()
 
     def _prepare(self, system: System, held: Mask) -> bool:
-        """Set the preconditioner up, unless the last set-up will do; return whether it is new."""
+        """Hold the dofs, and set the preconditioner up unless the last set-up will do.
+
+        Returns:
+            Whether the set-up is new.
+        """
+        dofs = system.contact_dofs
         limit = max(4, int(REUSE * self.comm.allreduce(len(held))))
         if self._held is not None:
             changed = self.comm.allreduce(int((held != self._held).sum()))
@@ -127,8 +131,11 @@ class HeldSolver:
             if (changed == 0 and system.assembled == self._assembled) or (
                 changed <= limit and mended and self._excess < SETUP_ITERATIONS
             ):
+                off = dofs[held != self._held] if changed else None
+                self._projected.hold(system, dofs[held], off)
                 return False
         self._set_up(system, held)
+        self._projected.hold(system, dofs[held], None)
         return True
 
     def _set_up(self, system: System, held: Mask) -> None:
@@ -184,7 +191,7 @@ class HeldSolver:
         """
         self.A.mult(x, self._rhs)
         self._rhs.aypx(-1.0, system.b)
-        self._rhs.array_w[self._projected.zeroed] = 0.0
+        self._projected.project(self._rhs)
         largest = self._rhs.norm(PETSc.NormType.INFINITY)
         unit = power_of_two(largest) if largest > 0.0 else 1.0
         self._rhs.scale(1.0 / unit)
@@ -198,34 +205,6 @@ class HeldSolver:
         if self._pace == 0.0:
             self._pace = iterations / digits
         self._excess += max(0.0, iterations - self._pace * digits)
-
-
-class _Projected:
-    """The operator P A P and the preconditioner P M P, P zeroing the held and the fixed dofs."""
-
-    def __init__(self, A: PETSc.Mat):
-        self.A, self.pc = A, PETSc.PC()
-        self.zeroed: Indices = np.empty(0, dtype=np.int32)
-        self.operator = PETSc.Mat().createPython(A.getSizes(), self, comm=A.comm)
-        self.operator.setUp()
-        self.preconditioner = PETSc.PC().create(A.comm)
-        self.preconditioner.setType(PETSc.PC.Type.PYTHON)
-        self.preconditioner.setPythonContext(self)
-
-    def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set y to P A x, for an x that is zero at the held dofs."""
-        self.A.mult(x, y)
-        y.array_w[self.zeroed] = 0.0
-
-    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set y to P M x."""
-        self.pc.apply(x, y)
-        y.array_w[self.zeroed] = 0.0
-
-    def free(self) -> None:
-        """Free the PETSc objects; a method `destroy` would be called by PETSc, too."""
-        self.preconditioner.destroy()
-        self.operator.destroy()
 
 
 def _typical(system: System) -> float:

@@ -52,13 +52,13 @@ def active_in_patch(
     seeds: Indices,
     reach: int = 1,
 ) -> Mask:
-    """Return the active set with the part near the seeds replaced by that of the patch problem.
+    """Solve the patch problem near the seeds, and return the active set with that of the patch.
 
     Where the patch is too large to be cheap, the set stays as it is.
 
     Args:
         system: The system.
-        x: Feasible vector whose values outside the patch are kept.
+        x: A feasible vector; the owned values in the patch are overwritten by the solution there.
         multiplier: A x - b, right in the patch.
         held: The active set so far, one entry per contact dof of this rank.
         seeds: Owned dofs around which to correct it, local indices.
@@ -75,10 +75,14 @@ def active_in_patch(
     start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
     lower.destroy()
     index_set.destroy()
-    active = _solve(matrix, residual, bound, start) if len(dofs) else np.zeros(0, dtype=bool)
-    matrix.destroy()
+    active = np.zeros(0, dtype=bool)
     first, last = system.A.getOwnershipRange()
-    owned = (dofs >= first) & (dofs < last) & np.isfinite(bound)
+    mine = (dofs >= first) & (dofs < last)
+    if len(dofs):
+        active, values = _solve(matrix, residual, bound, start)
+        x.array_w[dofs[mine] - first] = values[mine]
+    matrix.destroy()
+    owned = mine & np.isfinite(bound)
     local = np.zeros(last - first, dtype=np.int8)
     local[system.contact_dofs] = held
     local[dofs[owned] - first] = active[owned]
@@ -95,8 +99,8 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
     return values
 
 
-def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> Mask:
-    """Primal-dual active set steps; the last active set where they do not settle.
+def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tuple[Mask, Array]:
+    """Take primal-dual active set steps; return the last active set and the last values.
 
     Args:
         A: The matrix of the patch.
@@ -139,4 +143,4 @@ def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> Mask:
         active = update
     for item in (ksp, held, correction, rhs):
         item.destroy()
-    return active
+    return active, x

@@ -32,6 +32,7 @@ ROUND_REDUCTION = 1e-4
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
+CLOSE = 0.99  # of the residual asked for: TAO's projected gradient is not smaller than the residual
 ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
 
 REASONS = {
@@ -168,7 +169,7 @@ class TaoRounds:
             self.system.ledger.add("vector", f"TAO: {name}", vec)
         tao = PETSc.TAO().create(self.system.comm)
         try:
-            gatol = 0.5 * target * measure.scale / (unit * self.size)
+            gatol = CLOSE * target * measure.scale / (unit * self.size)
             tao.setTolerances(gatol=gatol, grtol=0.0, gttol=0.0)
             self._configure(tao, rhs, d, (lower, upper))
             tao.solve()
