@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.active_set import ACCEPTED, solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.tao import TaoRounds
+from dolfinx_signorini.solvers.tao import STOP, TaoRounds
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -61,9 +61,11 @@ def solve_by_active_sets(
         residual = solve_active_set(system, solver, measure, x, held, rtol, trusted)
         system.project(x)
         solved = time.perf_counter()
-        if residual > rtol:
+        if residual > ACCEPTED * rtol:
             solver.free()  # Newton's method needs the memory
-        rounds = TaoRounds(system, "bncg" if residual <= rtol else "bntr", prefix=prefix)
+        # TAO takes no step on what the active set method has accepted.
+        kind, stop = ("bncg", 1.0) if residual <= ACCEPTED * rtol else ("bntr", STOP)
+        rounds = TaoRounds(system, kind, prefix=prefix, stop=stop)
         residual = _run(rounds, x, measure, rtol, "cascade")
     finally:
         measure.destroy()

@@ -32,7 +32,7 @@ ROUND_REDUCTION = 1e-4
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
-CLOSE = 0.99  # of the residual asked for: TAO's projected gradient is not smaller than the residual
+STOP = 0.5  # of the residual asked for: where TAO's own tolerance is
 ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
 
 REASONS = {
@@ -69,6 +69,8 @@ class TaoRounds:
         options: PETSc options without prefix, for example {"tao_bncg_type": "prp"}.
         max_iterations: The limit on the iterations of all rounds.
         max_evaluations: The limit on the evaluations of energy and gradient of all rounds.
+        stop: The norm of the projected gradient at which TAO stops, relative to the residual asked
+            for; the natural residual is not larger than the projected gradient.
 
     Attributes:
         iterations, evaluations, linear_iterations: The counts of all rounds so far.
@@ -84,9 +86,10 @@ class TaoRounds:
         options: Mapping[str, Any] | None = None,
         max_iterations: int = MAX_ITERATIONS,
         max_evaluations: int = MAX_EVALUATIONS,
+        stop: float = STOP,
     ):
         self.system, self.method = system, method
-        self.prefix, self.options = prefix, options or {}
+        self.prefix, self.options, self.stop = prefix, options or {}, stop
         self.max_iterations, self.max_evaluations = max_iterations, max_evaluations
         self.iterations = self.evaluations = self.linear_iterations = 0
         self.reason = ""
@@ -169,7 +172,7 @@ class TaoRounds:
             self.system.ledger.add("vector", f"TAO: {name}", vec)
         tao = PETSc.TAO().create(self.system.comm)
         try:
-            gatol = CLOSE * target * measure.scale / (unit * self.size)
+            gatol = self.stop * target * measure.scale / (unit * self.size)
             tao.setTolerances(gatol=gatol, grtol=0.0, gttol=0.0)
             self._configure(tao, rhs, d, (lower, upper))
             tao.solve()
