@@ -67,7 +67,7 @@ class Assembly:
         jit_options: Mapping[str, Any] | None = None,
     ):
         space = a.arguments()[0].ufl_function_space()
-        self.sign, self.bcs, self.comm = sign, list(bcs), space.mesh.comm
+        self.sign, self.bcs, self.comm, self._form = sign, list(bcs), space.mesh.comm, a
         self.phases, ledger = Phases(self.comm), Ledger()
         with self.phases("forms"):
             boundary = dofs_on_facets(space, facets)
@@ -160,7 +160,7 @@ class Assembly:
         assembled = old.assembled + matrix if old is not None else 1
         if old is None or matrix:
             checks.check_symmetry(A)
-            singular = checks.vanishes_on_constants(A, self.layout.fixed_dofs, diagonal)
+            singular = checks.vanishes_on_constants(self._form, A, self.layout.fixed_dofs, diagonal)
         else:
             singular = old.singular
         made = System(
