@@ -6,13 +6,20 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.arguments import (
+    check_conditions,
+    check_data,
+    check_function,
+    checked_facets,
+    checked_space,
+)
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.contact import solve_by_active_sets, solve_by_tao
 from dolfinx_signorini.solvers.held import HeldSolver
@@ -92,10 +99,9 @@ class SignoriniProblem:
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
         self._history = History()
-        self.space = _scalar_space(a, L)
+        self.space = checked_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
-        if self.u.function_space != self.space:
-            raise InputError("belongs to another function space than the form a", "u")
+        check_function(self.u, self.space, "u")
         if bound not in ("lower", "upper"):
             raise InputError(f"must be 'lower' or 'upper', not {bound!r}", "bound")
         self.sign = 1.0 if bound == "lower" else -1.0
@@ -105,7 +111,9 @@ class SignoriniProblem:
             if petsc_options_prefix is None
             else petsc_options_prefix
         )
-        facets = _facets(self.space.mesh, contact)
+        facets = checked_facets(self.space.mesh, contact)
+        check_conditions(self.space, bcs)
+        check_data(obstacle, self.space, "obstacle")
         compilation = form_compiler_options, jit_options
         self._assembly = Assembly(a, L, facets, obstacle, self.sign, bcs, *compilation)
         self._layout = self._assembly.layout
@@ -287,6 +295,8 @@ class SignoriniProblem:
         limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
         given = {name: limit for name, limit in limits.items() if limit is not None}
         rtol = self._checked(method, coarse, rtol, given)
+        if start is not None:
+            check_function(start, self.space, "start")
         warm = warm_start and start is None and self.result is not None
         self.update()
         system = self.system
@@ -356,6 +366,8 @@ class SignoriniProblem:
             raise InputError("only for the methods of TAO", ", ".join(given))
         if method != "cascade" and coarse is not None:
             raise InputError("only for the cascade", "coarse")
+        if coarse is not None and not isinstance(coarse, ContactState):
+            raise InputError(f"must be a contact state, not {type(coarse).__name__}", "coarse")
         if rtol is None:
             rtol = DEFAULT_RTOL if method == "cascade" else TAO_RTOL
         if not 0.0 < rtol < 1.0:
@@ -377,29 +389,3 @@ class SignoriniProblem:
         if self._solver is not None:
             self._solver.destroy()
         self._solver = None
-
-
-def _scalar_space(a: ufl.Form, L: ufl.Form) -> fem.FunctionSpace:
-    """Return the space of the forms, if the space is one that can be solved on."""
-    arguments = a.arguments()
-    if len(arguments) != 2:
-        raise InputError(f"needs a trial and a test function, has {len(arguments)}", "form a")
-    space = arguments[0].ufl_function_space()
-    element = space.ufl_element()
-    if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
-        raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
-    if len(L.arguments()) != 1:
-        raise InputError(f"the form L needs one test function, has {len(L.arguments())}", "load")
-    return space
-
-
-def _facets(domain: mesh.Mesh, contact: Any) -> Indices:
-    """Return the facets that an argument `contact` names."""
-    tags, values = contact if isinstance(contact, tuple) else (contact, None)
-    if not isinstance(tags, mesh.MeshTags):
-        return np.asarray(contact, dtype=np.int32)
-    dimension = domain.topology.dim - 1
-    require(domain.comm, tags.dim == dimension, f"tags of dimension {tags.dim}", "contact")
-    if values is None:
-        return np.asarray(tags.indices, dtype=np.int32)
-    return np.asarray(tags.indices[np.isin(tags.values, values)], dtype=np.int32)

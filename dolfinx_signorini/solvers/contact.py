@@ -53,7 +53,7 @@ def solve_by_active_sets(
         held = predict(system, start)
     elif start is not None:
         held = _best_guess(system, measure, start, x)
-    elif held is None:
+    if held is None:
         held = np.full(len(system.contact_dofs), True)
     predicted = time.perf_counter()
     try:

@@ -75,7 +75,7 @@ def active_in_patch(
     start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
     lower.destroy()
     index_set.destroy()
-    active = np.zeros(0, dtype=bool)
+    active: Mask = np.zeros(0, dtype=bool)
     first, last = system.A.getOwnershipRange()
     mine = (dofs >= first) & (dofs < last)
     if len(dofs):

@@ -1,0 +1,166 @@
+"""Checks of the arguments of a problem: each refusal names the argument, before any long work."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from ufl.algorithms.analysis import extract_coefficients
+from ufl.core.expr import Expr
+from ufl.domain import extract_domains
+
+from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.meshes import boundary_facets
+
+Indices = npt.NDArray[np.int32]
+
+
+def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
+    """Return the space of a bilinear and a linear form.
+
+    Args:
+        a: What should be a bilinear form on a scalar, continuous Lagrange space.
+        L: What should be a linear form on the same space.
+
+    Raises:
+        InputError: The subject is "form a" or "load".
+    """
+    for form, subject in ((a, "form a"), (L, "load")):
+        if not isinstance(form, ufl.Form):
+            raise InputError(f"must be a UFL form, not {type(form).__name__}", subject)
+    arguments = a.arguments()
+    if len(arguments) != 2:
+        raise InputError(f"needs a trial and a test function, has {len(arguments)}", "form a")
+    space = arguments[0].ufl_function_space()
+    if not isinstance(space, fem.FunctionSpace):
+        raise InputError("its space must be one of dolfinx", "form a")
+    element = space.ufl_element()
+    if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
+        raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
+    if not same_space(arguments[1].ufl_function_space(), space):
+        raise InputError("trial and test function belong to different spaces", "form a")
+    if len(L.arguments()) != 1:
+        raise InputError(f"the form L needs one test function, has {len(L.arguments())}", "load")
+    if not same_space(L.arguments()[0].ufl_function_space(), space):
+        raise InputError("its test function belongs to another space than the form a", "load")
+    for form, subject in ((a, "form a"), (L, "load")):
+        _check_mesh(form, space.mesh, subject)
+    return space
+
+
+def checked_facets(domain: mesh.Mesh, contact: Any) -> Indices:
+    """Return the facets that an argument `contact` names.
+
+    Args:
+        domain: The mesh.
+        contact: Indices of facets, or MeshTags of facets, alone or in a pair with values.
+
+    Raises:
+        InputError: The subject is "contact".
+    """
+    facets, message = _named_facets(domain, contact)
+    require(domain.comm, not message, message, "contact")
+    index_map = domain.topology.index_map(domain.topology.dim - 1)
+    count = index_map.size_local + index_map.num_ghosts
+    bad = facets[(facets < 0) | (facets >= count)]
+    message = f"{bad[0]} is no facet, the mesh has {count} of them here" if len(bad) else ""
+    require(domain.comm, not message, message, "contact")
+    owned = facets[facets < index_map.size_local]
+    inner = np.setdiff1d(owned, boundary_facets(domain))
+    message = f"facet {inner[0]} is not on the boundary" if len(inner) else ""
+    require(domain.comm, not message, message, "contact")
+    return np.unique(facets).astype(np.int32)
+
+
+def check_conditions(space: fem.FunctionSpace, bcs: Iterable[Any]) -> None:
+    """Refuse what is no Dirichlet condition of a space.
+
+    Args:
+        space: The space.
+        bcs: What should be Dirichlet conditions of this very space.
+
+    Raises:
+        InputError: The subject is "bcs".
+    """
+    for bc in bcs:
+        if not isinstance(bc, fem.DirichletBC):
+            raise InputError(f"a Dirichlet condition, not {type(bc).__name__}, is needed", "bcs")
+        if not space._cpp_object.contains(bc.function_space):
+            raise InputError(
+                "a Dirichlet condition belongs to another function space than the form a", "bcs"
+            )
+
+
+def check_data(value: Any, space: fem.FunctionSpace, subject: str) -> None:
+    """Refuse what is no number, UFL expression, function or callable on the mesh of a space.
+
+    Args:
+        value: The data.
+        space: The space.
+        subject: The name of the argument.
+
+    Raises:
+        InputError: The data cannot be evaluated on the mesh.
+    """
+    if isinstance(value, bool) or not (
+        isinstance(value, int | float | np.number | Expr) or callable(value)
+    ):
+        raise InputError(
+            f"a number, a UFL expression, a function or a callable, not {type(value).__name__}",
+            subject,
+        )
+    if isinstance(value, Expr):
+        if value.ufl_shape != ():
+            raise InputError(f"must be scalar, has shape {value.ufl_shape}", subject)
+        _check_mesh(value, space.mesh, subject)
+
+
+def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
+    """Refuse what is no function of a space.
+
+    Args:
+        value: What should be a function.
+        space: The space.
+        subject: The name of the argument.
+
+    Raises:
+        InputError: The value is no function of this very space.
+    """
+    if not isinstance(value, fem.Function):
+        raise InputError(f"must be a function, not {type(value).__name__}", subject)
+    if not same_space(value.function_space, space):
+        raise InputError("belongs to another function space than the form a", subject)
+
+
+def same_space(one: Any, other: Any) -> bool:
+    """Return whether two Python objects stand for the same function space, dof for dof."""
+    return isinstance(one, fem.FunctionSpace) and one._cpp_object == other._cpp_object
+
+
+def _check_mesh(item: "ufl.Form | Expr", domain: mesh.Mesh, subject: str) -> None:
+    domains = item.ufl_domains() if isinstance(item, ufl.Form) else extract_domains(item)
+    others = [found for found in domains if found != domain.ufl_domain()]
+    functions = [c for c in extract_coefficients(item) if isinstance(c, fem.Function)]
+    if others or any(f.function_space.mesh != domain for f in functions):
+        raise InputError("lives on another mesh than the form a", subject)
+
+
+def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
+    """The facets, and what is wrong with them on this rank."""
+    nothing = np.empty(0, dtype=np.int32)
+    pair = isinstance(contact, tuple) and len(contact) == 2
+    tags, values = contact if pair else (contact, None)
+    if isinstance(tags, mesh.MeshTags):
+        dimension = domain.topology.dim - 1
+        if tags.dim != dimension:
+            return nothing, f"tags of dimension {tags.dim}, not of facets, which have {dimension}"
+        if tags.topology != domain.topology._cpp_object:
+            return nothing, "the tags belong to another mesh"
+        chosen = slice(None) if values is None else np.isin(tags.values, values)
+        return np.asarray(tags.indices[chosen], dtype=np.int32), ""
+    facets = np.asarray(contact)
+    if facets.ndim != 1 or (len(facets) and not np.issubdtype(facets.dtype, np.integer)):
+        return nothing, "facets are given by an array of their indices, or by MeshTags"
+    return facets.astype(np.int64), ""
