@@ -20,7 +20,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini import checks, compat
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.system import Layout, System
 from dolfinx_signorini.timing import Phases
@@ -208,7 +208,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
         return lambda: value.x.array[dofs].copy()
     if callable(value) and not isinstance(value, Expr):
         x = space.tabulate_dof_coordinates()[dofs].T
-        return lambda: np.broadcast_to(np.asarray(value(x), dtype=np.float64), (len(dofs),)).copy()
+        return lambda: _called(space, value, x)
     marked = np.zeros(len(space.tabulate_dof_coordinates()), dtype=bool)
     marked[dofs] = True
     cells = cells_with_dofs(space, marked)
@@ -221,6 +221,17 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
         return g.x.array[dofs].copy()
 
     return evaluate
+
+
+def _called(space: fem.FunctionSpace, value: Callable[[Array], Array], x: Array) -> Array:
+    """The values of a callable at points, shape (3, n), if their shape is (n,)."""
+    try:
+        values = np.broadcast_to(np.asarray(value(x), dtype=np.float64), x.shape[1:]).copy()
+        message = ""
+    except (TypeError, ValueError) as error:
+        values, message = np.zeros(x.shape[1]), f"the callable returned no values: {error}"
+    require(space.mesh.comm, not message, message, "obstacle")
+    return values
 
 
 def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> Indices:

@@ -370,8 +370,11 @@ class SignoriniProblem:
             raise InputError(f"must be a contact state, not {type(coarse).__name__}", "coarse")
         if rtol is None:
             rtol = DEFAULT_RTOL if method == "cascade" else TAO_RTOL
-        if not 0.0 < rtol < 1.0:
+        if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
             raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
+        for name, limit in given.items():
+            if isinstance(limit, bool) or not isinstance(limit, int) or limit < 1:
+                raise InputError(f"must be a positive integer, not {limit}", name)
         return rtol
 
     def _solution(self) -> PETSc.Vec:
