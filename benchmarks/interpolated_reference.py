@@ -13,8 +13,8 @@ from common import table, write_json
 from mpi4py import MPI
 
 from dolfinx_signorini import christof_haubner, error_norms, friedrichs_keller, paper_problem
-from dolfinx_signorini.manufactured import interpolated
 from dolfinx_signorini.paper.study import PAPER_NORMS
+from dolfinx_signorini.references import interpolated
 
 
 def main() -> None:

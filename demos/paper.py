@@ -19,10 +19,10 @@ from dolfinx_signorini import (
     error_norms,
     friedrichs_keller,
     paper_problem,
-    plotting,
 )
-from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.orders import eoc, expected_order
+from dolfinx_signorini.paper.pictures import draw_bottom_edge, draw_convergence, paper_picture
+from dolfinx_signorini.plotting import save
 
 comm = MPI.COMM_WORLD
 CELLS = (25, 51, 101, 201)  # squares per side, each cut into two triangles
@@ -66,7 +66,7 @@ for n in CELLS:
 widths = [1.0 / n for n in CELLS]
 for name in NORMS:
     orders = eoc(widths, [row["errors"][name] for row in rows])
-    expected = expected_order(parse_norm(name))
+    expected = expected_order(name)
     say(f"{name:>14}: orders", *(f"{order:.3f}" for order in orders), f" theory {expected}")
 
 # %% [markdown]
@@ -77,9 +77,9 @@ for name in NORMS:
 
 # %%
 folder = Path("results")
-picture = plotting.paper_picture(comm, 101)
+picture = paper_picture(comm, 101)
 if picture is not None:
     folder.mkdir(exist_ok=True)
-    plotting.save(plotting.draw_convergence(rows, NORMS), folder / "demo_paper_convergence")
-    plotting.save(plotting.draw_bottom_edge(picture), folder / "demo_paper_bottom_edge")
+    save(draw_convergence(rows, NORMS), folder / "demo_paper_convergence")
+    save(draw_bottom_edge(picture), folder / "demo_paper_bottom_edge")
     say(f"pictures: {folder}/demo_paper_*.png")

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from dolfinx_signorini.paper.theory.checks import entry, orders, table
 from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, compute_family, rough_name
 from dolfinx_signorini.paper.theory.figures import draw_regularity
-from dolfinx_signorini.paper.theory.orders import Regularity, proven_order, singular_order
+from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.paper.theory.section4 import corollary_norms
 from dolfinx_signorini.plotting import save
 
@@ -29,8 +29,8 @@ if comm.rank == 0:
     lines = []
     for p in ROUGH_EXPONENTS:
         for norm in corollary_norms(p):
-            proven = proven_order(Regularity(p), norm)
-            allowed = singular_order(min(1.5, 2.0 - 2.0 / p), norm)
+            proven = proven_order(p, norm)
+            allowed = allowed_order(p, norm)
             order = orders(rows[rough_name(p)], entry("errors", norm))[-1]
             cells = [f"{p:g}", norm, str(proven), f"{order:.3f}", f"{allowed:.3f}", proven.source]
             lines.append(cells)

@@ -9,11 +9,11 @@
 # %%
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.family import paper_family
 from dolfinx_signorini.accuracy.report import HEADER, outcome_lines, trial_line
 from dolfinx_signorini.accuracy.runs import Configuration, levels, solve_configuration
 from dolfinx_signorini.accuracy.search import solve_to
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.solution import paper_family
 
 comm = MPI.COMM_WORLD
 problem = paper_family(detachment=(0.47123, 0.0))

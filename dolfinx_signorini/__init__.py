@@ -7,11 +7,13 @@ scenes, paper, tradeoff, and commands.
 
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.manufactured import ManufacturedSolution, christof_haubner, interpolated
+from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.references import Reference, interpolated
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -25,6 +27,7 @@ __all__ = [
     "ManufacturedSolution",
     "NotConvergedError",
     "QuadratureRule",
+    "Reference",
     "SignoriniProblem",
     "SolveResult",
     "boundary_facets",

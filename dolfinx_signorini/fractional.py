@@ -20,8 +20,8 @@ from dolfinx import fem, mesh
 from scipy.interpolate import BarycentricInterpolator
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells
+from dolfinx_signorini.references import Reference
 
 NODES = 9  # interpolation nodes per facet
 SAMPLES = 64  # samples per facet: what lies above their frequency is 2e-4 of the norm
@@ -31,7 +31,7 @@ Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
 def fractional_norm(
     u_h: fem.Function,
-    exact: ManufacturedSolution | None = None,
+    exact: Reference | None = None,
 ) -> float:
     """Return the H^{1/2} norm of u_h - u on the boundary of a plane domain.
 
@@ -81,7 +81,7 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
 
 
 def _facet_samples(
-    u_h: fem.Function, exact: ManufacturedSolution | None
+    u_h: fem.Function, exact: Reference | None
 ) -> tuple[npt.NDArray[np.int64], Array, Array]:
     """Vertices (facets, 2), their coordinates (facets, 2, 2), values (facets, NODES)."""
     domain = u_h.function_space.mesh

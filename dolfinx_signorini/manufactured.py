@@ -1,8 +1,12 @@
-"""Closed-form solutions of Signorini problems as UFL: the solution, its gradient and its load.
+"""Manufactured solutions: from a chosen u to the data of a Signorini problem that u solves.
 
-A manufactured solution is made for one mesh, because UFL expressions refer to the coordinates of
-their mesh. Where the solution vanishes outside a ball, the ball is stored as its support, so that
-load and errors evaluate the closed form on the cells that meet it and nowhere else.
+Any smooth u solves -div(K grad u) + c u = f with f, Dirichlet data and fluxes computed from u. On
+the contact boundary more is needed: with the obstacle g and the flux q = K grad u . n,
+
+    u >= g,    q >= 0,    q > 0 only where u = g
+
+(for an upper obstacle the signs turn). Where an obstacle with these properties exists,
+`matching_obstacle` makes one; otherwise `contact_violations` says which condition fails where.
 """
 
 from dataclasses import dataclass
@@ -10,120 +14,195 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import default_scalar_type, fem, mesh
+from mpi4py import MPI
 from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import cells_near_ball, owned_cells
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
+from dolfinx_signorini.references import Reference, interpolant
 
-DETACHMENT = (0.5, 0.0)
-SUPPORT_RADIUS = 0.45
-AMPLITUDE = 10.0
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+TOLERANCE = 1e-9  # relative to the largest value of u and of its flux
+CLEARANCE = 1.0  # relative to the largest |u|: how far below u an obstacle is made where u is free
+SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
 
 
 @dataclass(frozen=True)
-class ManufacturedSolution:
-    """A known solution u of a Signorini problem on one mesh.
+class ManufacturedSolution(Reference):
+    """A known solution of a Signorini problem on one mesh, with its load.
+
+    The solution is a reference for errors, and its load goes into the problem:
+
+        exact = manufacture(domain, u, reaction=1.0)
+        problem = SignoriniProblem(a, exact.load * v * ufl.dx, contact=facets)
+        error_norms(problem.solve(), exact, ["L4"])
 
     Attributes:
-        mesh: The mesh whose coordinates the expressions use.
-        u: The solution.
-        grad: Its gradient, one component per space dimension.
-        load: The right-hand side f = -div(grad u) + u.
-        support: Centre and radius of a ball outside of which u and f vanish, or None.
+        load: The right-hand side f = -div(K grad u) + c u, which vanishes outside of the support,
+            too.
+        flux: K grad u . n, to be used on boundary facets; None where no flux was asked for.
     """
 
-    mesh: mesh.Mesh
-    u: Expr
-    grad: tuple[Expr, ...]
     load: Expr
-    support: tuple[tuple[float, ...], float] | None = None
-
-    def support_cells(self) -> npt.NDArray[np.int32]:
-        """Return the owned cells on which u may be non-zero (all of them without a support)."""
-        if self.support is None:
-            return owned_cells(self.mesh)
-        return cells_near_ball(self.mesh, *self.support)
+    flux: Expr | None = None
 
 
-def christof_haubner(
+@dataclass(frozen=True)
+class Violation:
+    """A contact condition that a chosen solution does not satisfy.
+
+    Violations print themselves in words:
+
+        for violation in contact_violations(domain, facets, u, flux, obstacle):
+            print(violation)
+
+    Attributes:
+        condition: The condition, in words.
+        value: By how much the condition fails at the worst point.
+        point: Coordinates of the worst point.
+    """
+
+    condition: str
+    value: float
+    point: tuple[float, ...]
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{c:.6g}" for c in self.point)
+        return f"{self.condition} fails at ({where}) by {self.value:.3g}"
+
+
+def manufacture(
     domain: mesh.Mesh,
-    detachment: tuple[float, float] = DETACHMENT,
-    radius: float = SUPPORT_RADIUS,
+    u: Expr,
+    diffusion: Expr | float | None = None,
+    reaction: Expr | float | None = None,
 ) -> ManufacturedSolution:
-    r"""Return the paper's solution (28) on the unit square, with its gradient and load.
-
-    With polar coordinates (r, theta) about the detachment point,
-
-        u = -10 psi(r) r^{3/2} sin(3/2 theta),
-
-    where psi is the polynomial of degree 9 with psi(0) = 1, psi(radius) = 0 and four vanishing
-    derivatives at both ends, continued by 0. It solves -div(grad u) + u = f with u >= 0,
-    du/dn >= 0 and u du/dn = 0 on the whole boundary, is positive on the bottom edge to the left
-    of the detachment point and touches the obstacle 0 to the right of it.
-
-    All expressions are free of trigonometric functions and of cancellation, and are finite at the
-    detachment point: with C + iS = (x + iy)^{1/2}, r^{3/2} sin(3/2 theta) = S (3 C^2 - S^2).
+    """Return a chosen solution with its gradient, its load and its flux.
 
     Args:
-        domain: A mesh of the unit square.
-        detachment: The detachment point on the bottom edge, at least `radius` from its ends.
-        radius: Where psi ends.
-
-    Source: Christof and Haubner, Section 7, equation (28).
+        domain: The mesh whose coordinates u uses.
+        u: The solution.
+        diffusion: K, a scalar or a tensor; None for 1.
+        reaction: c; None for none.
     """
-    x = ufl.SpatialCoordinate(domain)
-    x0, x1 = x[0] - detachment[0], x[1] - detachment[1]
-    # Scaled like hypot, so that the squares of tiny distances do not underflow.
-    largest = ufl.max_value(abs(x0), abs(x1))
-    scale = ufl.conditional(ufl.gt(largest, 0.0), largest, 1.0)
-    r = scale * ufl.sqrt((x0 / scale) * (x0 / scale) + (x1 / scale) * (x1 / scale))
-    # The larger of sqrt(r) cos(theta/2) and sqrt(r) sin(theta/2), then the other one by division.
-    large = ufl.sqrt(0.5 * (r + abs(x0)))
-    small = 0.5 * x1 / ufl.conditional(ufl.gt(large, 0.0), large, 1.0)
-    left = ufl.lt(x0, 0.0)
-    c = ufl.conditional(left, small, large)
-    s = ufl.conditional(left, large, small)
-    w = s * (3.0 * c * c - s * s)
-
-    t = ufl.min_value(r / radius, 1.0)
-    t3 = t * t * t
-    q = 1.0 - t
-    q3 = q * q * q
-    psi = q3 * q * q * (1.0 + t * (5.0 + t * (15.0 + t * (35.0 + t * 70.0))))
-    dpsi_over_r = -630.0 * t3 * q3 * q / radius**2
-    laplacian = -2520.0 * t3 * q3 * (2.0 - 3.0 * t) / radius**2  # psi'' + 4 psi' / r
-
-    return ManufacturedSolution(
-        mesh=domain,
-        u=-AMPLITUDE * psi * w,
-        grad=(
-            -AMPLITUDE * (1.5 * psi * s + w * dpsi_over_r * x0),
-            -AMPLITUDE * (1.5 * psi * c + w * dpsi_over_r * x1),
-        ),
-        load=AMPLITUDE * w * (laplacian - psi),
-        support=((float(detachment[0]), float(detachment[1])), float(radius)),
-    )
-
-
-def interpolated(exact: ManufacturedSolution, degree: int) -> ManufacturedSolution:
-    """Return the solution interpolated into continuous Lagrange elements, in place of the exact u.
-
-    Near the detachment point u is only r^{3/2}-smooth, so the interpolant differs from u by
-    O(h^{3/2}) there whatever the degree: it serves where a closed form is not at hand.
-
-    Args:
-        exact: The solution to interpolate.
-        degree: Polynomial degree, at least 1.
-    """
-    space = fem.functionspace(exact.mesh, ("Lagrange", degree))
-    u = fem.Function(space)
-    u.interpolate(fem.Expression(exact.u, compat.interpolation_points(space.element)))
+    if extract_unique_domain(u) is None:  # a number, whose gradient UFL does not know
+        u = fem.Constant(domain, default_scalar_type(float(u)))
     gradient = ufl.grad(u)
-    return ManufacturedSolution(
-        mesh=exact.mesh,
-        u=u,
-        grad=tuple(gradient[i] for i in range(exact.mesh.geometry.dim)),
-        load=exact.load,
-        support=exact.support,
+    current = gradient if diffusion is None else diffusion * gradient
+    load = -ufl.div(current)
+    if reaction is not None:
+        load += reaction * u
+    components = tuple(gradient[i] for i in range(domain.geometry.dim))
+    flux = ufl.dot(current, ufl.FacetNormal(domain))
+    return ManufacturedSolution(domain, u, components, load, flux)
+
+
+def contact_violations(
+    domain: mesh.Mesh,
+    facets: Indices,
+    u: Expr,
+    flux: Expr,
+    obstacle: Expr | float | None,
+    upper: bool = False,
+) -> list[Violation]:
+    """Return the contact conditions that fail, each where it fails worst; the call is collective.
+
+    Args:
+        domain: The mesh.
+        facets: The contact facets.
+        u: The solution.
+        flux: The flux K grad u . n of the solution.
+        obstacle: The obstacle g; None for an obstacle that `matching_obstacle` is going to make.
+        upper: Whether u <= g is asked for, in place of u >= g.
+    """
+    sign = -1.0 if upper else 1.0
+    g = u if obstacle is None else obstacle
+    x = ufl.SpatialCoordinate(domain)
+    values = _on_facets(domain, facets, [sign * (u - g), sign * flux, u, *x])
+    gap, pressure, height = values[:, 0], values[:, 1], values[:, 2]
+    size, force = (_largest(domain.comm, v) for v in (np.maximum(abs(height), abs(gap)), pressure))
+    pressed = np.minimum(np.maximum(gap, 0.0) * force, np.maximum(pressure, 0.0) * size)
+    order, push = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
+    tests = [
+        (f"{push} (the boundary may push and not pull)", -pressure, TOLERANCE * force),
+        (f"{order} (no penetration)", -gap, TOLERANCE * size),
+        ("flux = 0 where u does not touch g", pressed, TOLERANCE * size * force),
+    ]
+    found = []
+    for condition, defect, tolerance in tests[: 1 if obstacle is None else 3]:
+        worst = int(np.argmax(defect)) if len(defect) else -1
+        local = (float(defect[worst]), tuple(map(float, values[worst, 3:]))) if worst >= 0 else None
+        value, point = max((v for v in domain.comm.allgather(local) if v), default=(0.0, ()))
+        if value > tolerance:
+            found.append(Violation(condition, value, point))
+    return found
+
+
+def matching_obstacle(
+    space: fem.FunctionSpace, facets: Indices, u: Expr, flux: Expr, upper: bool = False
+) -> fem.Function:
+    """Return an obstacle that u touches exactly where its flux is not zero.
+
+    On the facets with a flux the obstacle is u, elsewhere it keeps clear of u.
+
+    Args:
+        space: The Lagrange space of the discrete problem.
+        facets: The contact facets.
+        u: The solution.
+        flux: The flux K grad u . n of the solution.
+        upper: Whether the obstacle is an upper one.
+    """
+    domain = space.mesh
+    tdim = domain.topology.dim
+    sign = -1.0 if upper else 1.0
+    count = len(_facet_points(domain))
+    values = _on_facets(domain, facets, [u, flux])
+    size, force = (_largest(domain.comm, values[:, i]) for i in (0, 1))
+    pushed = (abs(values[:, 1]).reshape(-1, count) > TOLERANCE * force).any(axis=1)
+    touching, contact = fem.Function(space), fem.Function(space)
+    for marks, marked in ((touching, _owned(domain, facets)[pushed]), (contact, facets)):
+        marks.x.array[fem.locate_dofs_topological(space, tdim - 1, marked)] = 1.0
+        marks.x.scatter_forward()
+    g = interpolant(space, u, cells_with_dofs(space, contact.x.array > 0.0))
+    g.name = "obstacle"
+    clear = touching.x.array == 0.0
+    g.x.array[clear] -= sign * CLEARANCE * (size if size > 0.0 else 1.0)
+    return g
+
+
+def _facet_points(domain: mesh.Mesh) -> Array:
+    """Sample points of the reference facet."""
+    if domain.topology.dim == 2:
+        return SAMPLES[:, None]
+    return np.array([(a, b) for a in SAMPLES for b in SAMPLES if a + b <= 1.0])
+
+
+def _owned(domain: mesh.Mesh, facets: Indices) -> Indices:
+    return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
+
+
+def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> Array:
+    """Values at the sample points of the owned facets, shape (facets x points, values)."""
+    compiled = fem.Expression(ufl.as_vector(values), _facet_points(domain), comm=domain.comm)
+    pairs = facet_cells(domain, _owned(domain, facets))
+    sampled = compat.evaluate(compiled, domain, pairs)
+    sampled = sampled.reshape(-1, len(_facet_points(domain)), len(values))
+    # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.
+    missing = ~np.isfinite(sampled).all(axis=2)
+    require(
+        domain.comm,
+        not (missing.mean(axis=1) > 0.5).any(),
+        "its gradient has no finite value on a whole facet; write r^a sin(a theta), for example, "
+        "with hypot and atan2, and not with roots that vanish on a side",
+        "solution",
     )
+    return np.nan_to_num(sampled, nan=0.0, posinf=0.0, neginf=0.0).reshape(-1, len(values))
+
+
+def _largest(comm: MPI.Comm, values: Array) -> float:
+    return float(max(comm.allgather(float(np.abs(values).max(initial=0.0)))))

@@ -31,7 +31,6 @@ from ufl.core.expr import Expr
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
-from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import (
     boundary_facets,
     clockwise,
@@ -39,7 +38,9 @@ from dolfinx_signorini.meshes import (
     facet_scale,
     owned_cells,
 )
-from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
+from dolfinx_signorini.power_sums import PowerSum
+from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.references import Reference
 
 BLOCK = 8192  # cells whose point values are held at a time
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
@@ -47,12 +48,14 @@ Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Norm:
-    """A norm by name.
+    """A norm, whose name is its text:
+
+        assert str(Norm(1.0, 4.0)) == "W1_4"
 
     Attributes:
         derivatives: Order of differentiability: 0 (L^p), 1 (W^{1,p}) or 0.5 (H^{1/2}).
         p: Exponent, from 1 to infinity; 2 for H^{1/2}.
-        boundary: Whether it is taken on the boundary of the domain.
+        boundary: Whether the norm is taken on the boundary of the domain.
         spectral: For H^{1/2}: the true fractional norm in place of the interpolation estimate.
     """
 
@@ -106,85 +109,16 @@ def listed_norms(text: str) -> tuple[str, ...]:
         try:
             parse_norm(name)
         except ValueError as error:
-            raise InputError(f"--norms: {error}") from None
+            raise InputError(str(error), "--norms") from None
     return names
-
-
-class PowerSum:
-    """The p-th power sum of point values, kept as largest value m and sum of w (|v| / m)^p."""
-
-    def __init__(self, p: float):
-        self.p = p
-        self.largest = 0.0
-        self.total = 0.0
-
-    def add(self, values: Array, largest: float, weights: Array, factors: Array) -> None:
-        """Add sum_c factors_c sum_q weights_q |values_cq|^p.
-
-        Args:
-            values: Absolute values, shape (cells, points).
-            largest: The largest of them.
-            weights: Shape (points,).
-            factors: Shape (cells,) where they are the same at all points, or (cells, points).
-        """
-        self.include(largest)
-        if largest == 0.0 or math.isinf(self.p) or not math.isfinite(self.largest):
-            return
-        powers = _power(values / self.largest, self.p)
-        if factors.ndim == 2:
-            self.total += float(((powers * factors) @ weights).sum())
-        else:
-            self.total += float(factors @ (powers @ weights))
-
-    def merge(self, other: "PowerSum") -> None:
-        """Add another sum for the same p."""
-        self.include(other.largest)
-        if other.largest > 0.0 and not math.isinf(self.p):
-            self.total += other.total * (other.largest / self.largest) ** self.p
-
-    def include(self, largest: float) -> None:
-        """Make the sum relative to a value if that is larger than all before."""
-        if largest <= self.largest or math.isnan(self.largest):
-            return  # what is not a number is kept, and reported
-        if not math.isinf(self.p):
-            self.total *= (self.largest / largest) ** self.p
-        self.largest = largest
-
-    def reduce(self, comm: MPI.Comm) -> "PowerSum":
-        """Return the sum over all ranks."""
-        result = PowerSum(self.p)
-        for largest, total in comm.allgather((self.largest, self.total)):
-            if not math.isfinite(largest):
-                raise FloatingPointError(f"the error is {largest} at a point of evaluation")
-            part = PowerSum(self.p)
-            part.largest, part.total = largest, total
-            result.merge(part)
-        return result
-
-    @property
-    def root(self) -> float:
-        """The p-th root of the sum; for p = inf the largest value."""
-        if math.isinf(self.p) or self.largest == 0.0:
-            return self.largest
-        return self.largest * self.total ** (1.0 / self.p)
-
-
-def _power(values: Array, p: float) -> Array:
-    """Return values^p, for a power of two by squaring (several times faster than pow)."""
-    exponent = math.log2(p)
-    if exponent != int(exponent):
-        return values**p
-    for _ in range(int(exponent)):
-        values = np.square(values, out=values)
-    return values
 
 
 def error_norms(
     u_h: fem.Function,
-    exact: ManufacturedSolution | None,
+    exact: Reference | None,
     norms: Iterable[str],
-    rule: QuadratureRule = PAPER_RULE,
-    boundary_rule: QuadratureRule = BOUNDARY_RULE,
+    rule: QuadratureRule = CELL_RULE,
+    boundary_rule: QuadratureRule = FACET_RULE,
 ) -> dict[str, float]:
     """Compute norms of the error u_h - u, all of them from one evaluation at the rule's points.
 
@@ -215,7 +149,7 @@ def error_norms(
 
 def _volume_norms(
     u_h: fem.Function,
-    exact: ManufacturedSolution | None,
+    exact: Reference | None,
     norms: Sequence[Norm],
     rule: QuadratureRule,
 ) -> dict[Norm, float]:
@@ -246,7 +180,7 @@ def _volume_norms(
 
 def _boundary_norms(
     u_h: fem.Function,
-    exact: ManufacturedSolution | None,
+    exact: Reference | None,
     norms: Sequence[Norm],
     rule: QuadratureRule,
 ) -> dict[Norm, float]:
@@ -307,14 +241,14 @@ def _roots(
     return result
 
 
-def _error(u_h: fem.Function, exact: ManufacturedSolution | None) -> tuple[Expr, Expr]:
+def _error(u_h: fem.Function, exact: Reference | None) -> tuple[Expr, Expr]:
     if exact is None:
         return u_h, ufl.grad(u_h)
     return u_h - exact.u, ufl.grad(u_h) - ufl.as_vector(exact.grad)
 
 
 def _error_on_cells(
-    u_h: fem.Function, exact: ManufacturedSolution | None, gradient: bool
+    u_h: fem.Function, exact: Reference | None, gradient: bool
 ) -> Iterator[tuple[npt.NDArray[np.int32], list[Expr]]]:
     """Yield the error with its derivatives where u may be non-zero, and u_h's own elsewhere."""
     cells = owned_cells(u_h.function_space.mesh)
@@ -337,7 +271,7 @@ def _sample(
         yield block, values.reshape(-1, len(points), len(components))
 
 
-def _largest(u_h: fem.Function, exact: ManufacturedSolution | None, points: Array) -> float:
+def _largest(u_h: fem.Function, exact: Reference | None, points: Array) -> float:
     domain = u_h.function_space.mesh
     power_sum = PowerSum(math.inf)
     for cells, components in _error_on_cells(u_h, exact, gradient=False):

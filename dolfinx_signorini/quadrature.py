@@ -12,8 +12,12 @@ import numpy.typing as npt
 class QuadratureRule:
     """A quadrature rule of the reference cell, by the names that Basix and UFL use.
 
+    The metadata of a measure name the rule, so that UFL estimates no degree:
+
+        dx = ufl.dx(metadata=QuadratureRule("Gauss-Jacobi", 7).metadata)
+
     Attributes:
-        scheme: Name of the rule, for example "Gauss-Jacobi" or "default".
+        scheme: Name of the rule: "Gauss-Jacobi", "default", or in forms "vertex".
         degree: Degree of the polynomials that it integrates exactly.
     """
 
@@ -32,8 +36,8 @@ class QuadratureRule:
 
         Args:
             cell: The cell.
-            reverse: Lay the points out as for the reverse order of the cell's vertices. It only
-                matters for rules without the symmetry of the cell, such as Gauss-Jacobi rules.
+            reverse: Whether the points are laid out for the reverse order of the cell's vertices,
+                which matters for rules without the symmetry of the cell, such as Gauss-Jacobi.
 
         Returns:
             The points, shape (q, dim), and the weights, shape (q,).
@@ -53,10 +57,9 @@ class QuadratureRule:
         return f"{self.scheme} rule of degree {self.degree}"
 
 
-# "A 16-point Gauss-Legendre-type quadrature rule for triangles" (Christof and Haubner, Section 7):
-# the collapsed 4 x 4 rule, for the load and for every volume norm.
-PAPER_RULE = QuadratureRule("Gauss-Jacobi", 7)
+# The default on cells, for data that are no polynomials and for norms: 16 points of a triangle.
+CELL_RULE = QuadratureRule("Gauss-Jacobi", 7)
 
-# On the boundary the error of the gradient is like the root of the distance to the detachment point
-# in one facet, which dominates H^1: 16 points there, too.
-BOUNDARY_RULE = QuadratureRule("Gauss-Jacobi", 31)
+# The default on facets of plane domains. The error of the gradient is like the root of the distance
+# to the detachment point in one facet, which dominates H^1: 16 points there, too.
+FACET_RULE = QuadratureRule("Gauss-Jacobi", 31)

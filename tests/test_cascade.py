@@ -10,10 +10,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import prediction
 from dolfinx_signorini.solvers.cascade import COARSEST, coarse_levels, solve_cascade

@@ -13,8 +13,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import PAPER_RULE
 from dolfinx_signorini.solvers import METHODS

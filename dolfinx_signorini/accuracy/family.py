@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from dolfinx_signorini.manufactured import DETACHMENT, ManufacturedSolution, christof_haubner
-from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
+from dolfinx_signorini.references import Reference
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Posed:
     """
 
     problem: SignoriniProblem
-    exact: ManufacturedSolution | None
+    exact: Reference | None
     sign: float
 
 
@@ -48,26 +46,3 @@ class Family:
     width: float
     make: Callable[[MPI.Comm, int], SidedMesh]
     pose: Callable[[SidedMesh, int], Posed]
-
-
-def paper_family(
-    detachment: tuple[float, float] = DETACHMENT, rule: QuadratureRule = PAPER_RULE
-) -> Family:
-    """Return the paper's problem on Friedrichs-Keller triangulations.
-
-    Args:
-        detachment: The detachment point, see `christof_haubner`.
-        rule: Quadrature rule of the load.
-    """
-
-    def on(sided: SidedMesh, degree: int) -> Posed:
-        exact = christof_haubner(sided.mesh, detachment)
-        return Posed(paper_problem(exact, degree, rule), exact, 1.0)
-
-    return Family(
-        name="paper",
-        dimension=2,
-        width=1.0,
-        make=lambda comm, n: SidedMesh(friedrichs_keller(comm, n), {}),
-        pose=on,
-    )

@@ -27,7 +27,6 @@ from dolfinx import mesh
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
-from dolfinx_signorini.norms import Norm
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -36,38 +35,6 @@ RADIUS = 0.125  # of the size of the domain: where the grading begins
 RESOLUTION = 0.25  # of the uncertainty of a point: smaller cells would be in the wrong place
 TOLERANCE = 1.5  # a cell is cut if it is larger than this times the size wanted there
 MAX_ROUNDS = 60
-
-
-def strongest_grading(degree: int) -> float:
-    """Return the exponent mu for Lagrange elements of a degree: that of W^{1,inf}, 1/(2k)."""
-    return 0.5 / degree
-
-
-def grading_exponent(norm: Norm, degree: int) -> float:
-    """Return the largest exponent mu that keeps the full order in a norm, at most 1 (no grading).
-
-    Args:
-        norm: A norm on the domain, L^p or W^{1,p}.
-        degree: Polynomial degree k of the elements.
-    """
-    s = norm.derivatives
-    return min(1.0, (1.5 - s + 2.0 / norm.p) / (degree + 1.0 - s))
-
-
-def approximation_order(norm: Norm, degree: int, graded: bool) -> float:
-    """Return the order in h up to which elements approximate r^{3/2} sin(3/2 theta) in a norm.
-
-    For P1 on uniform meshes it is the order of the theorems of Christof and Haubner for the
-    discrete solution, up to any epsilon.
-
-    Args:
-        norm: A norm on the domain, L^p or W^{1,p}.
-        degree: Polynomial degree k of the elements.
-        graded: Whether the mesh is graded with an exponent that suits the norm.
-    """
-    s = norm.derivatives
-    full = degree + 1.0 - s
-    return full if graded else min(full, 1.5 - s + 2.0 / norm.p)
 
 
 def graded_mesh(

@@ -7,30 +7,23 @@ belongs to it, from nothing: coarse levels, mesh, assembly and solve, each with 
 import time
 from dataclasses import dataclass
 
-import ufl
-from dolfinx import default_scalar_type, fem, mesh
+from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import compat
 from dolfinx_signorini.accuracy.family import Family, Posed
-from dolfinx_signorini.accuracy.grading import (
-    graded_mesh,
-    strongest_grading,
-    transferred_sides,
-)
+from dolfinx_signorini.accuracy.grading import graded_mesh, transferred_sides
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.orders import grading_exponent
 from dolfinx_signorini.paper.study import coarse_levels
 from dolfinx_signorini.problem import METHODS
-from dolfinx_signorini.solvers.cascade import PADDING
+from dolfinx_signorini.references import Reference, carried
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import SolveResult
 
 COARSEST = 8  # cells across on the coarsest level of a graded mesh
 COARSE_RTOL = 1e-5  # of the coarse levels: for contact sets and detachment points
-REFERENCE_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
 
 
 @dataclass(frozen=True)
@@ -158,7 +151,7 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
     return Run(configuration, posed, state, result, u, tuple(points), seconds)
 
 
-def exact_solution(run: Run, reference: Run | None) -> ManufacturedSolution:
+def exact_solution(run: Run, reference: Run | None) -> Reference:
     """Return what errors of a run are measured against: the exact solution, or a reference run.
 
     Args:
@@ -174,42 +167,6 @@ def exact_solution(run: Run, reference: Run | None) -> ManufacturedSolution:
     if run.posed.exact is None:
         raise InputError("solution: it is not known; errors need a reference")
     return run.posed.exact
-
-
-def carried(u: fem.Function, domain: mesh.Mesh) -> ManufacturedSolution:
-    """Return a function on another mesh as if it was a known solution, without a load.
-
-    On each cell it and its gradient are interpolated by polynomials of degree 4.
-
-    Args:
-        u: The function, much more accurate than what is to be measured.
-        domain: The mesh to carry it to.
-    """
-    source = u.function_space
-    dim = source.mesh.geometry.dim
-    slopes = fem.functionspace(source.mesh, ("DG", source.element.basix_element.degree - 1, (dim,)))
-    gradient = fem.Function(slopes)
-    gradient.interpolate(
-        fem.Expression(ufl.grad(u), compat.interpolation_points(slopes.element), comm=domain.comm)
-    )
-    cells = owned_cells(domain)
-    targets = []
-    for function, shape in ((u, ()), (gradient, (dim,))):
-        space = fem.functionspace(domain, ("DG", REFERENCE_DEGREE, shape))
-        data = fem.create_interpolation_data(
-            space, function.function_space, cells, padding=PADDING * 1e-2
-        )
-        target = fem.Function(space)
-        target.interpolate_nonmatching(function, cells, data)
-        target.x.scatter_forward()
-        targets.append(target)
-    value, slope = targets
-    return ManufacturedSolution(
-        mesh=domain,
-        u=value,
-        grad=tuple(slope[i] for i in range(dim)),
-        load=fem.Constant(domain, default_scalar_type(0.0)),
-    )
 
 
 def _check(family: Family, configuration: Configuration) -> None:
@@ -237,7 +194,7 @@ def _posed(
     sided = family.make(comm, n)
     if points:
         width = family.width / (n * 2**halvings)
-        exponent = strongest_grading(configuration.degree)
+        exponent = grading_exponent(configuration.degree)
         fine = graded_mesh(sided.mesh, points, width, exponent, halvings)
         sided = SidedMesh(fine, transferred_sides(sided.mesh, sided.sides, fine))
     meshed = _now(comm)

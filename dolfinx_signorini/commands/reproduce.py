@@ -8,12 +8,13 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini import plotting
 from dolfinx_signorini.costs import Cost, cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
+from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
+from dolfinx_signorini.plotting import save
 from dolfinx_signorini.problem import METHODS
 from dolfinx_signorini.records import on_first, versions, write_file
 
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     comm = MPI.COMM_WORLD
     settings = _settings(args)
     rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
-    picture = plotting.paper_picture(comm, PICTURE_CELLS)
+    picture = pictures.paper_picture(comm, PICTURE_CELLS)
     on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
     if args.costs and comm.rank == 0:
         print(f"Costs of N = {rows[-1]['n']}:")
@@ -95,7 +96,7 @@ def _write(
     folder: Path,
     rows: list[dict[str, Any]],
     settings: StudySettings,
-    picture: plotting.PaperPicture | None,
+    picture: pictures.PaperPicture | None,
 ) -> None:
     """Write and print the results; rank 0 only, which has the picture."""
     assert picture is not None
@@ -123,7 +124,7 @@ def _write(
         },
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
-    plotting.save(plotting.draw_solution_and_load(picture), folder / "solution_and_load")
-    plotting.save(plotting.draw_convergence(rows, settings.norms), folder / "convergence")
-    plotting.save(plotting.draw_bottom_edge(picture), folder / "bottom_edge")
+    save(pictures.draw_solution_and_load(picture), folder / "solution_and_load")
+    save(pictures.draw_convergence(rows, settings.norms), folder / "convergence")
+    save(pictures.draw_bottom_edge(picture), folder / "bottom_edge")
     print(f"tables and pictures: {folder}/", file=sys.stderr)

@@ -11,10 +11,11 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_signorini import plotting
-from dolfinx_signorini.accuracy.family import Family, paper_family
+from dolfinx_signorini.accuracy.family import Family
 from dolfinx_signorini.accuracy.runs import Configuration
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
+from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, on_first, versions, write_file
 from dolfinx_signorini.scenes import Scene, load_scene

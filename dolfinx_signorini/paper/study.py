@@ -10,12 +10,11 @@ from typing import Any
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.manufactured import christof_haubner
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE
+from dolfinx_signorini.quadrature import FACET_RULE
 from dolfinx_signorini.records import Records
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
@@ -41,7 +40,7 @@ class StudySettings:
     norms: tuple[str, ...] = PAPER_NORMS
     rtol: float | None = None
     rule: str = str(PAPER_RULE)
-    boundary_rule: str = str(BOUNDARY_RULE)
+    boundary_rule: str = str(FACET_RULE)
 
 
 def run_study(

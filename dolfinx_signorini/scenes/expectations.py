@@ -6,14 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders
 from dolfinx_signorini.scenes.expressions import Expression
 from dolfinx_signorini.scenes.posing import facets_by_kind, violations
-from dolfinx_signorini.scenes.regularity import (
-    DETACHMENT_EXPONENT,
-    expected_orders,
-    largest_angle,
-    singular_corners,
-)
+from dolfinx_signorini.scenes.regularity import largest_angle, singular_corners
 from dolfinx_signorini.scenes.scene import Scene
 
 # Per unknown, for (dimension, degree): bytes as measured, and the order of magnitude of seconds.
@@ -62,7 +58,7 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
         notes.append("the orders are those of plane problems without singular edges and corners")
     if not scene.manufactured:
         notes += [f"exact solution: {violation}" for violation in violations(scene, sided)]
-    return Expectation(expected_orders(worst, scene.degree), tuple(notes))
+    return Expectation(expected_orders(scene.degree, worst), tuple(notes))
 
 
 def terms(scene: Scene) -> list[str]:

@@ -14,15 +14,15 @@ from ufl.core.expr import Expr
 from dolfinx_signorini import compat
 from dolfinx_signorini.accuracy.family import Posed
 from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.kit import (
-    ManufacturedData,
+from dolfinx_signorini.manufactured import (
+    ManufacturedSolution,
     contact_violations,
     manufacture,
     matching_obstacle,
 )
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import BOUNDARY_RULE, PAPER_RULE, QuadratureRule
+from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
 from dolfinx_signorini.scenes.expressions import Expression, any_variable
 from dolfinx_signorini.scenes.scene import Scene
 
@@ -90,7 +90,7 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         scene=scene,
         sided=sided,
         problem=problem,
-        exact=known.exact if known else None,
+        exact=known,
         sign=scene.sign,
         obstacle=obstacle,
         sources=sources,
@@ -107,7 +107,7 @@ def violations(scene: Scene, sided: SidedMesh) -> list[str]:
     found = contact_violations(
         sided.mesh,
         sided.facets(scene.contact.sides),
-        known.exact.u,
+        known.u,
         known.flux,
         None if obstacle is None else obstacle.ufl(x),
         scene.contact.upper,
@@ -151,7 +151,7 @@ def interpolate_near(space: fem.FunctionSpace, formula: Expr, dofs: Indices) -> 
     return function
 
 
-def _known_solution(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedData | None:
+def _known_solution(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedSolution | None:
     if scene.solution is None:
         return None
     if scene.manufactured:
@@ -161,7 +161,7 @@ def _known_solution(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedData
     return _manufacture(scene, sided, x)
 
 
-def _manufacture(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedData:
+def _manufacture(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedSolution:
     assert scene.solution is not None
     reaction = None if scene.reaction is None else scene.reaction.ufl(x)
     return manufacture(sided.mesh, scene.solution.ufl(x), _diffusion(scene, x), reaction)
@@ -182,24 +182,24 @@ def _bilinear_form(scene: Scene, space: fem.FunctionSpace, x: Expr) -> ufl.Form:
         tensor = scene.diffusion
         entries = [tensor] if isinstance(tensor, Expression) else [e for row in tensor for e in row]
     degree = 2 * (scene.degree - 1)
-    dx = _cells(PAPER_RULE if any_variable(entries) else QuadratureRule("default", degree))
+    dx = _cells(CELL_RULE if any_variable(entries) else QuadratureRule("default", degree))
     current = ufl.grad(u) if k is None else k * ufl.grad(u)
     a = ufl.inner(current, ufl.grad(v)) * dx
     if scene.reaction is not None:
         variable = any_variable([scene.reaction])
-        rule = PAPER_RULE if variable else QuadratureRule("default", degree + 2)
+        rule = CELL_RULE if variable else QuadratureRule("default", degree + 2)
         a += scene.reaction.ufl(x) * u * v * _cells(rule)
     return a
 
 
 def _sources(
-    scene: Scene, sided: SidedMesh, neumann: Indices, x: Expr, known: ManufacturedData | None
+    scene: Scene, sided: SidedMesh, neumann: Indices, x: Expr, known: ManufacturedSolution | None
 ) -> dict[str, tuple[Expr, ufl.Measure]]:
     """Load and fluxes as (integrand, measure), by name."""
     sources: dict[str, tuple[Expr, ufl.Measure]] = {}
-    dx = ufl.dx(sided.mesh, metadata=PAPER_RULE.metadata)
+    dx = ufl.dx(sided.mesh, metadata=CELL_RULE.metadata)
     if scene.manufactured and known is not None:
-        sources["load"] = (known.exact.load, dx)
+        sources["load"] = (known.load, dx)
         facets = [neumann] if sided.mesh.comm.allreduce(len(neumann)) else []
         fluxes = [known.flux for _ in facets]
     else:
@@ -219,14 +219,14 @@ def _obstacle(
     space: fem.FunctionSpace,
     contact: Indices,
     x: Expr,
-    known: ManufacturedData | None,
+    known: ManufacturedSolution | None,
 ) -> float | Expr | fem.Function:
     given = scene.contact.obstacle
     if given is not None:
         return scene.sign * (given.ufl(x) if given.constant is None else given.constant)
     if known is None:
         raise InputError("contact: an obstacle is made for manufactured solutions only")
-    g = matching_obstacle(space, contact, known.exact.u, known.flux, scene.contact.upper)
+    g = matching_obstacle(space, contact, known.u, known.flux, scene.contact.upper)
     g.x.array[:] *= scene.sign
     return g
 
@@ -236,7 +236,7 @@ def _dirichlet_conditions(
     sided: SidedMesh,
     space: fem.FunctionSpace,
     x: Expr,
-    known: ManufacturedData | None,
+    known: ManufacturedSolution | None,
 ) -> list[fem.DirichletBC]:
     tdim = sided.mesh.topology.dim
     conditions = []
@@ -249,7 +249,7 @@ def _dirichlet_conditions(
         if part.value is not None:
             formula = part.value.ufl(x)
         elif known is not None:
-            formula = known.exact.u
+            formula = known.u
         else:
             raise InputError("dirichlet: data follow from manufactured solutions only")
         data = interpolate_near(space, scene.sign * formula, dofs)
@@ -279,5 +279,5 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[Indices]) -> ufl.Measure:
     pairs = [
         (k, facet_cells(domain, facets[facets < owned]).flatten()) for k, facets in enumerate(parts)
     ]
-    rule = BOUNDARY_RULE if domain.topology.dim == 2 else PAPER_RULE
+    rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
     return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=rule.metadata)

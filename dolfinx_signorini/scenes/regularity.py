@@ -28,7 +28,6 @@ from dolfinx_signorini.meshes import owned_cells
 Array = npt.NDArray[np.float64]
 
 KINDS = ("contact", "Dirichlet", "Neumann")
-DETACHMENT_EXPONENT = 1.5
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
 
@@ -108,33 +107,6 @@ def largest_angle(domain: mesh.Mesh) -> float:
     # Inside the domain the angles add up to 2 pi.
     boundary = angles[angles < 2.0 * math.pi - 1e-6]
     return float(max(domain.comm.allgather(float(boundary.max(initial=0.0)))))
-
-
-def expected_orders(exponent: float, degree: int) -> dict[str, float]:
-    """Return the orders on uniform meshes that an exponent allows, up to logarithms.
-
-    For degree 1 and the exponent 3/2 of a detachment point these are the paper's. Degree 2 does
-    not raise the order of u in L2 beyond 2 unless the detachment point is a vertex.
-
-    Source: interpolation of r^a, and duality with a dual solution of the same exponent; Christof
-    and Haubner, Theorem 6.1.
-    """
-    a, k = exponent, degree
-
-    def value(p: float) -> float:
-        return min(k + 1.0, a + 2.0 / p, 2.0 * min(1.0, a))
-
-    def gradient(p: float) -> float:
-        return max(min(float(k), a - 1.0 + 2.0 / p), 0.0)
-
-    return {
-        "L2": value(2.0),
-        "L4": value(4.0),
-        "Linf": value(math.inf),
-        "H1": gradient(2.0),
-        "W1_4": gradient(4.0),
-        "W1_inf": gradient(math.inf),
-    }
 
 
 def _vertex_dofs(

@@ -24,10 +24,10 @@ from dolfinx_signorini.accuracy.runs import (
     exact_solution,
     solve_configuration,
 )
-from dolfinx_signorini.manufactured import interpolated
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.quadrature import PAPER_RULE
+from dolfinx_signorini.quadrature import CELL_RULE
 from dolfinx_signorini.records import Records
+from dolfinx_signorini.references import interpolated
 
 Row = Mapping[str, Any]
 
@@ -50,7 +50,7 @@ class Item:
     """
 
     configuration: Configuration
-    rule: int = PAPER_RULE.degree
+    rule: int = CELL_RULE.degree
     purpose: str = "main"
 
     def key(self, comm: MPI.Comm) -> dict[str, Any]:

@@ -5,10 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dolfinx_signorini import plotting
-from dolfinx_signorini.accuracy.grading import approximation_order
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.norms import parse_norm
-from dolfinx_signorini.orders import regression
+from dolfinx_signorini.orders import DETACHMENT_EXPONENT, SMOOTH, approximation_order, regression
 from dolfinx_signorini.records import write_file
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.measuring import Row
@@ -106,7 +104,8 @@ def _orders(main: Sequence[Row]) -> list[str]:
         cells = []
         for norm in NORMS:
             order = regression(widths, [row["errors"][norm] for row in finer])
-            allowed = approximation_order(parse_norm(norm), degree, graded)
+            exponent = SMOOTH if graded else DETACHMENT_EXPONENT
+            allowed = approximation_order(norm, degree, exponent)
             cells.append(f"{order:.2f} ({allowed:g})")
         span = f"{finer[0]['n']} to {finer[-1]['n']}"
         lines.append(f"| {name} | {span} | " + " | ".join(cells) + " |")

@@ -16,7 +16,7 @@ from dolfinx_signorini.paper.theory.one_sided import (
     sampling_error,
     solve_linear_program,
 )
-from dolfinx_signorini.paper.theory.orders import supercloseness_order
+from dolfinx_signorini.paper.theory.proven import supercloseness_order
 from dolfinx_signorini.paper.theory.ritz import supercloseness
 
 COMM = MPI.COMM_WORLD

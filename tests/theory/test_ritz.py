@@ -11,7 +11,7 @@ from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.theory import parts
 from dolfinx_signorini.paper.theory.discretisation import Discretisation, near_cells
-from dolfinx_signorini.paper.theory.orders import supercloseness_order
+from dolfinx_signorini.paper.theory.proven import supercloseness_order
 from dolfinx_signorini.paper.theory.ritz import check_obstacle_problem, ritz_errors, supercloseness
 from dolfinx_signorini.paper.theory.scenes import paper_scene
 

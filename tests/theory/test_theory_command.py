@@ -8,7 +8,7 @@ from mpi4py import MPI
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import theory as command
 from dolfinx_signorini.paper.theory import checks, experiments
-from dolfinx_signorini.paper.theory.orders import ProvenOrder
+from dolfinx_signorini.paper.theory.proven import ProvenOrder
 from dolfinx_signorini.paper.theory.report import results
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, select
 

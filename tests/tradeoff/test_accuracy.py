@@ -8,11 +8,12 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError
-from dolfinx_signorini.accuracy.family import Family, paper_family
+from dolfinx_signorini.accuracy.family import Family
 from dolfinx_signorini.accuracy.model import Model, Trial, rounded
 from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.scenes import load_scene
 from dolfinx_signorini.scenes.family import scene_family
 

@@ -15,20 +15,19 @@ from dolfinx_signorini import (
     friedrichs_keller,
     paper_problem,
 )
-from dolfinx_signorini.accuracy.family import paper_family
-from dolfinx_signorini.accuracy.grading import (
-    RADIUS,
-    approximation_order,
-    graded_mesh,
-    grading_exponent,
-    strongest_grading,
-    transferred_sides,
-)
+from dolfinx_signorini.accuracy.grading import RADIUS, graded_mesh, transferred_sides
 from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.norms import error_norms, parse_norm
-from dolfinx_signorini.orders import expected_order
+from dolfinx_signorini.orders import (
+    DETACHMENT_EXPONENT,
+    SMOOTH,
+    approximation_order,
+    expected_order,
+    grading_exponent,
+)
+from dolfinx_signorini.paper.solution import paper_family
 
 
 def cells(domain: mesh.Mesh) -> np.ndarray:
@@ -155,20 +154,19 @@ def test_grading_exponents_balance_the_errors_of_the_singularity() -> None:
     # h(0)^{3/2 - s + 2/p} = h^{k+1-s} with h(0) = h^{1/mu}, for r^{3/2} in a norm of s derivatives.
     for name, s, inverse_p in (("W1_inf", 1, 0.0), ("W1_4", 1, 0.25), ("Linf", 0, 0.0)):
         for degree in (1, 2):
-            mu = grading_exponent(parse_norm(name), degree)
+            mu = grading_exponent(degree, name)
             if mu < 1.0:
                 assert math.isclose((1.5 - s + 2.0 * inverse_p) / mu, degree + 1 - s, rel_tol=1e-12)
-            assert strongest_grading(degree) <= mu
-    assert grading_exponent(parse_norm("L4"), 1) == grading_exponent(parse_norm("W1_4"), 1) == 1.0
+            assert grading_exponent(degree) <= mu
+    assert grading_exponent(1, "L4") == grading_exponent(1, "W1_4") == 1.0
 
 
 def test_orders_are_those_of_the_theorems_for_p1() -> None:
     for name in ("L4", "Linf", "L16", "W1_4", "W1_16", "W1_inf"):
-        norm = parse_norm(name)
-        assert approximation_order(norm, 1, graded=False) == expected_order(norm)
+        assert approximation_order(name, 1, DETACHMENT_EXPONENT) == expected_order(name)
         for degree in (1, 2):
-            full = degree + 1 - norm.derivatives
-            assert approximation_order(norm, degree, graded=True) == full
+            full = degree + 1 - parse_norm(name).derivatives
+            assert approximation_order(name, degree, SMOOTH) == full
 
 
 @pytest.mark.parametrize("place", [0.5, 0.47123])

@@ -11,18 +11,18 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, friedrichs_keller
-from dolfinx_signorini.accuracy.family import paper_family
 from dolfinx_signorini.accuracy.runs import (
     Configuration,
-    carried,
     exact_solution,
     levels,
     solve_configuration,
 )
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records
+from dolfinx_signorini.references import carried
 from dolfinx_signorini.tradeoff import measuring
 from dolfinx_signorini.tradeoff.measuring import Item, cheapest, grid, measure_grid, pareto_front
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.orders import eoc
-from dolfinx_signorini.paper.theory.orders import ProvenOrder
+from dolfinx_signorini.paper.theory.proven import ProvenOrder
 
 TOLERANCE = 0.05  # how far a measured order may lie below the proven one
 ROUNDING = 1e-9  # relative: an inequality may be violated by so much; 1e-11 is the solvers' part

@@ -18,16 +18,17 @@ from petsc4py import PETSc
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import NotConvergedError
 from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells
+from dolfinx_signorini.paper.solution import PAPER_RULE
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.paper.theory.scenes import Scene
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import PAPER_RULE, QuadratureRule
+from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.solvers.pressure import ContactState
 
 # On the cells near a singular point the gradient of u is like the root of the distance to it.
-NEAR_RULE = QuadratureRule("Gauss-Jacobi", 63)
-NEAR_BOUNDARY_RULE = QuadratureRule("Gauss-Jacobi", 127)
-BOUNDARY_RULE = QuadratureRule("Gauss-Jacobi", 15)
+NEAR_CELL_RULE = QuadratureRule("Gauss-Jacobi", 63)
+NEAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 127)
+FAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 15)
 NEAR = 3.0  # cells: how far "near" reaches
 RTOL = 1e-11  # rounding keeps a mesh of 1001 cells per side above 1e-12
 MAX_ITERATIONS = 300
@@ -179,7 +180,7 @@ class Discretisation:
         dx = ufl.Measure("dx", domain, subdomain_data=parts)
         integrand = ufl.inner(ufl.as_vector(self.exact.grad), ufl.grad(v)) + self.exact.u * v
         return integrand * dx(1, metadata=PAPER_RULE.metadata) + integrand * dx(
-            2, metadata=NEAR_RULE.metadata
+            2, metadata=NEAR_CELL_RULE.metadata
         )
 
     def _flux(self, v: ufl.Argument) -> ufl.Form:
@@ -190,8 +191,8 @@ class Discretisation:
         parts = [(1, facets[~near].flatten()), (2, facets[near].flatten())]
         ds = ufl.Measure("ds", domain, subdomain_data=parts)
         integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
-        return integrand * ds(1, metadata=BOUNDARY_RULE.metadata) + integrand * ds(
-            2, metadata=NEAR_BOUNDARY_RULE.metadata
+        return integrand * ds(1, metadata=FAR_FACET_RULE.metadata) + integrand * ds(
+            2, metadata=NEAR_FACET_RULE.metadata
         )
 
 

@@ -22,11 +22,11 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.solution import PAPER_RULE
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size
 from dolfinx_signorini.paper.theory.parts import expression_norms
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import PAPER_RULE
 
 EPSILON = 0.25  # of the exponents (4 - eps)/3 and their like
 Q = (4.0 - EPSILON) / 3.0  # of the load and of second derivatives of z

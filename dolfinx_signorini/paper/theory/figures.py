@@ -10,14 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from dolfinx_signorini.paper.pictures import draw_convergence
 from dolfinx_signorini.paper.theory.checks import Row, Rows, Value, entry, fine, orders
 from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, placed_name, rough_name
-from dolfinx_signorini.paper.theory.orders import Regularity, proven_order, singular_order
 from dolfinx_signorini.paper.theory.placement import PLACES, relative_errors
+from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.paper.theory.section3 import FINE
 from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS
 from dolfinx_signorini.paper.theory.section5 import TERMS, contact_sets
-from dolfinx_signorini.plotting import COLOURS, MARKERS, draw_convergence
+from dolfinx_signorini.plotting import COLOURS, MARKERS
 
 TERM_NAMES = {
     "interpolation": "$(z - I_h z, w)$",
@@ -75,8 +76,8 @@ def draw_regularity(rows: Rows) -> Figure:
     for axes, norm in zip(
         panels.flat, ("W1_inf", "Linf", "W1_4", "H1_2_boundary_spectral"), strict=True
     ):
-        proven = [proven_order(Regularity(p), norm).value for p in exponents]
-        allowed = [singular_order(min(1.5, 2.0 - 2.0 / p), norm) for p in exponents]
+        proven = [proven_order(p, norm).value for p in exponents]
+        allowed = [allowed_order(p, norm) for p in exponents]
         measured = [orders(fine(rows[name]), entry("errors", norm))[-1] for name in names]
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")

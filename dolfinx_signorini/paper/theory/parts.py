@@ -7,9 +7,9 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size
+from dolfinx_signorini.references import Reference
 
 REACH = 8.0  # cells: how far "near" reaches
 
@@ -27,8 +27,7 @@ def expression_norms(
     """
     zero = ufl.as_ufl(0.0)
     gradient = (zero, zero) if grad is None else (grad[0], grad[1])
-    known = ManufacturedSolution(space.mesh, expression, gradient, zero)
-    return error_norms(fem.Function(space), known, norms)
+    return error_norms(fem.Function(space), Reference(space.mesh, expression, gradient), norms)
 
 
 def signed_parts(discretisation: Discretisation) -> dict[str, float]:

@@ -1,18 +1,12 @@
 """Where in its cell the detachment point lies: the worst case of Section 7, compared."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dolfinx import mesh
 
-from dolfinx_signorini.manufactured import (
-    DETACHMENT,
-    SUPPORT_RADIUS,
-    ManufacturedSolution,
-    christof_haubner,
-)
-from dolfinx_signorini.paper.theory.orders import Regularity
+from dolfinx_signorini.manufactured import ManufacturedSolution
+from dolfinx_signorini.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
 from dolfinx_signorini.paper.theory.scenes import Scene
 
 PLACES = (0.0, 0.25, 0.5, 0.75)  # of a boundary edge: on its first node ... in the middle ...
@@ -36,11 +30,9 @@ def placed_scene(place: float, n: int) -> Scene:
         return christof_haubner(domain, detachment=point)
 
     return Scene(
-        name=f"detachment at {place:g} of an edge",
         exact=exact,
         singular=(point,),
         contact=((point[0], 4.0 + point[0] - SUPPORT_RADIUS),),
-        regularity=Regularity(math.inf, contact_sets=True),
     )
 
 

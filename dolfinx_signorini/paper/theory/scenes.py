@@ -8,13 +8,8 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.manufactured import (
-    DETACHMENT,
-    SUPPORT_RADIUS,
-    ManufacturedSolution,
-    christof_haubner,
-)
-from dolfinx_signorini.paper.theory.orders import Regularity
+from dolfinx_signorini.manufactured import ManufacturedSolution
+from dolfinx_signorini.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
 
 
 @dataclass(frozen=True)
@@ -22,29 +17,23 @@ class Scene:
     """A Signorini problem with a known solution.
 
     Attributes:
-        name: Its name in tables.
         exact: The solution on a mesh.
         singular: Where its gradient is not smooth.
         contact: The relative interior of its contact set: open intervals of the arc length along
             the boundary, counterclockwise from (0, 0).
-        regularity: What is known of the solution.
     """
 
-    name: str
     exact: Callable[[mesh.Mesh], ManufacturedSolution]
     singular: tuple[tuple[float, float], ...]
     contact: tuple[tuple[float, float], ...]
-    regularity: Regularity
 
 
 def paper_scene() -> Scene:
     """Return the paper's solution (28): r^{3/2} at the detachment point, smooth elsewhere."""
     return Scene(
-        name="paper",
         exact=christof_haubner,
         singular=(DETACHMENT,),
         contact=((0.5, 4.0 + 0.5 - SUPPORT_RADIUS),),
-        regularity=Regularity(math.inf, contact_sets=True),
     )
 
 
@@ -62,7 +51,7 @@ def smooth_scene() -> Scene:
             load=2.0 + (1.0 + 5.0 * math.pi**2) * c * c2,
         )
 
-    return Scene("smooth", exact, (), (), Regularity(math.inf, contact_sets=True))
+    return Scene(exact, (), ())
 
 
 def rough_scene(p: float) -> Scene:
@@ -87,11 +76,9 @@ def rough_scene(p: float) -> Scene:
         raise ValueError(f"p: must lie between 2 and 4 or above 4, not {p}")
     paper = paper_scene()
     return Scene(
-        name=f"rough, p = {p:g}",
         exact=lambda domain: _times_power(christof_haubner(domain), 0.5 - 2.0 / p, p > 4.0),
         singular=paper.singular,
         contact=paper.contact,
-        regularity=Regularity(p),
     )
 
 

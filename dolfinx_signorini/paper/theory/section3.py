@@ -16,7 +16,7 @@ from dolfinx_signorini.paper.theory.checks import (
     table,
 )
 from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, rough_name
-from dolfinx_signorini.paper.theory.orders import ProvenOrder, singular_order, supercloseness_order
+from dolfinx_signorini.paper.theory.proven import ProvenOrder, allowed_order, supercloseness_order
 
 ALL_SCENES = ("paper", "smooth", *(rough_name(p) for p in ROUGH_EXPONENTS))
 FINE = 31  # cells per side of the paper's scene
@@ -33,7 +33,7 @@ def lemma_3_2(rows: Rows) -> list[Check]:
             gradient = "H1" if p == 2 else f"W1_{p}"
             for norm, order in ((f"L{p}", 2.0), (gradient, 1.0), (f"L{p}_boundary", 2.0 - 1.0 / p)):
                 proven = ProvenOrder(order, False, "Lemma 3.2")
-                allowed = f"the singularity at one point allows {singular_order(1.5, norm):.3g}"
+                allowed = f"the singularity at one point allows {allowed_order(math.inf, norm):.3g}"
                 better = allowed if scene == "paper" else smooth
                 checks.append(
                     order_check(
@@ -245,5 +245,5 @@ def _singular(p: float) -> str:
     """Why ||R_h(u) - u_h||_H1 and ||w_h||_H1 may converge faster than proven."""
     if math.isinf(p):
         return "two parts: order 3/2 near the detachment point and nearly 2 away from it"
-    allowed = singular_order(min(1.5, 2.0 - 2.0 / p), "H1_2_boundary")
+    allowed = allowed_order(p, "H1_2_boundary")
     return f"the regularity ends at one point only, which allows {allowed:.3g}"

@@ -24,17 +24,15 @@ from dolfinx_signorini.paper.theory.experiments import (
     placed_name,
     rough_name,
 )
-from dolfinx_signorini.paper.theory.orders import (
-    ProvenOrder,
-    Regularity,
-    proven_order,
-    singular_order,
-)
 from dolfinx_signorini.paper.theory.placement import PLACES, relative_errors
+from dolfinx_signorini.paper.theory.proven import (
+    ProvenOrder,
+    allowed_order,
+    proven_order,
+)
 
 LOWER = tuple(p for p in ROUGH_EXPONENTS if p < 4.0)
 UPPER = tuple(p for p in ROUGH_EXPONENTS if p > 4.0)
-OPTIMAL = Regularity(math.inf, contact_sets=True)
 PAPER_NORMS = ("W1_2.6", "W1_4", "W1_inf", "Linf", "H1_2_boundary_spectral")
 PLACED_NORMS = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", "H1_2_boundary_spectral")
 FINE = 101  # cells per side: from here on the parts near and far are apart
@@ -58,12 +56,12 @@ def corollary_4_2(rows: Rows) -> list[Check]:
 
 def _corollary(rows: Rows, p: float) -> Iterable[Check]:
     for norm in corollary_norms(p):
-        allowed = singular_order(min(1.5, 2.0 - 2.0 / p), norm)
+        allowed = allowed_order(p, norm)
         yield order_check(
             f"u - u_h in {norm}, p = {p:g}",
             rows[rough_name(p)],
             entry("errors", norm),
-            proven_order(Regularity(p), norm),
+            proven_order(p, norm),
             f"the regularity ends at one point only, which allows {allowed:.3g}",
         )
 
@@ -91,7 +89,7 @@ def theorem_4_3(rows: Rows) -> list[Check]:
             f"u - u_h in {norm}",
             fine(rows["paper"], FINE),
             entry("errors", norm),
-            proven_order(Regularity(math.inf), norm),
+            proven_order(math.inf, norm),
             better,
         )
         for norm in PAPER_NORMS
@@ -106,7 +104,7 @@ def theorem_4_3_tables(rows: Rows) -> list[tuple[str, str]]:
 
 def theorem_6_1(rows: Rows) -> list[Check]:
     """All orders of the paper's solution."""
-    proven = proven_order(OPTIMAL, "L4")
+    proven = proven_order(math.inf, "L4", contact_sets=True)
     family = fine(rows["paper"], FINE)
     signed = [
         order_check(f"(u - u_h)^{sign} in L4", family, entry("signed", key), proven)
@@ -180,7 +178,8 @@ def placement(rows: Rows) -> list[Check]:
     for place in PLACES:
         family = rows[placed_name(place)]
         margins = {
-            norm: orders(family, entry("errors", norm))[-1] - proven_order(OPTIMAL, norm).value
+            norm: orders(family, entry("errors", norm))[-1]
+            - proven_order(math.inf, norm, contact_sets=True).value
             for norm in PLACED_NORMS
         }
         worst = min(margins, key=lambda norm: margins[norm])

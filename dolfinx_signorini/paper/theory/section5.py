@@ -26,7 +26,7 @@ from dolfinx_signorini.paper.theory.contact_sets import (
     given_contact_set,
 )
 from dolfinx_signorini.paper.theory.dual import EPSILON
-from dolfinx_signorini.paper.theory.orders import ProvenOrder, Regularity, proven_order
+from dolfinx_signorini.paper.theory.proven import ProvenOrder, proven_order
 from dolfinx_signorini.paper.theory.scenes import paper_scene
 from dolfinx_signorini.paper.theory.violations import LENGTH, ever_more_intervals, fat_cantor_set
 
@@ -99,7 +99,7 @@ def _proposition(part: str, rows: Rows) -> list[Check]:
             f"||(u - u_h)^{SIGNS[part]}||_L4",
             fine(rows["paper"], FINE),
             entry("signed", part),
-            proven_order(Regularity(math.inf, contact_sets=True), "L4"),
+            proven_order(math.inf, "L4", contact_sets=True),
         ),
         *_chain(part, [row[part] for row in rows["dual"]]),
         Check(

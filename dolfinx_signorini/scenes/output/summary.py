@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.report import outcome_lines
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.quadrature import PAPER_RULE
+from dolfinx_signorini.quadrature import CELL_RULE
 from dolfinx_signorini.scenes.output.boundary import ContactBoundary
 from dolfinx_signorini.scenes.solving import SceneResult
 from dolfinx_signorini.solvers.pressure import multiplier
@@ -129,7 +129,7 @@ def _forces(result: SceneResult) -> dict[str, float]:
     }
     if posed.scene.reaction is not None:
         x = ufl.SpatialCoordinate(problem.space.mesh)
-        dx = ufl.dx(metadata=PAPER_RULE.metadata)
+        dx = ufl.dx(metadata=CELL_RULE.metadata)
         forces["reaction"] = -integral(posed.scene.reaction.ufl(x) * result.u * dx)
     pressure = float(multiplier(problem, result.solve.u).sum())
     forces["contact pressure"] = posed.scene.sign * comm.allreduce(pressure)

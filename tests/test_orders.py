@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.orders import eoc, expected_order, regression
 from dolfinx_signorini.paper.tables import _paper_table
 
@@ -39,21 +38,21 @@ def test_the_papers_errors_give_the_papers_orders_and_regression():
 
 def test_the_theorys_row_is_the_papers():
     for name, order in _paper_table(2)["theory"].items():
-        assert expected_order(parse_norm(name)) == order
+        assert expected_order(name) == order
 
 
 @given(st.floats(1.0, 1000.0), st.floats(1.0, 1000.0))
 def test_orders_fall_with_p_and_lose_one_for_a_derivative(p, q):
     low, high = sorted((p, q))
     first, second = (
-        expected_order(parse_norm(f"L{low!r}")),
-        expected_order(parse_norm(f"L{high!r}")),
+        expected_order(f"L{low!r}"),
+        expected_order(f"L{high!r}"),
     )
     assert 1.5 <= second <= first <= 2.0
-    assert expected_order(parse_norm(f"W1_{low!r}")) == pytest.approx(first - 1.0)
+    assert expected_order(f"W1_{low!r}") == pytest.approx(first - 1.0)
 
 
 def test_no_theorem_no_order():
-    assert expected_order(parse_norm("L2_boundary")) is None
-    assert expected_order(parse_norm("H1_2_boundary_spectral")) == 1.5
-    assert np.isfinite(expected_order(parse_norm("Linf")))
+    assert expected_order("L2_boundary") is None
+    assert expected_order("H1_2_boundary_spectral") == 1.5
+    assert np.isfinite(expected_order("Linf"))

@@ -1,33 +1,26 @@
-"""The orders of convergence that the paper proves, from the regularity of the solution."""
+"""The orders of convergence that the paper proves, each with the statement that proves it.
+
+What is known of a solution u is an exponent p. Below 4, u is in W^{2,p}. Above 4, u = u_s + u_r as
+in Theorem 2.3, with u_r in W^{2,p}; infinity stands for every finite p.
+"""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from dolfinx_signorini.norms import Norm, parse_norm
-
-
-@dataclass(frozen=True)
-class Regularity:
-    """What is known of a solution.
-
-    Attributes:
-        p: Exponent. Below 4: u is in W^{2,p}. Above 4: u = u_s + u_r as in Theorem 2.3, with
-            u_r in W^{2,p}; infinity for every finite p.
-        contact_sets: Whether conditions (A) and (A_h) hold and the load is bounded.
-    """
-
-    p: float
-    contact_sets: bool = False
+from dolfinx_signorini.orders import DETACHMENT_EXPONENT, approximation_order, expected_order
 
 
 @dataclass(frozen=True)
 class ProvenOrder:
-    """An order of convergence.
+    """An order of convergence, whose text is the order:
+
+        assert str(ProvenOrder(1.5, True, "Theorem 4.3")) == "1.5 - eps"
 
     Attributes:
         value: The order; reached up to an arbitrarily small loss where `open` is set.
-        open: Whether "minus epsilon" belongs to it.
+        open: Whether "minus epsilon" belongs to the order.
         source: The statement of the paper.
     """
 
@@ -39,11 +32,24 @@ class ProvenOrder:
         return f"{self.value:.4g}" + (" - eps" if self.open else "")
 
 
+def allowed_order(p: float, norm: str) -> float:
+    """Return the order that a solution allows whose regularity ends at one point only.
+
+    This order explains where measured orders are better than the proven ones, which hold for
+    every function of the same regularity.
+
+    Args:
+        p: The exponent: the solution is like r^{2-2/p} at the point, or like r^{3/2}.
+        norm: Name of a norm, see `norms.parse_norm`.
+    """
+    return approximation_order(norm, exponent=min(DETACHMENT_EXPONENT, 2.0 - 2.0 / p))
+
+
 def supercloseness_order(p: float) -> ProvenOrder:
     """Return the order of ||R_h(u) - u_h||_H1, which is also that of ||w_h||_H1 in Lemma 3.5.
 
     Args:
-        p: As in `Regularity`.
+        p: The exponent of the solution.
 
     Raises:
         ValueError: p is not between 2 and 4, nor above 4.
@@ -53,7 +59,7 @@ def supercloseness_order(p: float) -> ProvenOrder:
     return _best(p, _supercloseness)
 
 
-def proven_order(regularity: Regularity, norm: str) -> ProvenOrder:
+def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder:
     """Return the best order of ||u - u_h|| in a norm that follows from the paper's statements.
 
     W^{1,q} and L^q with a q that the statements do not name follow from those they name by
@@ -62,44 +68,22 @@ def proven_order(regularity: Regularity, norm: str) -> ProvenOrder:
     are better that way.
 
     Args:
-        regularity: What is known of u.
-        norm: A name that `dolfinx_signorini.norms.parse_norm` knows, on the domain or
-            H1_2_boundary.
+        p: The exponent of the solution.
+        norm: Name of a norm on the domain, or H1_2_boundary, see `norms.parse_norm`.
+        contact_sets: Whether conditions (A) and (A_h) hold and the load is bounded.
 
     Raises:
         ValueError: The norm is unknown or nothing is proven for it, or p is out of range.
 
     Source: Corollaries 4.1 and 4.2, Theorems 4.3 and 6.1.
     """
-    wanted = parse_norm(norm)
-    if wanted.boundary and wanted.derivatives != 0.5:
+    wanted, duality = parse_norm(norm), expected_order(norm)
+    if duality is None:
         raise ValueError(f"norm {norm!r}: nothing is proven for it on the boundary")
-    best = _best(regularity.p, lambda p, open_: _corollary(p, open_, wanted))
-    duality = wanted.derivatives == 0 and regularity.contact_sets and math.isinf(regularity.p)
-    if not duality:
-        return best
-    # 2 - eps in L^4; above, the inverse estimate takes 1/2 - 2/q of it.
-    value = 2.0 if wanted.p <= 4.0 else 1.5 + 2.0 / wanted.p
-    return ProvenOrder(value, True, "Theorem 6.1")
-
-
-def singular_order(exponent: float, norm: str) -> float:
-    """Return the order in which linear elements on uniform meshes resolve r^exponent at a point.
-
-    It explains where measured orders are better than the proven ones, which hold for every
-    function of the same regularity.
-
-    Args:
-        exponent: Between 1 and 2.
-        norm: A name that `dolfinx_signorini.norms.parse_norm` knows.
-
-    Source: the error of interpolation, h^exponent times a function of x/h.
-    """
-    wanted = parse_norm(norm)
-    if wanted.derivatives == 0.5:
-        return min(1.5, exponent)
-    dimension = 1.0 if wanted.boundary else 2.0
-    return min(2.0 - wanted.derivatives, exponent - wanted.derivatives + dimension / wanted.p)
+    best = _best(p, lambda q, above: _corollary(q, above, wanted))
+    if wanted.derivatives == 0.0 and contact_sets and math.isinf(p):
+        return ProvenOrder(duality, True, "Theorem 6.1")
+    return best
 
 
 def _best(p: float, order: Callable[[float, bool], ProvenOrder]) -> ProvenOrder:
@@ -119,8 +103,8 @@ def _corollary(p: float, above: bool, norm: Norm) -> ProvenOrder:
     base = _supercloseness(p, above)
     source = "Theorem 4.3" if math.isinf(p) else f"Corollary 4.{2 if p > 4.0 else 1}"
     if norm.derivatives == 1.0:
-        # Order 1 up to an exponent, here excluded for p = 4 as the limit of p < 4; above it
-        # supercloseness less the inverse estimate from H^1.
+        # Order 1 up to an exponent, here excluded for p = 4 as the limit of p < 4; above that
+        # exponent supercloseness less the inverse estimate from H^1.
         critical = 2.0 / (0.5 + (2.0 if p > 4.0 else 1.0) / p)
         if norm.p < critical or (norm.p == critical and p != 4.0):
             return ProvenOrder(1.0, p > 4.0, source)

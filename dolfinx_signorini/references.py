@@ -1,0 +1,115 @@
+"""What errors are measured against: a function and its gradient on one mesh.
+
+A reference is a closed form, a closed form interpolated into finite elements, or a much more
+accurate discrete solution carried over from another mesh.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from dolfinx_signorini import compat
+from dolfinx_signorini.meshes import cells_near_ball, owned_cells
+
+CARRIED_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
+PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the error of a discrete solution is measured against.
+
+    The expressions use the coordinates of one mesh:
+
+        x = ufl.SpatialCoordinate(domain)
+        reference = Reference(domain, x[0] ** 2, (2.0 * x[0], 0.0 * x[0]))
+        error_norms(u_h, reference, ["L2", "H1"])
+
+    Attributes:
+        mesh: The mesh whose coordinates the expressions use.
+        u: The function.
+        grad: Its gradient, one component per space dimension.
+        support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
+            evaluate the expressions on the cells that meet the ball and nowhere else.
+    """
+
+    mesh: mesh.Mesh
+    u: Expr
+    grad: tuple[Expr, ...]
+    support: tuple[tuple[float, ...], float] | None = field(default=None, kw_only=True)
+
+    def support_cells(self) -> npt.NDArray[np.int32]:
+        """Return the owned cells on which u may be non-zero (all of them without a support)."""
+        if self.support is None:
+            return owned_cells(self.mesh)
+        return cells_near_ball(self.mesh, *self.support)
+
+
+R = TypeVar("R", bound=Reference)
+
+
+def interpolant(
+    space: fem.FunctionSpace, expression: Expr, cells: npt.NDArray[np.int32] | None = None
+) -> fem.Function:
+    """Return the interpolant of an expression.
+
+    Args:
+        space: The space to interpolate into.
+        expression: A UFL expression on the mesh of the space.
+        cells: The cells of this rank to interpolate on; dofs of no such cell are 0. None for all.
+    """
+    function = fem.Function(space)
+    points = compat.interpolation_points(space.element)
+    compiled = fem.Expression(expression, points, comm=space.mesh.comm)
+    function.interpolate(compiled, cells0=cells)
+    function.x.scatter_forward()
+    return function
+
+
+def interpolated(reference: R, degree: int) -> R:
+    """Return a reference whose u is interpolated into continuous Lagrange elements.
+
+    Near a detachment point u is only r^{3/2}-smooth, so that the interpolant differs from u by
+    O(h^{3/2}) for every degree: the interpolant serves where a closed form is too expensive.
+
+    Args:
+        reference: The function to interpolate; whatever else belongs to it is kept.
+        degree: Polynomial degree, at least 1.
+    """
+    u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree)), reference.u)
+    return replace(reference, u=u, grad=_components(ufl.grad(u)))
+
+
+def carried(u: fem.Function, domain: mesh.Mesh) -> Reference:
+    """Return a function on another mesh as a reference.
+
+    On each cell of the mesh the function and its gradient are interpolated by polynomials of
+    degree 4.
+
+    Args:
+        u: The function, much more accurate than what is to be measured.
+        domain: The mesh to carry the function to.
+    """
+    source = u.function_space
+    dim = source.mesh.geometry.dim
+    slopes = fem.functionspace(source.mesh, ("DG", source.element.basix_element.degree - 1, (dim,)))
+    cells = owned_cells(domain)
+    targets = []
+    for function, shape in ((u, ()), (interpolant(slopes, ufl.grad(u)), (dim,))):
+        space = fem.functionspace(domain, ("DG", CARRIED_DEGREE, shape))
+        data = fem.create_interpolation_data(space, function.function_space, cells, padding=PADDING)
+        target = fem.Function(space)
+        target.interpolate_nonmatching(function, cells, data)
+        target.x.scatter_forward()
+        targets.append(target)
+    value, slope = targets
+    return Reference(domain, value, _components(slope))
+
+
+def _components(vector: Expr) -> tuple[Expr, ...]:
+    return tuple(vector[i] for i in range(vector.ufl_shape[0]))
