@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini.orders import eoc, expected_order, regression
-from dolfinx_signorini.paper.tables import _paper_table
+from dolfinx_signorini.paper.tables import paper_table
 
 orders = st.floats(0.1, 4.0)
 factors = st.floats(1e-100, 1e100)
@@ -26,7 +26,7 @@ def test_orders_between_uneven_widths():
 
 
 def test_the_papers_errors_give_the_papers_orders_and_regression():
-    errors, table = _paper_table(1), _paper_table(2)
+    errors, table = paper_table(1), paper_table(2)
     widths = [1.0 / int(n) for n in errors]
     for norm in ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary"):
         values = [row[norm] for row in errors.values()]
@@ -37,7 +37,7 @@ def test_the_papers_errors_give_the_papers_orders_and_regression():
 
 
 def test_the_theorys_row_is_the_papers():
-    for name, order in _paper_table(2)["theory"].items():
+    for name, order in paper_table(2)["theory"].items():
         assert expected_order(name) == order
 
 

@@ -8,7 +8,7 @@ import pytest
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.orders import eoc
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
-from dolfinx_signorini.paper.tables import _paper_table
+from dolfinx_signorini.paper.tables import paper_table
 from dolfinx_signorini.records import Records
 
 # Relative differences from Table 1, and absolute ones from the orders of Table 2.
@@ -21,7 +21,7 @@ ORDERS = {norm: 4e-3 if norm == "H1_2_boundary" else 1e-3 for norm in PAPER_NORM
 )
 def test_digits_and_orders_of_the_paper(comm, folder, cells):
     rows = run_study(comm, cells, StudySettings(), folder)
-    figures, orders = _paper_table(1), _paper_table(2)
+    figures, orders = paper_table(1), paper_table(2)
     for row in rows:
         for norm, tolerance in DIGITS.items():
             assert row["errors"][norm] == pytest.approx(

@@ -6,7 +6,7 @@ import io
 import pytest
 
 from dolfinx_signorini.paper.study import PAPER_NORMS
-from dolfinx_signorini.paper.tables import Cell, _paper_table, error_table, order_table
+from dolfinx_signorini.paper.tables import Cell, error_table, order_table, paper_table
 
 NORMS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")
 
@@ -14,7 +14,7 @@ NORMS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")
 def paper_rows(factor=1.0):
     return [
         {"n": int(n), "errors": {norm: factor * value for norm, value in row.items()}}
-        for n, row in _paper_table(1).items()
+        for n, row in paper_table(1).items()
     ]
 
 

@@ -15,8 +15,8 @@ from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.problem import METHODS
 from dolfinx_signorini.records import on_first, versions, write_file
+from dolfinx_signorini.solvers import METHODS
 
 FIRST, STEP, LARGEST = 101, 100, 5001
 PICTURE_CELLS = 101
@@ -84,11 +84,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _settings(args: argparse.Namespace) -> StudySettings:
     if not FIRST <= args.max_n <= LARGEST:
-        raise InputError(f"--max-n: must lie between {FIRST} and {LARGEST}, not {args.max_n}")
+        raise InputError(f"must lie between {FIRST} and {LARGEST}, not {args.max_n}", "--max-n")
     if args.method not in METHODS:
-        raise InputError(f"--method: unknown {args.method!r}, known are {', '.join(METHODS)}")
+        raise InputError(f"unknown {args.method!r}, known are {', '.join(METHODS)}", "--method")
     if args.rtol is not None and not 0.0 < args.rtol < 1.0:
-        raise InputError(f"--rtol: must lie between 0 and 1, not {args.rtol}")
+        raise InputError(f"must lie between 0 and 1, not {args.rtol}", "--rtol")
     return StudySettings(method=args.method, norms=listed_norms(args.norms), rtol=args.rtol)
 
 

@@ -59,10 +59,9 @@ def paper_picture(comm: MPI.Comm, n: int) -> PaperPicture | None:
     """
     exact = christof_haubner(friedrichs_keller(comm, n))
     problem = paper_problem(exact)
-    state = problem.contact_state(problem.solve().u)
-    problem.destroy()
     fields = [interpolant(problem.space, expression) for expression in (exact.u, exact.load)]
-    fields += [state.u, state.density, interpolant(problem.space, -exact.grad[1])]
+    fields += [problem.solve(), problem.pressure, interpolant(problem.space, -exact.grad[1])]
+    problem.destroy()
     grids = [_grid(field, n) for field in fields]
     if comm.rank:
         return None

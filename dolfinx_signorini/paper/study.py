@@ -1,13 +1,11 @@
-"""A study: one problem on a family of meshes, its errors streamed to disk as they are known."""
+"""A study: the paper's problem on a family of meshes, its errors streamed to disk when known."""
 
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
@@ -16,17 +14,19 @@ from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import FACET_RULE
 from dolfinx_signorini.records import Records
-from dolfinx_signorini.solvers.cascade import solve_cascade
-from dolfinx_signorini.solvers.pressure import ContactState, contact_state
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.timing import Phases
 
 PAPER_NORMS = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", "H1_2_boundary")
-COARSEST = 64  # cells per side: up to here a solution from scratch costs little
-RATIO = 8  # between the levels of a cascade; the patch problems bridge it, 11 is too far
 
 
 @dataclass(frozen=True)
 class StudySettings:
     """What every row of a study of the paper's problem depends on.
+
+    A study of two norms:
+
+        run_study(comm, [101, 201], StudySettings(norms=("L4", "Linf")), folder)
 
     Attributes:
         method: Solver, see `SignoriniProblem.solve`.
@@ -48,8 +48,8 @@ def run_study(
 ) -> list[dict[str, Any]]:
     """Solve the paper's problem on Friedrichs-Keller meshes and measure the errors.
 
-    Finished rows are appended to `rows.jsonl` in the folder; those found there are not computed
-    again.
+    Finished rows are appended to `rows.jsonl` in the folder; rows found in this file are not
+    computed again.
 
     Args:
         comm: The communicator that shares each mesh.
@@ -66,62 +66,36 @@ def run_study(
     """
     records = Records(comm, folder / "rows.jsonl", asdict(settings), keys=("n", "errors"))
     done = {row["n"]: row for row in records.rows}
-    rows = []
-    states: dict[int, ContactState] = {}
     for n in cells:
         if n in done:
             _report(comm, f"N = {n}: already done")
-            rows.append(done[n])
             continue
-        coarse = next((state for m, state in states.items() if RATIO * m >= n), None)
-        row, problem, u = _row(comm, n, settings, coarse)
-        if settings.method == "cascade" and RATIO * max(states, default=0) < cells[-1]:
-            states[n] = contact_state(problem, u)  # the coarse level of rows to come
-        problem.destroy()
-        records.append(row)
-        rows.append(records.rows[-1])
-    return rows
+        _report(comm, f"N = {n}:", end="")
+        records.append(_row(comm, n, settings))
+        done[n] = records.rows[-1]
+        _report(comm, "")
+    return [done[n] for n in cells]
 
 
-def coarse_levels(n: int) -> list[int]:
-    """Return the levels of a cascade below n cells per side, coarsest first.
-
-    All of them are odd or all even, like n: a detachment point in the middle of the unit square's
-    side lies in the middle of a cell or on a node on every level.
-    """
-    levels: list[int] = []
-    while n > COARSEST:
-        n = n // RATIO + (n // RATIO + n) % 2
-        levels.insert(0, n)
-    return levels
-
-
-def _row(
-    comm: MPI.Comm, n: int, settings: StudySettings, coarse: ContactState | None
-) -> tuple[dict[str, Any], SignoriniProblem, fem.Function]:
-    """Compute one row, and return it with its problem and solution."""
-    _report(comm, f"N = {n}:", end="")
-    seconds: dict[str, float] = {}
-    start = time.perf_counter()
-    if settings.method == "cascade" and coarse is None and (levels := coarse_levels(n)):
-        problem, result = solve_cascade(lambda m: _problem(comm, m), levels)
-        coarse = contact_state(problem, result.u)
-        problem.destroy()
-        seconds["coarse"] = _lap(comm, "coarse levels", start)
-    start = time.perf_counter()
-    exact = christof_haubner(friedrichs_keller(comm, n))
-    seconds["mesh"] = _lap(comm, "mesh", start)
-    start = time.perf_counter()
-    problem = paper_problem(exact)
-    seconds["assembly"] = _lap(comm, "assembly", start)
-    start = time.perf_counter()
-    result = problem.solve(settings.method, coarse=coarse, rtol=settings.rtol)
-    seconds["solve"] = _lap(comm, "solve", start)
-    start = time.perf_counter()
-    errors = error_norms(result.u, exact, settings.norms)
-    seconds["errors"] = _lap(comm, "errors", start)
+def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
+    """Compute one row."""
+    phases, coarse = Phases(comm, report=True), None
+    if settings.method == "cascade" and (levels := coarse_levels(n)):
+        with phases("coarse"):
+            coarser = solve_cascade(lambda m, _: _problem(comm, m), levels)
+            coarse = coarser.contact_state()
+            coarser.destroy()
+    with phases("mesh"):
+        exact = christof_haubner(friedrichs_keller(comm, n))
+    with phases("assembly"):
+        problem = paper_problem(exact)
+    with phases("solve"):
+        u = problem.solve(settings.method, coarse=coarse, rtol=settings.rtol)
+    with phases("errors"):
+        errors = error_norms(u, exact, settings.norms, PAPER_RULE, FACET_RULE)
+    seconds, result = phases.seconds, problem.result
+    assert result is not None
     problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])
-    _report(comm, "")
     row = {
         "n": n,
         "unknowns": problem.unknowns,
@@ -136,17 +110,12 @@ def _row(
         "seconds": seconds,
         "costs": [asdict(cost) for cost in problem.costs()],
     }
-    return row, problem, result.u
+    problem.destroy()
+    return row
 
 
 def _problem(comm: MPI.Comm, n: int) -> SignoriniProblem:
     return paper_problem(christof_haubner(friedrichs_keller(comm, n)))
-
-
-def _lap(comm: MPI.Comm, phase: str, start: float) -> float:
-    seconds = time.perf_counter() - start
-    _report(comm, f"  {phase} {seconds:.1f} s", end="")
-    return seconds
 
 
 def _report(comm: MPI.Comm, text: str, end: str = "\n") -> None:

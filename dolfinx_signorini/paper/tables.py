@@ -8,17 +8,20 @@ from importlib import resources
 from typing import Any
 
 from dolfinx_signorini.orders import eoc, expected_order, regression
+from dolfinx_signorini.tables import markdown_table, text_table
 
 PAPER = "Christof & Haubner (2020)"
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One figure with the paper's.
+    """One figure with the paper's:
+
+        Cell(5.8746e-4, paper=5.8745e-4).difference
 
     Attributes:
-        value: The figure, None where there is none.
-        paper: The paper's figure, None where it has none.
+        value: The figure, None where the study has none.
+        paper: The paper's figure, None where the paper has none.
     """
 
     value: float | None
@@ -33,11 +36,13 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table of figures.
+class PaperTable:
+    """A table of figures beside the paper's, to be printed or written:
+
+        print(error_table(rows, ["L4", "Linf"]).text())
 
     Attributes:
-        title: What it shows, with units.
+        title: What the table shows, with units.
         columns: Names of the columns after the first.
         rows: Label and figures of each row.
         style: Format specification of the figures.
@@ -48,36 +53,13 @@ class Table:
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
     style: str
 
-    def lines(self) -> list[list[str]]:
-        """Return the table as text cells: for each row ours, the paper's, the difference."""
-        result = [["N", *self.columns]]
-        for label, cells in self.rows:
-            result.append([label, *(_text(cell.value, self.style) for cell in cells)])
-            if any(cell.difference is not None for cell in cells):
-                result.append(["  paper", *(_text(cell.paper, self.style) for cell in cells)])
-                result.append(["  diff.", *(_text(cell.difference, "+.1e") for cell in cells)])
-            elif any(cell.paper is not None for cell in cells):
-                result.append(["  paper", *(_text(cell.paper, self.style) for cell in cells)])
-        return result
-
     def text(self) -> str:
         """Return the table for a terminal."""
-        lines = self.lines()
-        widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-        out = [self.title]
-        for number, line in enumerate(lines):
-            cells = [line[0].ljust(widths[0])]
-            cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
-            out.append("  ".join(cells).rstrip())
-            if number == 0:
-                out.append("-" * (sum(widths) + 2 * (len(widths) - 1)))
-        return "\n".join(out) + "\n"
+        return text_table(["N", *self.columns], self._lines("  "), self.title)
 
     def markdown(self) -> str:
         """Return the table in Markdown."""
-        lines = [["N", *self.columns], ["---", *["---:"] * len(self.columns)]]
-        lines += [[cell.strip() for cell in line] for line in self.lines()[1:]]
-        return f"{self.title}\n\n" + "".join("| " + " | ".join(line) + " |\n" for line in lines)
+        return f"{self.title}\n\n" + markdown_table(["N", *self.columns], self._lines(""))
 
     def csv(self) -> str:
         """Return the table as CSV with three columns per figure, at full precision."""
@@ -90,16 +72,29 @@ class Table:
             writer.writerow([label, *("" if x is None else repr(x) for x in figures)])
         return out.getvalue()
 
+    def _lines(self, indent: str) -> list[list[str]]:
+        """The lines of text: for each row the study's figures, the paper's, the differences."""
+        lines = []
+        for label, cells in self.rows:
+            lines.append([label, *(_text(cell.value, self.style) for cell in cells)])
+            if any(cell.paper is not None for cell in cells):
+                paper = [_text(cell.paper, self.style) for cell in cells]
+                lines.append([f"{indent}paper", *paper])
+            if any(cell.difference is not None for cell in cells):
+                differences = [_text(cell.difference, "+.1e") for cell in cells]
+                lines.append([f"{indent}diff.", *differences])
+        return lines
 
-def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Table:
+
+def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
     """Return the errors of a study beside those of the paper's Table 1.
 
     Args:
         rows: Rows with "n" (cells per side) and "errors" (by norm), in the order of n.
         norms: The norms, in the order of the columns.
     """
-    paper = _paper_table(1)
-    return Table(
+    paper = paper_table(1)
+    return PaperTable(
         f"Table 1: error u - u_h on N x N squares; paper: {PAPER}; diff.: relative difference",
         tuple(norms),
         tuple(
@@ -116,14 +111,14 @@ def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Tabl
     )
 
 
-def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Table:
+def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
     """Return the experimental orders of a study beside those of the paper's Table 2.
 
     Args:
         rows: At least two rows with "n" and "errors", in the order of n.
         norms: The norms, in the order of the columns.
     """
-    paper = _paper_table(2)
+    paper = paper_table(2)
     widths = [1.0 / row["n"] for row in rows]
     errors = {norm: [row["errors"][norm] for row in rows] for norm in norms}
     orders = {norm: eoc(widths, errors[norm]) for norm in norms}
@@ -132,11 +127,11 @@ def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Tabl
         known = paper.get(str(row["n"]), {})
         body.append((str(row["n"]), tuple(Cell(orders[m][i], known.get(m)) for m in norms)))
     # The paper's regression is over its ten widths; another range has another slope.
-    complete = [row["n"] for row in rows] == [int(n) for n in _paper_table(1)]
+    complete = [row["n"] for row in rows] == [int(n) for n in paper_table(1)]
     known = paper["regression"] if complete else {}
     slopes = tuple(Cell(regression(widths, errors[m]), known.get(m)) for m in norms)
     theory = tuple(Cell(expected_order(m), paper["theory"].get(m)) for m in norms)
-    return Table(
+    return PaperTable(
         "Table 2: experimental orders of convergence (EOC), their regression, and the theory's "
         f"orders (less any epsilon);\npaper: {PAPER}; diff.: relative difference",
         tuple(norms),
@@ -145,7 +140,7 @@ def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Tabl
     )
 
 
-def _paper_table(number: int) -> dict[str, dict[str, float]]:
+def paper_table(number: int) -> dict[str, dict[str, float]]:
     """Read a table of the paper: norm and figure by row label."""
     text = resources.files(__package__).joinpath(f"data/table{number}.csv").read_text()
     lines = [line for line in text.splitlines() if not line.startswith("#")]
