@@ -12,26 +12,28 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.paper.theory.checks import number, table
+from dolfinx_signorini.paper.theory.evidence import number
+from dolfinx_signorini.paper.theory.examples import paper_example
 from dolfinx_signorini.paper.theory.experiments import discretise
-from dolfinx_signorini.paper.theory.one_sided import one_sided_approximation
+from dolfinx_signorini.paper.theory.figures import draw_one_sided
+from dolfinx_signorini.paper.theory.one_sided import boundary_trace, one_sided_approximation
 from dolfinx_signorini.paper.theory.ritz import supercloseness
-from dolfinx_signorini.paper.theory.scenes import paper_scene
-from dolfinx_signorini.paper.theory.trace import boundary_trace, draw_one_sided
 from dolfinx_signorini.plotting import save
+from dolfinx_signorini.tables import markdown_table
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
 
 lines = []
 for n in (15, 31, 63, 127):
-    discretisation = discretise(comm, paper_scene(), n)
+    discretisation = discretise(comm, paper_example(), n)
     found = one_sided_approximation(discretisation)
     distance = supercloseness(discretisation)
     discretisation.destroy()
     figures = [found.norm, distance, distance / found.norm, found.sampling_error]
     lines.append([str(n), *map(str, found.cases), *map(number, figures)])
-trace = boundary_trace(comm, 31)
+discretisation = discretise(comm, paper_example(), 31)
+trace = boundary_trace(discretisation)
 
 if comm.rank == 0:
     print("w_h cannot be lowered at any node: it touches R_h(u) - u there (case 1), on the edge")
@@ -39,7 +41,7 @@ if comm.rank == 0:
     print("every edge; between them it may be violated by the sampling error.\n")
     columns = ["N", "case 1", "case 2", "case 3", "none"]
     columns += ["w_h in H1", "R_h(u) - u_h", "ratio", "sampling error"]
-    print(table(columns, lines))
+    print(markdown_table(columns, lines))
     print("The ratio is the inequality (9): never above 1.")
     folder.mkdir(parents=True, exist_ok=True)
     save(draw_one_sided(trace), folder / "theory_one_sided")

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.examples import PLACES
 from dolfinx_signorini.paper.theory.experiments import compute_family, placed_name
 from dolfinx_signorini.paper.theory.figures import draw_placement
-from dolfinx_signorini.paper.theory.placement import PLACES
 from dolfinx_signorini.paper.theory.section4 import placement, placement_tables
 from dolfinx_signorini.plotting import save
 

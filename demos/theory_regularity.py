@@ -11,12 +11,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.paper.theory.checks import entry, orders, table
+from dolfinx_signorini.paper.theory.evidence import entry, orders
 from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, compute_family, rough_name
 from dolfinx_signorini.paper.theory.figures import draw_regularity
 from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.paper.theory.section4 import corollary_norms
 from dolfinx_signorini.plotting import save
+from dolfinx_signorini.tables import markdown_table
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
@@ -34,7 +35,7 @@ if comm.rank == 0:
             order = orders(rows[rough_name(p)], entry("errors", norm))[-1]
             cells = [f"{p:g}", norm, str(proven), f"{order:.3f}", f"{allowed:.3f}", proven.source]
             lines.append(cells)
-    print(table(["p", "norm", "proven", "measured", "allowed", "source"], lines))
+    print(markdown_table(["p", "norm", "proven", "measured", "allowed", "source"], lines))
     print(f"Measured between N = {CELLS[-2]} and {CELLS[-1]}. 'Allowed' is the order of the")
     print(
         "interpolation error of r^{2-2/p} at one point. The corollaries hold for all functions of"

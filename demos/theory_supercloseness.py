@@ -11,10 +11,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.examples import paper_example
 from dolfinx_signorini.paper.theory.experiments import compute_family, discretise
 from dolfinx_signorini.paper.theory.figures import draw_supercloseness
 from dolfinx_signorini.paper.theory.ritz import check_obstacle_problem, supercloseness
-from dolfinx_signorini.paper.theory.scenes import paper_scene
 from dolfinx_signorini.paper.theory.section3 import theorem_3_6_tables
 from dolfinx_signorini.plotting import save
 
@@ -23,7 +23,7 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
 
 # Lemma 3.3 on one mesh: with the obstacle along whole edges no admissible v_h has a negative value
 # of the variational inequality. With the obstacle at the nodes only some have.
-discretisation = discretise(comm, paper_scene(), 51)
+discretisation = discretise(comm, paper_example(), 51)
 check = check_obstacle_problem(discretisation)
 distance = supercloseness(discretisation)
 discretisation.destroy()

@@ -8,11 +8,17 @@ from pathlib import Path
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.paper.theory.experiments import Row, experiments, run_experiments
-from dolfinx_signorini.paper.theory.figures import FIGURES
+from dolfinx_signorini.paper.theory.examples import paper_example
+from dolfinx_signorini.paper.theory.experiments import (
+    Row,
+    discretise,
+    experiments,
+    run_experiments,
+)
+from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
+from dolfinx_signorini.paper.theory.one_sided import BoundaryTrace, boundary_trace
 from dolfinx_signorini.paper.theory.report import PICTURES, document, results, section, summary
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
-from dolfinx_signorini.paper.theory.trace import BoundaryTrace, boundary_trace, draw_one_sided
 from dolfinx_signorini.plotting import save
 from dolfinx_signorini.records import on_first, write_file
 
@@ -60,7 +66,9 @@ def run(args: argparse.Namespace) -> int:
     rows = run_experiments(comm, names, args.max_n, args.out)
     trace = None
     if any(statement.figure == "one_sided" for statement in chosen):
-        trace = boundary_trace(comm, TRACE_CELLS)
+        discretisation = discretise(comm, paper_example(), TRACE_CELLS)
+        trace = boundary_trace(discretisation)
+        discretisation.destroy()
     on_first(comm, args.out, lambda: _write(args, chosen, rows, trace))
     return 0
 
@@ -88,12 +96,14 @@ def _write(
 
 def _statements(args: argparse.Namespace) -> list[Statement]:
     if not SMALLEST <= args.max_n <= LARGEST:
-        raise InputError(f"--max-n: must lie between {SMALLEST} and {LARGEST}, not {args.max_n}")
+        message = f"must lie between {SMALLEST} and {LARGEST}, not {args.max_n}"
+        raise InputError(message, "--max-n")
     try:
         return select(args.statement)
     except KeyError as error:
         known = ", ".join(statement.key for statement in STATEMENTS)
-        raise InputError(f"--statement: unknown {error.args[0]!r}, known are {known}") from None
+        message = f"unknown {error.args[0]!r}, known are {known}"
+        raise InputError(message, "--statement") from None
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -5,15 +5,15 @@ import functools
 import pytest
 from mpi4py import MPI
 
+from dolfinx_signorini.paper.theory.examples import paper_example, rough_example, smooth_example
 from dolfinx_signorini.paper.theory.experiments import discretise
-from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene, smooth_scene
 
 
 @functools.cache
 def solved(name, n):
     """A scene on n x n squares; it lives as long as the tests do."""
-    scenes = {"paper": paper_scene, "smooth": smooth_scene}
-    scene = scenes[name]() if name in scenes else rough_scene(float(name))
+    scenes = {"paper": paper_example, "smooth": smooth_example}
+    scene = scenes[name]() if name in scenes else rough_example(float(name))
     return discretise(MPI.COMM_WORLD, scene, n)
 
 

@@ -14,8 +14,8 @@ from dolfinx_signorini.paper.theory.dual import (
     exact_contact_cells,
     transfer,
 )
+from dolfinx_signorini.paper.theory.examples import paper_example, rough_example
 from dolfinx_signorini.paper.theory.experiments import discretise
-from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene
 
 COMM = MPI.COMM_WORLD
 ROUNDING = 1e-9
@@ -33,7 +33,7 @@ def chains(scene, n, refinement=4):
 @pytest.fixture(scope="module")
 def found():
     """Chains of the paper's solution by cells per side."""
-    return {n: chains(paper_scene(), n) for n in (13, 25, 49)}
+    return {n: chains(paper_example(), n) for n in (13, 25, 49)}
 
 
 def test_dual_solutions_are_not_positive(found):
@@ -86,21 +86,21 @@ def test_signed_errors_are_of_order_2(found):
 
 def test_on_its_own_mesh_the_decisive_term_vanishes():
     # Why z needs a finer mesh: on that of u_h it is its own interpolant.
-    plus, minus = chains(paper_scene(), 13, refinement=1)
+    plus, minus = chains(paper_example(), 13, refinement=1)
     for chain in (plus, minus):
         assert abs(chain.interpolation) <= 1e-8 * chain.error
         assert chain.slack >= -ROUNDING
 
 
 def test_another_scene():
-    plus, minus = chains(rough_scene(3.0), 13)
+    plus, minus = chains(rough_example(3.0), 13)
     assert plus.slack >= -ROUNDING
     assert minus.slack >= -ROUNDING
 
 
 def test_contact_cells(discretisation):
     d = discretisation("paper", 15)
-    exact = exact_contact_cells(d.curve, d.scene.contact)
+    exact = exact_contact_cells(d.curve, d.example.contact)
     # From the edge that holds the detachment point to the one that holds (0.05, 0).
     assert not exact[1:7].any()
     assert exact[7:].all()
@@ -113,7 +113,7 @@ def test_contact_cells(discretisation):
 
 
 def test_contact_cells_meet_the_open_intervals_only():
-    curve = Discretisation(paper_scene(), friedrichs_keller(COMM, 10)).curve
+    curve = Discretisation(paper_example(), friedrichs_keller(COMM, 10)).curve
     touching = exact_contact_cells(curve, ((0.5, 0.7),))
     assert np.flatnonzero(touching).tolist() == [5, 6]
     around = exact_contact_cells(curve, ((3.85, 4.05),))

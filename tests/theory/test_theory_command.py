@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import theory as command
-from dolfinx_signorini.paper.theory import checks, experiments
+from dolfinx_signorini.paper.theory import evidence, experiments
 from dolfinx_signorini.paper.theory.proven import ProvenOrder
 from dolfinx_signorini.paper.theory.report import results
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, select
@@ -23,7 +23,9 @@ def family(order, cells=(50, 100, 200)):
 
 @pytest.mark.parametrize(("order", "holds"), [(1.5, True), (1.46, True), (1.44, False), (2, True)])
 def test_an_order_holds_within_a_twentieth(order, holds):
-    found = checks.order_check("e", family(order), checks.entry("e"), ProvenOrder(1.5, True, ""))
+    found = evidence.order_check(
+        "e", family(order), evidence.entry("e"), ProvenOrder(1.5, True, "")
+    )
     assert found.holds == holds
     assert found.measured == f"{order:.3f} (N = 100 to 200)"
     assert found.proven == "order 1.5 - eps"
@@ -31,17 +33,17 @@ def test_an_order_holds_within_a_twentieth(order, holds):
 
 def test_a_reason_is_given_where_it_is_needed():
     for order, reason in ((1.5, ""), (1.8, "because")):
-        found = checks.order_check(
-            "e", family(order), checks.entry("deep", "e"), ProvenOrder(1.5, False, ""), "because"
+        found = evidence.order_check(
+            "e", family(order), evidence.entry("deep", "e"), ProvenOrder(1.5, False, ""), "because"
         )
         assert found.reason == reason
 
 
 def test_an_inequality_holds_up_to_rounding():
-    assert checks.bound_check("", "", -1.0, "").holds
-    assert checks.bound_check("", "", 1e-11, "").holds
-    assert not checks.bound_check("", "", 1e-6, "").holds
-    assert not checks.bound_check("", "", math.nan, "").holds
+    assert evidence.bound_check("", "", -1.0, "").holds
+    assert evidence.bound_check("", "", 1e-11, "").holds
+    assert not evidence.bound_check("", "", 1e-6, "").holds
+    assert not evidence.bound_check("", "", math.nan, "").holds
 
 
 @pytest.mark.parametrize(
@@ -49,11 +51,11 @@ def test_an_inequality_holds_up_to_rounding():
     [(0.0, "0"), (3e-13, "< 1e-09"), (-3e-13, "< 1e-09"), (1.5e-5, "1.500e-05"), (0.25, "0.2500")],
 )
 def test_rounding_is_printed_as_a_bound(value, text):
-    assert checks.number(value) == text
+    assert evidence.number(value) == text
 
 
 def test_tables_are_aligned():
-    text = checks.order_table(family(2.0), {"e": checks.entry("e")}, {"N^2 e": lambda row: 3.0})
+    text = evidence.order_table(family(2.0), {"e": evidence.entry("e")}, {"N^2 e": lambda row: 3.0})
     lines = text.splitlines()
     assert len({len(line) for line in lines}) == 1
     head = [cell.strip() for cell in lines[0].split("|")[1:-1]]

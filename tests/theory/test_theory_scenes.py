@@ -14,18 +14,24 @@ from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import eoc
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.paper.theory.dual import exact_contact_cells
-from dolfinx_signorini.paper.theory.placement import PLACES, placed_scene, relative_errors
-from dolfinx_signorini.paper.theory.scenes import paper_scene, rough_scene, smooth_scene
+from dolfinx_signorini.paper.theory.examples import (
+    PLACES,
+    paper_example,
+    placed_example,
+    rough_example,
+    smooth_example,
+)
+from dolfinx_signorini.paper.theory.section4 import relative_errors
 
 COMM = MPI.COMM_WORLD
 N = 12
 SCENES = {
-    "paper": paper_scene(),
-    "smooth": smooth_scene(),
-    "rough 2.5": rough_scene(2.5),
-    "rough 3.5": rough_scene(3.5),
-    "rough 8": rough_scene(8.0),
-    "placed": placed_scene(0.25, 20),
+    "paper": paper_example(),
+    "smooth": smooth_example(),
+    "rough 2.5": rough_example(2.5),
+    "rough 3.5": rough_example(3.5),
+    "rough 8": rough_example(8.0),
+    "placed": placed_example(0.25, 20),
 }
 
 
@@ -78,7 +84,7 @@ def test_the_regularity_ends_at_p(p):
     # Like r^{2 - 2/p} on the line through the point: second derivatives like r^{-2/p} are in L^q
     # of the plane for q < p and not for q = p.
     domain = friedrichs_keller(MPI.COMM_SELF, 4)
-    exact = rough_scene(p).exact(domain)
+    exact = rough_example(p).exact(domain)
     space = fem.functionspace(domain, ("DG", 0))
     x = ufl.SpatialCoordinate(domain)
     distances = np.array([1e-3, 1e-4, 1e-5, 1e-6])
@@ -94,13 +100,13 @@ def test_the_regularity_ends_at_p(p):
 @pytest.mark.parametrize("p", [2.0, 4.0, 1.5, math.inf])
 def test_exponents_that_are_refused(p):
     with pytest.raises(ValueError, match="p: must lie"):
-        rough_scene(p)
+        rough_example(p)
 
 
 @pytest.mark.parametrize("place", PLACES)
 def test_place_in_the_edge(place):
     n = 20
-    scene = placed_scene(place, n)
+    scene = placed_example(place, n)
     domain = friedrichs_keller(COMM, n)
     curve = BoundaryCurve(fem.functionspace(domain, ("Lagrange", 1)))
     ((x, y),) = scene.singular
@@ -116,7 +122,7 @@ def test_place_in_the_edge(place):
 @pytest.mark.parametrize(("place", "n"), [(0.5, 21), (0.5, 10), (1.0, 20), (-0.1, 20)])
 def test_places_that_are_refused(place, n):
     with pytest.raises(ValueError, match="place"):
-        placed_scene(place, n)
+        placed_example(place, n)
 
 
 def test_the_place_moves_the_error_by_a_factor():
@@ -126,7 +132,7 @@ def test_the_place_moves_the_error_by_a_factor():
         for n in (20, 40):
             domain = friedrichs_keller(COMM, n)
             space = fem.functionspace(domain, ("Lagrange", 1))
-            exact = placed_scene(place, n).exact(domain)
+            exact = placed_example(place, n).exact(domain)
             u = fem.Function(space)
             u.interpolate(fem.Expression(exact.u, compat.interpolation_points(space.element)))
             rows[place].append({"errors": error_norms(u, exact, ["W1_inf"])})

@@ -6,18 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.paper.theory.discretisation import Discretisation
-from dolfinx_signorini.solvers.pressure import multiplier
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ContactSet:
-    """Closed, disjoint intervals of the arc length of a closed curve.
+    """Closed, disjoint intervals of the arc length of a closed curve:
+
+        half = given_contact_set([(0.0, 2.0)], length=4.0)
+        assert half.measure == 2.0
 
     Attributes:
         length: Length of the curve.
@@ -46,7 +49,7 @@ class ContactSet:
 
     @property
     def measure(self) -> float:
-        """Its length."""
+        """The length of all intervals together."""
         return sum(b - a for a, b in self.intervals)
 
     @property
@@ -56,6 +59,10 @@ class ContactSet:
 
 def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -> ContactSet:
     """Return the union of given closed intervals, in order, merged where they meet.
+
+    Args:
+        intervals: (start, end) of each interval, in any order.
+        length: Length of the closed curve.
 
     Raises:
         InputError: The length is not positive or an interval does not fit the curve.
@@ -84,20 +91,25 @@ def discrete_contact_set(discretisation: Discretisation) -> ContactSet:
     """Return {u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
 
     Each detachment point is placed between the last node in contact and the first free one, where
-    the linear interpolant of gap - pressure (the force on a node by the diagonal of A, so that both
-    have one unit) changes its sign.
+    the linear interpolant of gap - pressure changes its sign. The pressure is the force on a node
+    divided by the diagonal entry of A, so that both have one unit.
     """
-    problem, curve = discretisation.problem, discretisation.curve
+    curve, system = discretisation.curve, discretisation.system
     gap = curve.values(discretisation.u_h)
-    pressure = discretisation.u_h.copy()
-    pressure.x.array[problem.contact_dofs] = (
-        multiplier(problem, discretisation.u_h) / problem.contact_diagonal
-    )
+    x, pressure = system.vector_of(discretisation.u_h), fem.Function(system.space)
+    pressure.x.array[system.contact_dofs] = system.multiplier(x) / system.contact_diagonal
+    x.destroy()
     return contact_set_of_nodes(curve, gap, curve.values(pressure))
 
 
 def contact_set_of_nodes(curve: BoundaryCurve, gap: Array, pressure: Array) -> ContactSet:
-    """Return the contact set of nodal gaps and pressures along a curve."""
+    """Return the contact set of nodal gaps and pressures along a curve.
+
+    Args:
+        curve: The curve, of n nodes.
+        gap: The gap at the nodes, shape (n,).
+        pressure: The pressure at the nodes in the unit of the gap, shape (n,).
+    """
     active, n = gap <= 0.0, len(gap)
     if active.all():
         return ContactSet(curve.length, ((0.0, curve.length),), ())
@@ -124,7 +136,10 @@ def _sign_change(curve: BoundaryCurve, gap: Array, pressure: Array, node: int, s
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the check of a condition found.
+    """What the check of a condition found:
+
+        verdict = condition_a_h(sets, corners=(0.0, 1.0, 2.0, 3.0))
+        print(verdict)
 
     Attributes:
         violations: What is violated, in words; empty where the condition holds.
@@ -141,14 +156,18 @@ class Verdict:
         """Whether the condition holds."""
         return not self.violations
 
+    def __str__(self) -> str:
+        return "; ".join(self.violations) or "holds"
+
 
 def condition_a(inner: Sequence[ContactSet], outer: Sequence[ContactSet] = ()) -> Verdict:
     """Check condition (A): a relative boundary of measure zero, finitely many components inside.
 
-    A union of finitely many intervals always satisfies it; it is given alone. Any other set is
-    given by approximations from inside and from outside, ever finer ones: it violates (A) where the
-    number of components inside still grows, or where what lies between them, and the relative
-    boundary with it, has a measure that does not tend to zero (extrapolated by Aitken's method).
+    A union of finitely many intervals always satisfies (A), and is given alone. Any other set is
+    given by ever finer approximations from inside and from outside. Such a set violates (A) where
+    the number of components inside still grows, or where what lies between the approximations, and
+    the relative boundary with it, has a measure that does not tend to zero (extrapolated by
+    Aitken's method).
 
     Args:
         inner: The set, or at least three approximations from inside.
@@ -215,15 +234,14 @@ def condition_a_h(levels: Sequence[ContactSet], corners: Sequence[float]) -> Ver
     tracks = _matched([np.sort(c.boundary) for c in levels], length)
     low, high = tracks.min(axis=0), tracks.max(axis=0)
     points, radii = 0.5 * (low + high), []
-    for i in range(counts[0]):
-        after = low[i + 1] if i + 1 < counts[0] else low[0] + length
-        before = high[i - 1] if i else high[-1] - length
-        near = [_distance(low[i], high[i], corner, length) for corner in corners]
-        room = min([after - high[i], low[i] - before, *near])
+    before = low - np.append(high[-1] - length, high[:-1])
+    after = np.append(low[1:], low[0] + length) - high
+    for a, b, point, *rooms in zip(low, high, points, before, after, strict=True):
+        room = min([*rooms, *(_distance(a, b, corner, length) for corner in corners)])
         if room <= 0.0:
-            where = f"s = {points[i] % length:.6g}"
+            where = f"s = {point % length:.6g}"
             violations.append(f"the ball about {where} cannot avoid its neighbour or a corner")
-        radii.append(float(0.5 * (high[i] - low[i]) + 0.4 * max(room, 0.0)))
+        radii.append(float(0.5 * (b - a) + 0.4 * max(room, 0.0)))
     return Verdict(tuple(violations), tuple(float(p % length) for p in points), tuple(radii))
 
 

@@ -20,9 +20,12 @@ Array = npt.NDArray[np.float64]
 
 
 class BoundaryCurve:
-    """The nodes on the boundary, counterclockwise from the lowest of the leftmost at the bottom.
+    """The nodes on the boundary, counterclockwise from the leftmost of the lowest nodes.
 
-    Edge i joins node i to node i + 1, the last edge the last node to the first.
+    Edge i joins node i to node i + 1, the last edge the last node to the first:
+
+        curve = BoundaryCurve(space)
+        values = curve.values(u_h)  # at arc length curve.s
 
     Args:
         space: A scalar space of continuous, piecewise linear functions on a plane mesh.
@@ -101,7 +104,7 @@ class BoundaryCurve:
         """Evaluate expressions at points of every edge.
 
         Args:
-            expressions: What to evaluate.
+            expressions: UFL expressions.
             points: Positions along an edge from 0 to 1, ascending and symmetric about 1/2.
 
         Returns:

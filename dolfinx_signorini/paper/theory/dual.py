@@ -1,13 +1,13 @@
 """The dual problems (D) and (D~) of Section 5, and the chains of inequalities (20), (21) and (26).
 
 The dual solution z is replaced by its finite element approximation on a mesh that is nested in the
-one of u_h and finer by an integer factor. On the mesh of u_h itself z would be its own interpolant
-and the decisive term (z - I_h(z), u_h - u)_H1 would vanish. What this costs is one more term in the
-chain, the `remainder`: with it, the chain holds to rounding.
+mesh of u_h and finer by an integer factor. On the mesh of u_h itself z would be its own interpolant
+and the decisive term (z - I_h(z), u_h - u)_H1 would vanish. The price is one more term in the
+chain, the `remainder`, with which the chain holds to rounding.
 
 The reaction term of z is integrated by the vertex rule. The matrix then has no positive entry off
-its diagonal, so that the discrete maximum principle holds and z <= 0 is exact; what it costs is
-part of the remainder, too.
+its diagonal, so that the discrete maximum principle holds and z <= 0 is exact; the error of the
+rule is part of the remainder, too.
 
 All quantities are for the load divided by the third power of E = ||(u - u_h)^+||_L4, or with - for
 +, so that the left end of each chain is E itself.
@@ -21,22 +21,33 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
-from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size
+from dolfinx_signorini.paper.theory.discretisation import (
+    THEORY_RTOL,
+    Discretisation,
+    cell_size,
+    difference,
+)
 from dolfinx_signorini.paper.theory.parts import expression_norms
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.references import interpolant
+from dolfinx_signorini.solvers.prediction import interpolate_between
 
 EPSILON = 0.25  # of the exponents (4 - eps)/3 and their like
 Q = (4.0 - EPSILON) / 3.0  # of the load and of second derivatives of z
 S = (4.0 - EPSILON) / (1.0 - EPSILON)  # conjugate to Q
-RTOL = 1e-11
 
 
 @dataclass(frozen=True)
 class DualChain:
-    """One dual problem and its chain, term by term.
+    """One dual problem and its chain, term by term:
+
+        plus, minus = dual_chains(coarse, fine)
+        assert plus.slack >= -1e-9
 
     Attributes:
         error: E, the L^4 norm of (u - u_h)^+ or (u - u_h)^-: the left end of the chain.
@@ -84,7 +95,12 @@ class DualChain:
 def exact_contact_cells(
     curve: BoundaryCurve, contact: tuple[tuple[float, float], ...]
 ) -> npt.NDArray[np.bool_]:
-    """Return the edges that meet open intervals of the arc length (Definition 5.1)."""
+    """Return whether an edge meets open intervals of the arc length (Definition 5.1).
+
+    Args:
+        curve: The boundary.
+        contact: (start, end) of each interval.
+    """
     marked = np.zeros(len(curve.s), dtype=bool)
     tolerance = 1e-9 * curve.widths
     for a, b in contact:
@@ -95,7 +111,7 @@ def exact_contact_cells(
 
 
 def discrete_contact_cells(discretisation: Discretisation) -> npt.NDArray[np.bool_]:
-    """Return the edges on which u_h vanishes."""
+    """Return whether u_h vanishes on an edge."""
     active = discretisation.curve.values(discretisation.u_h) <= 0.0
     return active & np.roll(active, -1)
 
@@ -105,12 +121,13 @@ def dual_chains(coarse: Discretisation, fine: Discretisation) -> tuple[DualChain
 
     Args:
         coarse: The discretisation of u_h.
-        fine: The same scene on a finer mesh that is nested in it, for z.
+        fine: The same example on a finer mesh that is nested in the coarse one, for z.
 
     Raises:
         NotConvergedError: A solver did not reach its tolerance.
     """
-    positive = _Dual(coarse, fine, exact_contact_cells(coarse.curve, coarse.scene.contact), 1.0)
+    contact = exact_contact_cells(coarse.curve, coarse.example.contact)
+    positive = _Dual(coarse, fine, contact, 1.0)
     negative = _Dual(coarse, fine, discrete_contact_cells(coarse), -1.0)
     return positive.chain(), negative.chain()
 
@@ -138,38 +155,35 @@ class _Dual:
 
     def chain(self) -> DualChain:
         """Evaluate the terms."""
-        fine, sign, z = self.fine, self.sign, self.z
+        coarse, fine, sign, z = self.coarse, self.fine, self.sign, self.z
         wanted = [f"W1_{S!r}", "W1_4", "W1_inf"]
-        norms = error_norms(self.u_h, fine.exact, wanted)
-        bumps = self._bumps(norms["W1_inf"])
-        z_h = transfer(z, self.coarse.space)
-        rough = fine.difference(z, transfer(z_h, fine.space))
+        weak, middle, strong = error_norms(self.u_h, fine.exact, wanted).values()
+        theta = 3.0 * EPSILON / (4.0 - EPSILON)
+        bumps = self._bumps(strong)
+        z_h = transfer(z, coarse.space)
+        rough = difference(z, transfer(z_h, fine.space))
         duality = sign * (fine.product(z, self.u_h) - fine.exact_product(z))
-        coarse_sign = sign * (
-            self.coarse.product(z_h, self.coarse.u_h) - self.coarse.exact_product(z_h)
-        )
+        orthogonality = sign * (coarse.product(z_h, coarse.u_h) - coarse.exact_product(z_h))
         rough_norm = error_norms(rough, None, [f"W1_{Q!r}"])[f"W1_{Q!r}"]
         load_norm = expression_norms(fine.space, self.load, [f"L{Q!r}"])[f"L{Q!r}"]
-        theta = 3.0 * EPSILON / (4.0 - EPSILON)
-        split = norms["W1_inf"] ** theta * norms["W1_4"] ** (1.0 - theta)
         curve_z, size = fine.curve.values(z), _largest(z, -1.0)
         held = self.fine_cells | np.roll(self.fine_cells, 1)
-        test = fem.Function(fine.space)  # the interpolant of w + Sigma
-        interpolant = fine.interpolate_exact()
-        test.x.array[:] = sign * (self.u_h.x.array - interpolant.x.array) + bumps.x.array
+        interpolated = interpolant(fine.space, fine.exact.u)
+        test = difference(self.u_h, interpolated)  # the interpolant of w + Sigma
+        test.x.array[:] = sign * test.x.array + bumps.x.array
         values = fine.curve.values(test)
         return DualChain(
             error=self.error,
             duality=duality,
             bumps=fine.product(z, bumps),
             bump_load=-self._integral(self.load * bumps),
-            remainder=self._remainder(interpolant, test),
-            interpolation=duality - coarse_sign,
-            sign=coarse_sign,
-            holder=rough_norm * norms[wanted[0]],
-            holder_split=rough_norm * split,
+            remainder=self._remainder(interpolated, test),
+            interpolation=duality - orthogonality,
+            sign=orthogonality,
+            holder=rough_norm * weak,
+            holder_split=rough_norm * strong**theta * middle ** (1.0 - theta),
             stability=fine.norm(z) / load_norm,
-            regularity=rough_norm / (cell_size(self.coarse.space.mesh) * load_norm),
+            regularity=rough_norm / (cell_size(coarse.space.mesh) * load_norm),
             largest=_largest(z, 1.0) / size,
             contact=float(np.abs(curve_z[held]).max(initial=0.0)) / size,
             admissible=float(values[held].min(initial=0.0) / np.abs(values).max()),
@@ -179,9 +193,8 @@ class _Dual:
         z, v = ufl.TrialFunction(self.fine.space), ufl.TestFunction(self.fine.space)
         a = ufl.inner(ufl.grad(z), ufl.grad(v)) * ufl.dx + lumped(z * v)
         form = self.load * v * ufl.dx(metadata=PAPER_RULE.metadata)
-        facets = self.fine.curve.facets_between(self.fine_cells)
-        problem = SignoriniProblem(a, form, contact=facets)
-        solution = problem.solve(rtol=RTOL).u
+        problem = SignoriniProblem(a, form, contact=self.fine.curve.facets_between(self.fine_cells))
+        solution = problem.solve(rtol=THEORY_RTOL)
         problem.destroy()
         return solution
 
@@ -194,10 +207,10 @@ class _Dual:
             values[ends] = cell_size(self.coarse.space.mesh) * slope
         return transfer(curve.function(values), self.fine.space)
 
-    def _remainder(self, interpolant: fem.Function, test: fem.Function) -> float:
+    def _remainder(self, interpolated: fem.Function, test: fem.Function) -> float:
         fine, z, sign = self.fine, self.z, self.sign
-        work = -sign * self._integral(self.load * (fine.exact.u - interpolant))
-        product = -sign * (fine.exact_product(z) - fine.product(z, interpolant))
+        work = -sign * self._integral(self.load * (fine.exact.u - interpolated))
+        product = -sign * (fine.exact_product(z) - fine.product(z, interpolated))
         mass = z * test * ufl.dx
         lumping = fem.assemble_scalar(fem.form(lumped(z * test) - mass))
         return work - product + float(fine.comm.allreduce(lumping))
@@ -209,25 +222,23 @@ class _Dual:
 
 def lumped(integrand: Expr) -> ufl.Form:
     """Return an integral by the vertex rule."""
-    return integrand * ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
+    return integrand * ufl.dx(metadata=QuadratureRule("vertex", 1).metadata)
 
 
 def transfer(source: fem.Function, space: fem.FunctionSpace) -> fem.Function:
-    """Interpolate a function into a space on another mesh of the same domain."""
-    cells = np.arange(
-        space.mesh.topology.index_map(2).size_local + space.mesh.topology.index_map(2).num_ghosts,
-        dtype=np.int32,
-    )
-    padding = 1e-8 * cell_size(space.mesh)
-    data = fem.create_interpolation_data(space, source.function_space, cells, padding=padding)
+    """Return a function interpolated into a space on another mesh of the same domain.
+
+    Args:
+        source: The function.
+        space: The space on the other mesh.
+    """
     target = fem.Function(space)
-    target.interpolate_nonmatching(source, cells, data)
-    target.x.scatter_forward()
+    interpolate_between([(source, target)], owned_cells(space.mesh))
     return target
 
 
 def _largest(function: fem.Function, sign: float) -> float:
     """The largest nodal value of sign * function."""
-    domain = function.function_space.mesh
     owned = function.x.array[: function.function_space.dofmap.index_map.size_local]
-    return float(max(domain.comm.allgather(float((sign * owned).max(initial=-np.inf)))))
+    comm = function.function_space.mesh.comm
+    return float(max(comm.allgather(float((sign * owned).max(initial=-np.inf)))))

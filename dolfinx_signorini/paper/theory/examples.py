@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import ufl
@@ -11,15 +12,19 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
 
+PLACES = (0.0, 0.25, 0.5, 0.75)  # of a boundary edge: on its first node ... in the middle ...
+
 
 @dataclass(frozen=True)
-class Scene:
-    """A Signorini problem with a known solution.
+class Example:
+    """A Signorini problem with a known solution on any mesh of the unit square:
+
+        exact = paper_example().exact(friedrichs_keller(comm, 25))
 
     Attributes:
         exact: The solution on a mesh.
-        singular: Where its gradient is not smooth.
-        contact: The relative interior of its contact set: open intervals of the arc length along
+        singular: Where the gradient of the solution is not smooth.
+        contact: The relative interior of the contact set: open intervals of the arc length along
             the boundary, counterclockwise from (0, 0).
     """
 
@@ -28,16 +33,35 @@ class Scene:
     contact: tuple[tuple[float, float], ...]
 
 
-def paper_scene() -> Scene:
-    """Return the paper's solution (28): r^{3/2} at the detachment point, smooth elsewhere."""
-    return Scene(
-        exact=christof_haubner,
-        singular=(DETACHMENT,),
-        contact=((0.5, 4.0 + 0.5 - SUPPORT_RADIUS),),
+def paper_example(point: tuple[float, float] = DETACHMENT) -> Example:
+    """Return the paper's solution (28): like r^{3/2} at the detachment point, smooth elsewhere.
+
+    Args:
+        point: The detachment point, on the bottom edge.
+    """
+    return Example(
+        exact=partial(christof_haubner, detachment=point),
+        singular=(point,),
+        contact=((point[0], 4.0 + point[0] - SUPPORT_RADIUS),),
     )
 
 
-def smooth_scene() -> Scene:
+def placed_example(place: float, n: int) -> Example:
+    """Return the paper's solution with its detachment point at a place of a boundary edge.
+
+    Args:
+        place: Part of the edge that lies between its left node and the detachment point.
+        n: Even number of cells per side, at least 20 so that the support stays in the square.
+
+    Raises:
+        ValueError: n is odd or too small, or the place is not between 0 and 1.
+    """
+    if n % 2 or n < 20 or not 0.0 <= place < 1.0:
+        raise ValueError(f"no edge of {n} cells per side has the place {place} next to the middle")
+    return paper_example((DETACHMENT[0] + place / n, 0.0))
+
+
+def smooth_example() -> Example:
     """Return 2 + cos(pi x) cos(2 pi y): positive, with no flux, so that nothing is in contact."""
 
     def exact(domain: mesh.Mesh) -> ManufacturedSolution:
@@ -51,14 +75,14 @@ def smooth_scene() -> Scene:
             load=2.0 + (1.0 + 5.0 * math.pi**2) * c * c2,
         )
 
-    return Scene(exact, (), ())
+    return Example(exact, singular=(), contact=())
 
 
-def rough_scene(p: float) -> Scene:
+def rough_example(p: float) -> Example:
     """Return a solution whose regularity ends at a chosen exponent.
 
     With w the paper's solution and b = 2 - 2/p, so that second derivatives of r^b and the load with
-    them are in L^q for q < p and not for q >= p, it is
+    them are in L^q for q < p and not for q >= p, the solution is
 
         u = r^{b - 3/2} w         for p < 4: like r^b at the detachment point (Corollary 4.1)
         u = (1 + r^{b - 3/2}) w   for p > 4: u_s = w and a part like r^b (Corollary 4.2).
@@ -74,11 +98,9 @@ def rough_scene(p: float) -> Scene:
     """
     if not (2.0 < p < 4.0 or 4.0 < p < math.inf):
         raise ValueError(f"p: must lie between 2 and 4 or above 4, not {p}")
-    paper = paper_scene()
-    return Scene(
+    return replace(
+        paper_example(),
         exact=lambda domain: _times_power(christof_haubner(domain), 0.5 - 2.0 / p, p > 4.0),
-        singular=paper.singular,
-        contact=paper.contact,
     )
 
 
@@ -91,10 +113,9 @@ def _times_power(w: ManufacturedSolution, power: float, plus_one: bool) -> Manuf
     factor = r**g + (1.0 if plus_one else 0.0)
     slope = g * r ** (g - 2.0)  # the gradient of the factor is slope * x, its Laplacian g * slope
     derivative = sum(w.grad[i] * x[i] for i in range(2))
-    return ManufacturedSolution(
-        mesh=w.mesh,
+    return replace(
+        w,
         u=factor * w.u,
         grad=tuple(factor * w.grad[i] + slope * x[i] * w.u for i in range(2)),
         load=factor * w.load - 2.0 * slope * derivative - g * slope * w.u,
-        support=w.support,
     )

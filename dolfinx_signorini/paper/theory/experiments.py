@@ -1,15 +1,15 @@
 """The experiments: families of meshes, what is measured on each, and the rows on disk.
 
-A row is one experiment on one mesh. Rows are stored as they are done, and those found on disk are
+A row is one experiment on one mesh. Rows are stored as they are done, and rows found on disk are
 not computed again.
 """
 
-import functools
 import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,17 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.study import coarse_levels
 from dolfinx_signorini.paper.theory.contact_sets import discrete_contact_set
-from dolfinx_signorini.paper.theory.discretisation import RTOL, Discretisation
+from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.paper.theory.dual import EPSILON, dual_chains
+from dolfinx_signorini.paper.theory.examples import (
+    PLACES,
+    Example,
+    paper_example,
+    placed_example,
+    rough_example,
+    smooth_example,
+)
 from dolfinx_signorini.paper.theory.one_sided import SAMPLES, one_sided_approximation
 from dolfinx_signorini.paper.theory.parts import (
     REACH,
@@ -28,16 +35,14 @@ from dolfinx_signorini.paper.theory.parts import (
     near_and_far_supercloseness,
     signed_parts,
 )
-from dolfinx_signorini.paper.theory.placement import PLACES, placed_scene
 from dolfinx_signorini.paper.theory.ritz import (
     RITZ_NORMS,
     check_obstacle_problem,
     ritz_errors,
     supercloseness,
 )
-from dolfinx_signorini.paper.theory.scenes import Scene, paper_scene, rough_scene, smooth_scene
 from dolfinx_signorini.records import Records
-from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 
 Row = dict[str, Any]
 
@@ -59,7 +64,7 @@ REFINEMENT = 4  # of the mesh of the dual solutions against that of u_h
 
 # What rows depend on besides the experiment and N.
 SETTINGS = {
-    "rtol": RTOL,
+    "rtol": THEORY_RTOL,
     "epsilon": EPSILON,
     "samples": SAMPLES,
     "reach": REACH,
@@ -71,17 +76,19 @@ SETTINGS = {
 
 @dataclass(frozen=True)
 class Experiment:
-    """A family of meshes of one scene.
+    """A family of meshes of one example:
+
+        Experiment(lambda n: paper_example(), (25, 49), measure_dual, finest=REFINEMENT)
 
     Attributes:
-        scene: The scene on a mesh with so many cells per side.
+        example: The example on a mesh with so many cells per side.
         cells: Cells per side of the meshes, increasing; the detachment point keeps its place
-            relative to the cell that it lies in.
+            relative to the cell in which the point lies.
         measure: What a row holds.
         finest: Cells per side of the finest mesh that a row needs, as a multiple of its own.
     """
 
-    scene: Callable[[int], Scene]
+    example: Callable[[int], Example]
     cells: tuple[int, ...]
     measure: Callable[[Discretisation], Row]
     finest: int = 1
@@ -92,19 +99,21 @@ def experiments() -> dict[str, Experiment]:
     odd = (25, 51, 101, 201, 401)
     paper = (15, 31, 51, 101, 201, 401, 701, 1001)
     result = {
-        "paper": Experiment(lambda _: paper_scene(), paper, measure_paper),
-        "smooth": Experiment(lambda _: smooth_scene(), odd, measure_regularity),
-        "dual": Experiment(lambda _: paper_scene(), (25, 49, 99, 199), measure_dual, REFINEMENT),
+        "paper": Experiment(lambda _: paper_example(), paper, measure_paper),
+        "smooth": Experiment(lambda _: smooth_example(), odd, measure_regularity),
+        "dual": Experiment(lambda _: paper_example(), (25, 49, 99, 199), measure_dual, REFINEMENT),
     }
     for p in ROUGH_EXPONENTS:
-        result[rough_name(p)] = Experiment(
-            functools.partial(_rough_scene, p), odd, functools.partial(measure_regularity, p=p)
-        )
+        measure = partial(measure_regularity, p=p)
+        result[rough_name(p)] = Experiment(partial(_rough, p), odd, measure)
     for place in PLACES:
-        result[placed_name(place)] = Experiment(
-            functools.partial(placed_scene, place), (50, 100, 200, 400), measure_placement
-        )
+        cells, example = (50, 100, 200, 400), partial(placed_example, place)
+        result[placed_name(place)] = Experiment(example, cells, measure_placement)
     return result
+
+
+def _rough(p: float, _: int) -> Example:
+    return rough_example(p)
 
 
 def rough_name(p: float) -> str:
@@ -119,8 +128,7 @@ def placed_name(place: float) -> str:
 
 def measure_paper(discretisation: Discretisation) -> Row:
     """Return the row of Sections 3, 4 and 6 for the paper's solution."""
-    return _superclose(discretisation) | {
-        "errors": error_norms(discretisation.u_h, discretisation.exact, ERROR_NORMS),
+    return measure_regularity(discretisation) | {
         "signed": signed_parts(discretisation),
         "parts": near_and_far(discretisation, ["L16", "W1_16"]),
         "supercloseness_parts": near_and_far_supercloseness(discretisation),
@@ -130,9 +138,23 @@ def measure_paper(discretisation: Discretisation) -> Row:
 
 
 def measure_regularity(discretisation: Discretisation, p: float | None = None) -> Row:
-    """Return the row of a scene of another regularity: u in W^{2,p} for a given p."""
+    """Return the row of an example of another regularity.
+
+    Args:
+        discretisation: The example on a mesh.
+        p: The exponent of the regularity, u in W^{2,p}; None for a smooth solution.
+    """
+    found = one_sided_approximation(discretisation)
     norms = ERROR_NORMS if p is None else (*ERROR_NORMS, critical_norm(p))
-    return _superclose(discretisation) | {
+    return {
+        "ritz": ritz_errors(discretisation),
+        "supercloseness": supercloseness(discretisation),
+        "one_sided": {
+            "norm": found.norm,
+            "sampling_error": found.sampling_error,
+            "upper_error": found.upper_error,
+            "cases": found.cases,
+        },
         "errors": error_norms(discretisation.u_h, discretisation.exact, norms),
     }
 
@@ -144,9 +166,9 @@ def measure_placement(discretisation: Discretisation) -> Row:
 
 def measure_dual(discretisation: Discretisation) -> Row:
     """Return the row of Section 5."""
-    domain = discretisation.space.mesh
-    n = cells_per_side(discretisation)
-    fine = Discretisation(discretisation.scene, friedrichs_keller(domain.comm, REFINEMENT * n))
+    n = len(discretisation.curve.s) // 4
+    domain = friedrichs_keller(discretisation.comm, REFINEMENT * n)
+    fine = Discretisation(discretisation.example, domain)
     chains = dual_chains(discretisation, fine)
     fine.destroy()
     return {
@@ -161,33 +183,43 @@ def critical_norm(p: float) -> str:
     return f"W1_{math.floor(1000.0 * q) / 1000.0:g}"
 
 
-def cells_per_side(discretisation: Discretisation) -> int:
-    """Return the cells per side of a mesh of the unit square."""
-    return len(discretisation.curve.s) // 4
+def discretise(comm: MPI.Comm, example: Example, n: int) -> Discretisation:
+    """Return an example on the Friedrichs-Keller mesh, solved through a cascade of coarser ones.
 
-
-def discretise(comm: MPI.Comm, scene: Scene, n: int) -> Discretisation:
-    """Return a scene on the Friedrichs-Keller mesh, solved through a cascade of coarser ones."""
-    coarse: ContactState | None = None
-    for level in (*coarse_levels(n), n):
-        discretisation = Discretisation(scene, friedrichs_keller(comm, level))
-        u_h = discretisation.solve(coarse)
-        if level < n:
-            coarse = discretisation.problem.contact_state(u_h)
-            discretisation.destroy()
-    return discretisation
+    Args:
+        comm: The communicator that shares the mesh.
+        example: The example.
+        n: Cells per side.
+    """
+    return solve_cascade(
+        lambda m, _: Discretisation(example, friedrichs_keller(comm, m)),
+        [*coarse_levels(n), n],
+        rtol=THEORY_RTOL,
+    )
 
 
 def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
-    """Compute what an experiment measures on one mesh."""
-    discretisation = discretise(comm, experiment.scene(n), n)
+    """Compute what an experiment measures on one mesh.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        experiment: The experiment.
+        n: Cells per side.
+    """
+    discretisation = discretise(comm, experiment.example(n), n)
     row = {"n": n} | experiment.measure(discretisation)
     discretisation.destroy()
     return row
 
 
 def compute_family(comm: MPI.Comm, name: str, cells: Iterable[int]) -> list[Row]:
-    """Compute rows of an experiment without storing them."""
+    """Compute rows of an experiment without storing them.
+
+    Args:
+        comm: The communicator that shares the meshes.
+        name: The experiment.
+        cells: Cells per side of the meshes.
+    """
     experiment = experiments()[name]
     return [compute_row(comm, experiment, n) for n in cells]
 
@@ -212,42 +244,17 @@ def run_experiments(
     """
     records = Records(comm, folder / "rows.jsonl", SETTINGS)
     done = {(row["experiment"], row["n"]): row for row in records.rows}
-    result: dict[str, list[Row]] = {}
-    known = experiments()
+    known, result = experiments(), {}
     for name in names:
-        result[name] = []
-        for n in known[name].cells:
-            if known[name].finest * n > max_n:
-                continue
+        experiment = known[name]
+        cells = [n for n in experiment.cells if experiment.finest * n <= max_n]
+        for n in cells:
             if (name, n) not in done:
                 start = time.perf_counter()
-                row = {"experiment": name} | compute_row(comm, known[name], n)
-                records.append(row)
+                records.append({"experiment": name} | compute_row(comm, experiment, n))
                 done[name, n] = records.rows[-1]
-                _report(comm, f"{name}, N = {n}: {time.perf_counter() - start:.1f} s")
-            result[name].append(done[name, n])
+                if comm.rank == 0:
+                    seconds = time.perf_counter() - start
+                    print(f"{name}, N = {n}: {seconds:.1f} s", file=sys.stderr, flush=True)
+        result[name] = [done[name, n] for n in cells]
     return result
-
-
-def _rough_scene(p: float, _: int) -> Scene:
-    return rough_scene(p)
-
-
-def _superclose(discretisation: Discretisation) -> Row:
-    """What Section 3 says about a scene."""
-    one_sided = one_sided_approximation(discretisation)
-    return {
-        "ritz": ritz_errors(discretisation),
-        "supercloseness": supercloseness(discretisation),
-        "one_sided": {
-            "norm": one_sided.norm,
-            "sampling_error": one_sided.sampling_error,
-            "upper_error": one_sided.upper_error,
-            "cases": one_sided.cases,
-        },
-    }
-
-
-def _report(comm: MPI.Comm, text: str) -> None:
-    if comm.rank == 0:
-        print(text, file=sys.stderr, flush=True)

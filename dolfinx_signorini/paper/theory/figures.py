@@ -1,6 +1,5 @@
 """The pictures of the theory, one per group of statements."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,13 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from dolfinx_signorini.paper.pictures import draw_convergence
-from dolfinx_signorini.paper.theory.checks import Row, Rows, Value, entry, fine, orders
-from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, placed_name, rough_name
-from dolfinx_signorini.paper.theory.placement import PLACES, relative_errors
+from dolfinx_signorini.paper.theory.evidence import Row, Rows, Value, entry, fine, orders
+from dolfinx_signorini.paper.theory.examples import PLACES
+from dolfinx_signorini.paper.theory.experiments import placed_name
+from dolfinx_signorini.paper.theory.one_sided import BoundaryTrace
 from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
-from dolfinx_signorini.paper.theory.section3 import FINE
-from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS
-from dolfinx_signorini.paper.theory.section5 import TERMS, contact_sets
+from dolfinx_signorini.paper.theory.section3 import FINE, SUPERCLOSE
+from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS, TRANSITION, relative_errors
+from dolfinx_signorini.paper.theory.section5 import TERMS, contact_set, detachment_error
 from dolfinx_signorini.plotting import COLOURS, MARKERS
 
 TERM_NAMES = {
@@ -33,19 +33,14 @@ TERM_NAMES = {
 def draw_projection(rows: Rows) -> Figure:
     """Draw the errors of the Ritz projection with their proven orders (Lemma 3.2)."""
     figure, panels = plt.subplots(1, 2, figsize=(11, 5.6))
-    for axes, scene, p in zip(panels, ("paper", "smooth"), (3, 4), strict=True):
-        family = fine(rows[scene], FINE)
-        for i, (norm, order) in enumerate(
-            (
-                (f"W1_{p}", 1.0),
-                ("H1_2_boundary_spectral", 1.5),
-                (f"L{p}_boundary", 2.0 - 1.0 / p),
-                (f"L{p}", 2.0),
-            )
-        ):
+    for axes, example, p in zip(panels, ("paper", "smooth"), (3, 4), strict=True):
+        family = fine(rows[example], FINE)
+        proven = {f"W1_{p}": 1.0, "H1_2_boundary_spectral": 1.5}
+        proven |= {f"L{p}_boundary": 2.0 - 1.0 / p, f"L{p}": 2.0}
+        for i, (norm, order) in enumerate(proven.items()):
             name = norm.replace("_spectral", "")
             _curve(axes, family, entry("ritz", norm), f"{name}, order {order:.3g}", i, order)
-        _finish(axes, family, f"$u - R_h(u)$, {scene} solution", "error", "below")
+        _finish(axes, family, f"$u - R_h(u)$, {example} solution", "error", "below")
     return _tight(figure)
 
 
@@ -53,15 +48,14 @@ def draw_supercloseness(rows: Rows) -> Figure:
     """Draw supercloseness beside the H^1 error and the bound of Lemma 3.4 (Theorem 3.6)."""
     figure, axes = plt.subplots(figsize=(7.4, 5.4))
     family = fine(rows["paper"], 101)
-    for i, (label, value, order) in enumerate(
-        (
-            ("$u - u_h$, order 1", entry("errors", "H1"), 1.0),
-            ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided", "norm"), 1.5),
-            ("$R_h(u) - u_h$", entry("supercloseness"), None),
-            ("its part near, order 3/2", entry("supercloseness_parts", "near"), 1.5),
-            ("its part far, order 2", entry("supercloseness_parts", "far"), 2.0),
-        )
-    ):
+    curves = (
+        ("$u - u_h$, order 1", entry("errors", "H1"), 1.0),
+        ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided", "norm"), 1.5),
+        ("$R_h(u) - u_h$", entry("supercloseness"), None),
+        ("its part near, order 3/2", entry("supercloseness_parts", "near"), 1.5),
+        ("its part far, order 2", entry("supercloseness_parts", "far"), 2.0),
+    )
+    for i, (label, value, order) in enumerate(curves):
         _curve(axes, family, value, label, i, order)
     _finish(axes, family, "Supercloseness, the paper's solution", "$H^1$ norm", "right")
     return _tight(figure)
@@ -70,21 +64,18 @@ def draw_supercloseness(rows: Rows) -> Figure:
 def draw_regularity(rows: Rows) -> Figure:
     """Draw measured, proven and allowed orders against p (Corollaries 4.1 and 4.2)."""
     figure, panels = plt.subplots(2, 2, figsize=(10, 7), sharex=True)
-    exponents = [*ROUGH_EXPONENTS, math.inf]
-    names = [*(rough_name(p) for p in ROUGH_EXPONENTS), "paper"]
-    x = np.arange(len(exponents))
-    for axes, norm in zip(
-        panels.flat, ("W1_inf", "Linf", "W1_4", "H1_2_boundary_spectral"), strict=True
-    ):
+    x, exponents = np.arange(len(SUPERCLOSE)), SUPERCLOSE.values()
+    norms = ("W1_inf", "Linf", "W1_4", "H1_2_boundary_spectral")
+    for axes, norm in zip(panels.flat, norms, strict=True):
         proven = [proven_order(p, norm).value for p in exponents]
         allowed = [allowed_order(p, norm) for p in exponents]
-        measured = [orders(fine(rows[name]), entry("errors", norm))[-1] for name in names]
+        measured = [orders(fine(rows[name]), entry("errors", norm))[-1] for name in SUPERCLOSE]
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
         axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
         axes.set(title=norm.replace("_spectral", ""), ylabel="order")
         axes.grid(alpha=0.3)
-        axes.set_xticks(x, [*(f"{p:g}" for p in ROUGH_EXPONENTS), "inf"])
+        axes.set_xticks(x, [f"{p:g}" for p in exponents])
     for axes in panels[1]:
         axes.set_xlabel("p of $W^{2,p}$")
     panels[0, 0].legend()
@@ -99,9 +90,8 @@ def draw_errors(rows: Rows) -> Figure:
 def draw_dual(rows: Rows) -> Figure:
     """Draw the terms of the chains (20), (21) and (26) (Propositions 5.4 and 5.7)."""
     figure, panels = plt.subplots(1, 2, figsize=(11.5, 6.2), sharey=True)
-    for axes, part, title in zip(
-        panels, ("plus", "minus"), ("(20), (21): $(u - u_h)^+$", "(26): $(u - u_h)^-$"), strict=True
-    ):
+    titles = {"plus": "(20), (21): $(u - u_h)^+$", "minus": "(26): $(u - u_h)^-$"}
+    for axes, (part, title) in zip(panels, titles.items(), strict=True):
         _band(axes, rows["dual"], entry(part, "error"), "error (left-hand side)")
         for i, (name, label) in enumerate(TERM_NAMES.items()):
             if name not in (*TERMS[part], "holder") or (part, name) == ("plus", "sign"):
@@ -115,7 +105,7 @@ def draw_contact_sets(rows: Rows) -> Figure:
     """Draw the contact sets by N, and the error of the detachment point (Definition 5.5)."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(11.5, 5.4))
     family = rows["paper"]
-    for i, found in enumerate(contact_sets(family)):
+    for i, found in enumerate(map(contact_set, family)):
         for a, b in found.intervals:
             left.plot([a, b], [i, i], color=COLOURS[0], linewidth=6, solid_capstyle="butt")
         left.plot(found.detachments, [i] * len(found.detachments), "D", color=COLOURS[1])
@@ -129,7 +119,7 @@ def draw_contact_sets(rows: Rows) -> Figure:
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     fitting = fine(family, FINE)
     _curve(right, fitting, lambda row: 0.5 / row["n"], "first node in contact", 0, None)
-    _curve(right, fitting, _detachment, "by the change of sign, order 1", 1, 1.0)
+    _curve(right, fitting, detachment_error, "by the change of sign, order 1", 1, 1.0)
     _finish(right, fitting, "Distance from the detachment point of $u$", "distance")
     return _tight(figure)
 
@@ -157,9 +147,7 @@ def draw_transition(rows: Rows) -> Figure:
     """Draw the L^16 and W^{1,16} errors and their parts (Table 2)."""
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.8))
     family = fine(rows["paper"], 101)
-    for axes, norm, near, far in zip(
-        panels, ("L16", "W1_16"), (1.625, 0.625), (2.0, 1.0), strict=True
-    ):
+    for axes, (norm, (near, far)) in zip(panels, TRANSITION.items(), strict=True):
         _band(axes, family, entry("errors", norm), "whole")
         _curve(axes, family, entry("parts", "near", norm), f"near, order {near}", 1, near)
         _curve(axes, family, entry("parts", "far", norm), f"far, order {far:g}", 0, far)
@@ -167,6 +155,31 @@ def draw_transition(rows: Rows) -> Figure:
     return _tight(figure)
 
 
+def draw_one_sided(trace: BoundaryTrace, window: tuple[float, float] = (0.0, 0.72)) -> Figure:
+    """Draw R_h(u) - u <= w_h with the case of each node, like Fig. 1 of the paper.
+
+    Args:
+        trace: The one-sided approximation along the boundary.
+        window: The arc length from where to where is shown.
+    """
+    figure, axes = plt.subplots(figsize=(9.5, 4.8))
+    shown = (trace.s >= window[0]) & (trace.s <= window[1])
+    axes.plot(trace.s[shown], trace.lower[shown], color=COLOURS[0], label="$R_h(u) - u$")
+    axes.plot(trace.s[shown], trace.w_h[shown], color=COLOURS[1], label="$w_h$", linewidth=1)
+    nodes = (trace.nodes >= window[0]) & (trace.nodes <= window[1])
+    for case, marker, name in ((1, "o", "touches here"), (2, "<", "before"), (3, ">", "behind")):
+        style: dict[str, Any] = {"color": COLOURS[2 + case - 1], "linestyle": "", "zorder": 3}
+        at = nodes & (trace.cases == case)
+        label = f"case {case}: {name} ({int((trace.cases == case).sum())} nodes)"
+        axes.plot(trace.nodes[at], trace.values[at], marker, label=label, **style)
+    axes.axvline(0.5, color="black", linestyle=":", label="detachment point")
+    axes.set(xlabel="$x_1$ on the bottom edge", title="One-sided approximation (11)")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    return _tight(figure)
+
+
+# By name; `draw_one_sided` draws what is in no row.
 FIGURES: dict[str, Callable[[Rows], Figure]] = {
     "projection": draw_projection,
     "supercloseness": draw_supercloseness,
@@ -181,10 +194,6 @@ FIGURES: dict[str, Callable[[Rows], Figure]] = {
 
 def _size(part: str, name: str) -> Value:
     return lambda row: abs(row[part][name])
-
-
-def _detachment(row: Row) -> float:
-    return min(abs(s - 0.5) for s in row["contact_set"]["detachments"])
 
 
 def _curve(

@@ -5,7 +5,7 @@ so that problem (11) is a linear program for the nodal values of y:
 
     minimise sum y_i    subject to    y >= -u along the whole of every edge,  y <= 0.
 
-The upper bound holds along an edge as soon as it holds at its nodes. The lower one is set at
+The upper bound holds along an edge as soon as it holds at the nodes. The lower bound is set at
 samples of every edge; where u vanishes at a node also through the tangent there.
 """
 
@@ -30,11 +30,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneSided:
-    """A solution of problem (11), extended to the domain.
+    """A solution of problem (11), extended to the domain:
+
+        found = one_sided_approximation(discretisation)
+        assert supercloseness(discretisation) <= found.norm
 
     Attributes:
         w_h: The function, harmonic in the discrete sense inside.
-        norm: Its H^1 norm.
+        norm: The H^1 norm of w_h.
         sampling_error: A bound on how far w_h may lie below R_h(u) - u between two samples.
         upper_error: How far w_h lies above R_h(u) at a node: rounding.
         cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
@@ -49,12 +52,15 @@ class OneSided:
 
 @dataclass(frozen=True)
 class EdgeData:
-    """u along the boundary edges.
+    """A function u at samples of the boundary edges:
+
+        data = edge_data(discretisation)
+        excess = data.along(y) + data.u  # how far y is from -u
 
     Attributes:
         t: Positions of the samples along an edge, from 0 to 1.
-        u: Its values there, shape (edges, samples).
-        slope: Its derivative along the curve there.
+        u: Values at the samples, shape (edges, samples).
+        slope: The derivative along the curve at the samples.
         widths: Lengths of the edges.
     """
 
@@ -63,16 +69,20 @@ class EdgeData:
     slope: Array
     widths: Array
 
+    def along(self, nodal: Array) -> Array:
+        """Return the samples of a piecewise linear function, given by its values at the nodes."""
+        return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
+
 
 def one_sided_approximation(discretisation: Discretisation) -> OneSided:
-    """Solve problem (11) for the scene's solution, and extend the result discretely harmonically.
+    """Solve problem (11) for the exact solution, and extend the result discretely harmonically.
 
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
     """
     curve = discretisation.curve
     data = edge_data(discretisation)
-    y = solve_linear_program(curve.space.mesh.comm, data, np.ones(len(curve.s)))
+    y = solve_linear_program(discretisation.comm, data, np.ones(len(curve.s)))
     trace = y + curve.values(discretisation.ritz)
     w_h = discretisation.harmonic(curve.function(trace))
     return OneSided(
@@ -85,7 +95,7 @@ def one_sided_approximation(discretisation: Discretisation) -> OneSided:
 
 
 def edge_data(discretisation: Discretisation) -> EdgeData:
-    """Sample the scene's solution and its tangential derivative along the boundary edges."""
+    """Sample the exact solution and its tangential derivative along the boundary edges."""
     exact, curve = discretisation.exact, discretisation.curve
     t = np.linspace(0.0, 1.0, SAMPLES + 1, dtype=np.float64)
     values = curve.samples([exact.u, *exact.grad], t)
@@ -101,10 +111,13 @@ def solve_linear_program(
     """Minimise cost . y over all y with y >= -u along the edges.
 
     Args:
-        comm: The communicator; its rank 0 solves.
+        comm: The communicator; rank 0 solves.
         data: u along the edges.
         cost: One number per node.
         bounded: Whether y <= 0, too.
+
+    Returns:
+        y at the nodes, the same on all ranks.
 
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
@@ -121,13 +134,12 @@ def solve_linear_program(
 def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
     n, m = data.u.shape
     scale = float(data.u.max()) or 1.0
-    i = np.arange(n)
     low = -data.u[:, 0] / scale
     # Edges on which u vanishes are held by their nodes alone.
     edges = np.flatnonzero((data.u[:, 1:-1] > 0.0).any(axis=1))
     rows = np.arange(len(edges) * (m - 2)).reshape(len(edges), m - 2)
     t = np.broadcast_to(data.t[1:-1], rows.shape)
-    first = np.broadcast_to(i[edges, None], rows.shape)
+    first = np.broadcast_to(edges[:, None], rows.shape)
     second = (first + 1) % n
     inner = sp.csr_matrix(
         (
@@ -136,7 +148,7 @@ def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, st
         ),
         shape=(rows.size, n),
     )
-    # With y = 0 where u = 0 at the end of an edge, y >= -u near it is a bound on the slope of y.
+    # With y = 0 where u = 0 at the end of an edge, y >= -u near there is a bound on the slope of y.
     matrix, lower = _tangents(data, edges if bounded else edges[:0], n)
     result = linprog(
         cost / max(float(np.abs(cost).max()), 1e-300),
@@ -168,12 +180,15 @@ def sampling_error(data: EdgeData, y: Array) -> float:
 
     Between two samples at a distance d, u lies no more than d/4 times the oscillation of u' below
     its chord. The oscillation is taken from the samples of the interval and of its two neighbours:
-    right where u' is monotone, and safe where it has one extremum that the samples resolve.
+    right where u' is monotone, and safe where u' has one extremum that the samples resolve.
+
+    Args:
+        data: u along the edges.
+        y: w_h - R_h(u) at the nodes.
     """
-    chord = y[:, None] * (1.0 - data.t) + np.roll(y, -1)[:, None] * data.t + data.u
-    low = np.minimum(chord[:, 1:], chord[:, :-1])
-    slope = data.slope
-    padded = np.concatenate([slope[:, :1], slope, slope[:, -1:]], axis=1)
+    excess = data.along(y) + data.u
+    low = np.minimum(excess[:, 1:], excess[:, :-1])
+    padded = np.pad(data.slope, ((0, 0), (1, 1)), mode="edge")
     window = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=1)
     oscillation = window.max(axis=2) - window.min(axis=2)
     sag = 0.25 * (data.t[1] - data.t[0]) * data.widths[:, None] * oscillation
@@ -185,8 +200,8 @@ def sampling_error(data: EdgeData, y: Array) -> float:
 def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
     """Return the case of Fig. 1 that each node belongs to, 0 for none.
 
-    A node is of case 1 where w_h = R_h(u) - u there; of case 2 where instead w_h touches
-    R_h(u) - u from above on the edge before it, of case 3 where it does on the edge behind it: it
+    A node is of case 1 where w_h = R_h(u) - u at the node; of case 2 where instead w_h touches
+    R_h(u) - u from above on the edge before the node, of case 3 where on the edge behind: w_h
     cannot be lowered in any case.
 
     Args:
@@ -194,10 +209,10 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
         y: w_h - R_h(u) at the nodes.
     """
     tolerance = TOUCHING * float(data.u.max(initial=1e-300))
-    excess = y[:, None] * (1.0 - data.t) + np.roll(y, -1)[:, None] * data.t + data.u
-    # A touching point lies between samples: the LP touches the samples next to it.
+    excess = data.along(y) + data.u
+    # A touching point lies between samples: the LP touches the samples next to the point.
     inner = (excess[:, 1:-1] <= tolerance).any(axis=1)
-    # Or it is the far node of the edge, if u vanishes there and with it the slope.
+    # Or the touching point is the far node of the edge, if u and its slope vanish there.
     highest = y >= -tolerance
     behind = inner | (highest & (data.u[:, -1] == 0.0))
     before = np.roll(inner | (np.roll(highest, -1) & (data.u[:, 0] == 0.0)), 1)
@@ -206,6 +221,49 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
 
 
 def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
-    """Count the nodes of the three cases of Fig. 1, and those of none."""
-    one, two, three, none = (int((node_cases(data, y) == k).sum()) for k in (1, 2, 3, 0))
-    return one, two, three, none
+    """Count the nodes of the three cases of Fig. 1, and the nodes of none.
+
+    Args:
+        data: u along the edges.
+        y: w_h - R_h(u) at the nodes.
+    """
+    counts = np.bincount(node_cases(data, y), minlength=4)
+    return int(counts[1]), int(counts[2]), int(counts[3]), int(counts[0])
+
+
+@dataclass(frozen=True)
+class BoundaryTrace:
+    """The one-sided approximation along the boundary, as a picture shows it:
+
+        figure = draw_one_sided(boundary_trace(discretisation))
+
+    Attributes:
+        s: Arc length of the samples of all edges, in order.
+        lower: R_h(u) - u at the samples.
+        w_h: The one-sided approximation at the samples.
+        nodes: Arc length of the nodes.
+        values: w_h at the nodes.
+        cases: The case of Fig. 1 of each node: 1, 2 or 3; 0 for none.
+    """
+
+    s: Array
+    lower: Array
+    w_h: Array
+    nodes: Array
+    values: Array
+    cases: npt.NDArray[np.int64]
+
+
+def boundary_trace(discretisation: Discretisation) -> BoundaryTrace:
+    """Return the one-sided approximation along the boundary."""
+    curve, data = discretisation.curve, edge_data(discretisation)
+    ritz = curve.values(discretisation.ritz)
+    w_h = curve.values(one_sided_approximation(discretisation).w_h)
+    return BoundaryTrace(
+        s=(curve.s[:, None] + curve.widths[:, None] * data.t).ravel(),
+        lower=(data.along(ritz) - data.u).ravel(),
+        w_h=data.along(w_h).ravel(),
+        nodes=curve.s,
+        values=w_h,
+        cases=node_cases(data, w_h - ritz),
+    )

@@ -8,7 +8,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size
+from dolfinx_signorini.paper.theory.discretisation import Discretisation, cell_size, difference
 from dolfinx_signorini.references import Reference
 
 REACH = 8.0  # cells: how far "near" reaches
@@ -17,13 +17,13 @@ REACH = 8.0  # cells: how far "near" reaches
 def expression_norms(
     space: fem.FunctionSpace, expression: Expr, norms: Iterable[str], grad: Expr | None = None
 ) -> dict[str, float]:
-    """Return norms of an expression on the domain, by the paper's quadrature rule.
+    """Return norms of an expression on the domain, by the default quadrature rule.
 
     Args:
         space: Any space on the expression's mesh.
         expression: The expression.
-        norms: Names of norms, see `dolfinx_signorini.norms.parse_norm`.
-        grad: Its gradient, where a norm needs it.
+        norms: Names of norms, see `norms.parse_norm`.
+        grad: The gradient of the expression, where a norm needs it.
     """
     zero = ufl.as_ufl(0.0)
     gradient = (zero, zero) if grad is None else (grad[0], grad[1])
@@ -46,32 +46,34 @@ def near_and_far(
     """Return norms of u - u_h within REACH cells of the singular points, and outside.
 
     For L^p and W^{1,p} the p-th powers of both parts add up to the p-th power of the whole.
+
+    Args:
+        discretisation: The discretisation.
+        norms: Names of norms, see `norms.parse_norm`.
     """
     exact, u_h = discretisation.exact, discretisation.u_h
-    error, grad = exact.u - u_h, ufl.as_vector(exact.grad) - ufl.grad(u_h)
-    return {
-        part: expression_norms(discretisation.space, mask * error, norms, mask * grad)
-        for part, mask in _masks(discretisation).items()
-    }
+    grad = ufl.as_vector(exact.grad) - ufl.grad(u_h)
+    return _parts(discretisation, exact.u - u_h, grad, norms)
 
 
 def near_and_far_supercloseness(discretisation: Discretisation) -> dict[str, float]:
     """Return the H^1 norms of R_h(u) - u_h near the singular points, and away from them."""
-    difference = discretisation.difference(discretisation.ritz, discretisation.u_h)
-    space, grad = discretisation.space, ufl.grad(difference)
-    return {
-        part: expression_norms(space, mask * difference, ["H1"], mask * grad)["H1"]
-        for part, mask in _masks(discretisation).items()
-    }
+    v = difference(discretisation.ritz, discretisation.u_h)
+    return {part: n["H1"] for part, n in _parts(discretisation, v, ufl.grad(v), ["H1"]).items()}
 
 
-def _masks(discretisation: Discretisation) -> dict[str, Expr]:
-    """One near the singular points, or one away from them, and zero elsewhere."""
+def _parts(
+    discretisation: Discretisation, v: Expr, grad: Expr, norms: Iterable[str]
+) -> dict[str, dict[str, float]]:
+    """Norms of v times a mask: one near the singular points, one away from them, else zero."""
     domain = discretisation.space.mesh
     radius = fem.Constant(domain, np.float64(REACH * cell_size(domain)))
     x = ufl.SpatialCoordinate(domain)
     near: Expr = ufl.as_ufl(0.0)
-    for point in discretisation.scene.singular:
+    for point in discretisation.example.singular:
         distance = ufl.sqrt(sum((x[i] - point[i]) ** 2 for i in range(2)))
         near = ufl.max_value(near, ufl.conditional(ufl.lt(distance, radius), 1.0, 0.0))
-    return {"near": near, "far": 1.0 - near}
+    return {
+        part: expression_norms(discretisation.space, mask * v, norms, mask * grad)
+        for part, mask in (("near", near), ("far", 1.0 - near))
+    }

@@ -3,8 +3,9 @@
 import textwrap
 from collections.abc import Sequence
 
-from dolfinx_signorini.paper.theory.checks import Check, Rows, table
+from dolfinx_signorini.paper.theory.evidence import Check, Rows
 from dolfinx_signorini.paper.theory.statements import Statement
+from dolfinx_signorini.tables import markdown_table
 
 PICTURES = "theory"  # the folder of the pictures, beside the document
 
@@ -26,23 +27,35 @@ side, elements are linear, and everything is the same on any number of processes
 
 
 def results(statements: Sequence[Statement], rows: Rows) -> dict[str, list[Check]]:
-    """Return the checks of each statement, by its key."""
+    """Return the checks of statements, by their keys."""
     return {statement.key: statement.checks(rows) for statement in statements}
 
 
 def summary(statements: Sequence[Statement], checks: dict[str, list[Check]]) -> str:
-    """Return one line per statement: its headline, and whether all of its checks hold."""
+    """Return a table with one line per statement: its headline, and how many checks hold.
+
+    Args:
+        statements: The statements.
+        checks: Their checks, see `results`.
+    """
     lines = []
     for statement in statements:
         found = checks[statement.key]
         first, holding = found[0], sum(check.holds for check in found)
         cells = [statement.name, first.what, first.proven, first.measured]
         lines.append([*map(_cell, cells), f"{holding} of {len(found)}"])
-    return table(("statement", "headline", "proven", "measured", "checks hold"), lines)
+    return markdown_table(("statement", "headline", "proven", "measured", "checks hold"), lines)
 
 
 def section(statement: Statement, checks: Sequence[Check], rows: Rows, max_n: int) -> str:
-    """Return what the document says about a statement."""
+    """Return what the document says about a statement.
+
+    Args:
+        statement: The statement.
+        checks: Its checks.
+        rows: The rows, for the tables.
+        max_n: Cells per side of the finest mesh.
+    """
     reasons = any(check.reason for check in checks)
     columns = ["measured quantity", "proven", "measured", "holds"]
     lines = []
@@ -56,7 +69,7 @@ def section(statement: Statement, checks: Sequence[Check], rows: Rows, max_n: in
         _wrapped(statement.claim),
         f"    dolfinx-signorini theory --statement {statement.key} --max-n {max_n}",
         _wrapped(statement.comment),
-        table(columns, lines),
+        markdown_table(columns, lines),
     ]
     for title, text in statement.tables(rows):
         parts += [f"{title}:", text]
@@ -64,7 +77,14 @@ def section(statement: Statement, checks: Sequence[Check], rows: Rows, max_n: in
 
 
 def document(statements: Sequence[Statement], rows: Rows, max_n: int, command: str) -> str:
-    """Return the whole document in Markdown."""
+    """Return the whole document in Markdown.
+
+    Args:
+        statements: The statements, in order.
+        rows: The rows of their experiments.
+        max_n: Cells per side of the finest mesh.
+        command: The command that writes the document.
+    """
     checks = results(statements, rows)
     parts = [INTRODUCTION.format(command=command), summary(statements, checks)]
     shown = {""}

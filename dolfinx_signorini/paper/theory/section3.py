@@ -2,9 +2,11 @@
 
 import math
 
-from dolfinx_signorini.paper.theory.checks import (
+from dolfinx_signorini.paper.theory.evidence import (
     Check,
+    Row,
     Rows,
+    Tables,
     Value,
     bound_check,
     entry,
@@ -13,40 +15,33 @@ from dolfinx_signorini.paper.theory.checks import (
     order_check,
     order_table,
     order_text,
-    table,
+    row_table,
 )
 from dolfinx_signorini.paper.theory.experiments import ROUGH_EXPONENTS, rough_name
 from dolfinx_signorini.paper.theory.proven import ProvenOrder, allowed_order, supercloseness_order
 
-ALL_SCENES = ("paper", "smooth", *(rough_name(p) for p in ROUGH_EXPONENTS))
-FINE = 31  # cells per side of the paper's scene
-SUPERCLOSE = (*((p, rough_name(p)) for p in ROUGH_EXPONENTS), (math.inf, "paper"))
+SUPERCLOSE = {rough_name(p): p for p in ROUGH_EXPONENTS} | {"paper": math.inf}
+FINE = 31  # cells per side of the paper's solution
 
 
 def lemma_3_2(rows: Rows) -> list[Check]:
-    """The Ritz projection's errors."""
+    """Compare the errors of the Ritz projection with their proven orders."""
     checks = []
-    smooth = "the solution is smoother than W^{2,p}: the trace has order 2 as well"
-    for scene, exponents in (("paper", (2, 3)), ("smooth", (2, 4))):
-        family = fine(rows[scene], FINE)
+    for example, exponents in (("paper", (2, 3)), ("smooth", (2, 4))):
+        family = fine(rows[example], FINE)
         for p in exponents:
             gradient = "H1" if p == 2 else f"W1_{p}"
             for norm, order in ((f"L{p}", 2.0), (gradient, 1.0), (f"L{p}_boundary", 2.0 - 1.0 / p)):
+                reason = "the solution is smoother than W^{2,p}: the trace has order 2 as well"
+                if example == "paper":
+                    allowed = allowed_order(math.inf, norm)
+                    reason = f"the singularity at one point allows {allowed:.3g}"
+                what, value = f"u - R_h(u) in {norm}, {example}", entry("ritz", norm)
                 proven = ProvenOrder(order, False, "Lemma 3.2")
-                allowed = f"the singularity at one point allows {allowed_order(math.inf, norm):.3g}"
-                better = allowed if scene == "paper" else smooth
-                checks.append(
-                    order_check(
-                        f"u - R_h(u) in {norm}, {scene}",
-                        family,
-                        entry("ritz", norm),
-                        proven,
-                        better,
-                    )
-                )
+                checks.append(order_check(what, family, value, proven, reason))
         checks.append(
             order_check(
-                f"u - R_h(u) in H^1/2 of the boundary, {scene}",
+                f"u - R_h(u) in H^1/2 of the boundary, {example}",
                 family,
                 entry("ritz", "H1_2_boundary_spectral"),
                 ProvenOrder(1.5, True, "Lemma 3.2"),
@@ -56,25 +51,19 @@ def lemma_3_2(rows: Rows) -> list[Check]:
     return checks
 
 
-def lemma_3_2_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Tables of the Ritz projection's errors."""
-    return [
-        (
-            f"u - R_h(u), {scene} solution",
-            order_table(
-                fine(rows[scene], FINE),
-                {
-                    norm: entry("ritz", norm)
-                    for norm in (f"L{p}", f"W1_{p}", f"L{p}_boundary", "H1_2_boundary_spectral")
-                },
-            ),
-        )
-        for scene, p in (("paper", 3), ("smooth", 4))
-    ]
+def lemma_3_2_tables(rows: Rows) -> Tables:
+    """Return tables of the errors of the Ritz projection."""
+    tables = []
+    for example, p in (("paper", 3), ("smooth", 4)):
+        norms = (f"L{p}", f"W1_{p}", f"L{p}_boundary", "H1_2_boundary_spectral")
+        values = {norm: entry("ritz", norm) for norm in norms}
+        text = order_table(fine(rows[example], FINE), values)
+        tables.append((f"u - R_h(u), {example} solution", text))
+    return tables
 
 
 def lemma_3_3(rows: Rows) -> list[Check]:
-    """R_h(u) solves the problem with the obstacle R_h(u) - u."""
+    """Check that R_h(u) solves the problem with the obstacle R_h(u) - u."""
     family = rows["paper"]
     identity = max(row["obstacle"]["identity"] for row in family)
     minimum = min(row["obstacle"]["minimum"] for row in family)
@@ -107,79 +96,44 @@ def lemma_3_3(rows: Rows) -> list[Check]:
     ]
 
 
-def lemma_3_3_tables(rows: Rows) -> list[tuple[str, str]]:
-    """What the obstacle at the nodes only changes."""
-    lines = [
-        [
-            str(row["n"]),
-            number(row["obstacle"]["minimum"]),
-            number(row["obstacle"]["minimum_nodes"]),
-            number(row["obstacle"]["distance_nodes"]),
-            number(row["supercloseness"]),
-        ]
-        for row in rows["paper"]
-    ]
-    columns = (
-        "N",
-        "minimum, whole edges",
-        "minimum, nodes only",
-        "H1 distance, nodes only",
-        "R_h(u) - u_h in H1",
-    )
-    return [("The variational inequality tested with the worst v_h", table(columns, lines))]
+def lemma_3_3_tables(rows: Rows) -> Tables:
+    """Return a table of what the obstacle at the nodes only changes."""
+    values = {
+        "minimum, whole edges": entry("obstacle", "minimum"),
+        "minimum, nodes only": entry("obstacle", "minimum_nodes"),
+        "H1 distance, nodes only": entry("obstacle", "distance_nodes"),
+        "R_h(u) - u_h in H1": entry("supercloseness"),
+    }
+    text = row_table(rows["paper"], values)
+    return [("The variational inequality tested with the worst v_h", text)]
 
 
 def lemma_3_4(rows: Rows) -> list[Check]:
-    """The Céa-type bound."""
-    ratios = [
-        row["supercloseness"] / row["one_sided"]["norm"]
-        for name in ALL_SCENES
-        for row in rows[name]
-    ]
-    return [
-        bound_check(
-            f"||R_h(u) - u_h||_H1 / ||w_h||_H1, largest of {len(ratios)} (scene, N)",
-            "<= 1",
-            max(ratios) - 1.0,
-            f"{max(ratios):.4f}",
-        )
-    ]
+    """Check the Céa-type bound."""
+    ratios = [_ratio(row) for name in ("smooth", *SUPERCLOSE) for row in rows[name]]
+    what = f"||R_h(u) - u_h||_H1 / ||w_h||_H1, largest of {len(ratios)} (scene, N)"
+    return [bound_check(what, "<= 1", max(ratios) - 1.0, f"{max(ratios):.4f}")]
 
 
-def lemma_3_4_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Both sides of (9)."""
-    lines = [
-        [
-            str(row["n"]),
-            number(row["supercloseness"]),
-            number(row["one_sided"]["norm"]),
-            f"{row['supercloseness'] / row['one_sided']['norm']:.4f}",
-        ]
-        for row in rows["paper"]
-    ]
-    columns = ("N", "R_h(u) - u_h in H1", "w_h in H1", "ratio")
-    return [("Both sides of (9), the paper's solution", table(columns, lines))]
+def lemma_3_4_tables(rows: Rows) -> Tables:
+    """Return a table of both sides of (9)."""
+    values = {
+        "R_h(u) - u_h in H1": entry("supercloseness"),
+        "w_h in H1": entry("one_sided", "norm"),
+        "ratio": lambda row: f"{_ratio(row):.4f}",
+    }
+    return [("Both sides of (9), the paper's solution", row_table(rows["paper"], values))]
 
 
 def lemma_3_5(rows: Rows) -> list[Check]:
-    """One-sided approximation."""
-    checks = [
-        order_check(
-            f"||w_h||_H1, p = {_infinite(p)}",
-            fine(rows[name], FINE if name == "paper" else 0),
-            entry("one_sided", "norm"),
-            supercloseness_order(p),
-            _singular(p),
-        )
-        for p, name in reversed(SUPERCLOSE)
-    ]
-    everything = [row["one_sided"] for _, name in SUPERCLOSE for row in rows[name]]
+    """Check the one-sided approximation."""
+    everything = [row["one_sided"] for name in SUPERCLOSE for row in rows[name]]
     below = max(item["sampling_error"] / item["norm"] for item in everything)
     above = max(item["upper_error"] / item["norm"] for item in everything)
     none = sum(item["cases"][3] for item in everything)
     nodes = sum(sum(item["cases"]) for item in everything)
     return [
-        *checks,
+        *_superclose(rows, "||w_h||_H1", entry("one_sided", "norm")),
         Check(
             "bound of R_h(u) - u - w_h between the samples, relative to ||w_h||_H1",
             "<= 0 for the exact (11)",
@@ -191,44 +145,33 @@ def lemma_3_5(rows: Rows) -> list[Check]:
     ]
 
 
-def lemma_3_5_tables(rows: Rows) -> list[tuple[str, str]]:
-    """The cases of Fig. 1 and the accuracy of the sampling."""
-    lines = []
-    for row in rows["paper"]:
-        item = row["one_sided"]
-        below = number(item["sampling_error"])
-        lines.append([str(row["n"]), *map(str, item["cases"]), below, number(item["norm"])])
-    columns = ("N", "case 1", "case 2", "case 3", "none", "sampling error", "w_h in H1")
-    return [("The cases of Fig. 1, the paper's solution", table(columns, lines))]
+def lemma_3_5_tables(rows: Rows) -> Tables:
+    """Return a table of the cases of Fig. 1 and the accuracy of the sampling."""
+    names = ("case 1", "case 2", "case 3", "none")
+    values = {name: entry("one_sided", "cases", k) for k, name in enumerate(names)}
+    values["sampling error"] = entry("one_sided", "sampling_error")
+    values["w_h in H1"] = entry("one_sided", "norm")
+    return [("The cases of Fig. 1, the paper's solution", row_table(rows["paper"], values))]
 
 
 def theorem_3_6(rows: Rows) -> list[Check]:
-    """Supercloseness."""
-    checks = [
-        order_check(
-            f"||R_h(u) - u_h||_H1, p = {_infinite(p)}",
-            fine(rows[name], FINE if name == "paper" else 0),
-            entry("supercloseness"),
-            supercloseness_order(p),
-            _singular(p),
-        )
-        for p, name in reversed(SUPERCLOSE)
-    ]
+    """Compare the order of supercloseness with the proven one."""
+    whole, *others = _superclose(rows, "||R_h(u) - u_h||_H1", entry("supercloseness"))
     paper = fine(rows["paper"], 101)
     near = entry("supercloseness_parts", "near")
     proven = supercloseness_order(math.inf)
     error = ProvenOrder(1.0, False, "")
     return [
-        checks[0],
+        whole,
         order_check("its part near the detachment point", paper, near, proven),
         order_check("||u - u_h||_H1, beside it", paper, entry("errors", "H1"), error),
-        *checks[1:],
+        *others,
     ]
 
 
-def theorem_3_6_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Supercloseness with its parts."""
-    values: dict[str, Value] = {
+def theorem_3_6_tables(rows: Rows) -> Tables:
+    """Return a table of supercloseness with its parts."""
+    values = {
         "u - u_h in H1": entry("errors", "H1"),
         "R_h(u) - u_h in H1": entry("supercloseness"),
         "near": entry("supercloseness_parts", "near"),
@@ -237,13 +180,20 @@ def theorem_3_6_tables(rows: Rows) -> list[tuple[str, str]]:
     return [("The paper's solution", order_table(fine(rows["paper"], 51), values))]
 
 
-def _infinite(p: float) -> str:
-    return "inf (the paper's solution)" if math.isinf(p) else f"{p:g}"
+def _ratio(row: Row) -> float:
+    return float(row["supercloseness"] / row["one_sided"]["norm"])
 
 
-def _singular(p: float) -> str:
-    """Why ||R_h(u) - u_h||_H1 and ||w_h||_H1 may converge faster than proven."""
-    if math.isinf(p):
-        return "two parts: order 3/2 near the detachment point and nearly 2 away from it"
-    allowed = allowed_order(p, "H1_2_boundary")
-    return f"the regularity ends at one point only, which allows {allowed:.3g}"
+def _superclose(rows: Rows, what: str, value: Value) -> list[Check]:
+    """Compare the orders of a value with those of Theorem 3.6, the paper's solution first."""
+    checks = []
+    for name, p in reversed(SUPERCLOSE.items()):
+        exponent = "inf (the paper's solution)" if name == "paper" else f"{p:g}"
+        reason = "two parts: order 3/2 near the detachment point and nearly 2 away from it"
+        if name != "paper":
+            allowed = allowed_order(p, "H1_2_boundary")
+            reason = f"the regularity ends at one point only, which allows {allowed:.3g}"
+        family = fine(rows[name], FINE if name == "paper" else 0)
+        proven = supercloseness_order(p)
+        checks.append(order_check(f"{what}, p = {exponent}", family, value, proven, reason))
+    return checks

@@ -1,14 +1,15 @@
 """Sections 4, 6 and 7 against their measurements: orders of u - u_h in all norms."""
 
-import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
+from functools import partial
 
-from dolfinx_signorini.paper.theory.checks import (
+from dolfinx_signorini.paper.theory.evidence import (
     TOLERANCE,
     Check,
     Row,
     Rows,
+    Tables,
     bound_check,
     entry,
     fine,
@@ -16,25 +17,22 @@ from dolfinx_signorini.paper.theory.checks import (
     order_check,
     order_table,
     orders,
-    table,
 )
+from dolfinx_signorini.paper.theory.examples import PLACES
 from dolfinx_signorini.paper.theory.experiments import (
     ROUGH_EXPONENTS,
     critical_norm,
     placed_name,
     rough_name,
 )
-from dolfinx_signorini.paper.theory.placement import PLACES, relative_errors
-from dolfinx_signorini.paper.theory.proven import (
-    ProvenOrder,
-    allowed_order,
-    proven_order,
-)
+from dolfinx_signorini.paper.theory.proven import ProvenOrder, allowed_order, proven_order
+from dolfinx_signorini.tables import markdown_table
 
 LOWER = tuple(p for p in ROUGH_EXPONENTS if p < 4.0)
 UPPER = tuple(p for p in ROUGH_EXPONENTS if p > 4.0)
 PAPER_NORMS = ("W1_2.6", "W1_4", "W1_inf", "Linf", "H1_2_boundary_spectral")
 PLACED_NORMS = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", "H1_2_boundary_spectral")
+TRANSITION = {"L16": (1.625, 2), "W1_16": (0.625, 1)}  # orders near the point and away from there
 FINE = 101  # cells per side: from here on the parts near and far are apart
 
 
@@ -44,50 +42,40 @@ def corollary_norms(p: float) -> tuple[str, ...]:
     return (critical_norm(p), "W1_inf", *below, "Linf", "H1_2_boundary_spectral")
 
 
-def corollary_4_1(rows: Rows) -> list[Check]:
-    """Orders for u in W^{2,p}, 2 < p < 4."""
-    return [check for p in LOWER for check in _corollary(rows, p)]
+def _corollary(exponents: Sequence[float], rows: Rows) -> list[Check]:
+    """Compare the orders of the rough solutions with those of a corollary."""
+    checks = []
+    for p in exponents:
+        for norm in corollary_norms(p):
+            what, value = f"u - u_h in {norm}, p = {p:g}", entry("errors", norm)
+            allowed = allowed_order(p, norm)
+            reason = f"the regularity ends at one point only, which allows {allowed:.3g}"
+            proven = proven_order(p, norm)
+            checks.append(order_check(what, rows[rough_name(p)], value, proven, reason))
+    return checks
 
 
-def corollary_4_2(rows: Rows) -> list[Check]:
-    """Orders for u = u_s + u_r, p > 4."""
-    return [check for p in UPPER for check in _corollary(rows, p)]
+def _corollary_tables(exponents: Sequence[float], rows: Rows) -> Tables:
+    """Return tables of errors and orders for each exponent."""
+    tables = []
+    for p in exponents:
+        values = {norm: entry("errors", norm) for norm in corollary_norms(p)}
+        tables.append((f"u - u_h, p = {p:g}", order_table(rows[rough_name(p)], values)))
+    return tables
 
 
-def _corollary(rows: Rows, p: float) -> Iterable[Check]:
-    for norm in corollary_norms(p):
-        allowed = allowed_order(p, norm)
-        yield order_check(
-            f"u - u_h in {norm}, p = {p:g}",
-            rows[rough_name(p)],
-            entry("errors", norm),
-            proven_order(p, norm),
-            f"the regularity ends at one point only, which allows {allowed:.3g}",
-        )
-
-
-def corollary_4_1_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Errors and orders for each p below 4."""
-    return [_corollary_table(rows, p) for p in LOWER]
-
-
-def corollary_4_2_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Errors and orders for each p above 4."""
-    return [_corollary_table(rows, p) for p in UPPER]
-
-
-def _corollary_table(rows: Rows, p: float) -> tuple[str, str]:
-    values = {norm: entry("errors", norm) for norm in corollary_norms(p)}
-    return f"u - u_h, p = {p:g}", order_table(rows[rough_name(p)], values)
+corollary_4_1, corollary_4_1_tables = partial(_corollary, LOWER), partial(_corollary_tables, LOWER)
+corollary_4_2, corollary_4_2_tables = partial(_corollary, UPPER), partial(_corollary_tables, UPPER)
 
 
 def theorem_4_3(rows: Rows) -> list[Check]:
-    """The optimal orders of the paper's solution."""
+    """Compare the orders of the paper's solution with the optimal ones."""
     better = "two parts: the part near the detachment point has the proven order, the other one 2"
+    family = fine(rows["paper"], FINE)
     return [
         order_check(
             f"u - u_h in {norm}",
-            fine(rows["paper"], FINE),
+            family,
             entry("errors", norm),
             proven_order(math.inf, norm),
             better,
@@ -96,14 +84,14 @@ def theorem_4_3(rows: Rows) -> list[Check]:
     ]
 
 
-def theorem_4_3_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Errors and orders of the paper's solution."""
+def theorem_4_3_tables(rows: Rows) -> Tables:
+    """Return a table of errors and orders of the paper's solution."""
     values = {norm: entry("errors", norm) for norm in PAPER_NORMS}
     return [("u - u_h, the paper's solution", order_table(fine(rows["paper"]), values))]
 
 
 def theorem_6_1(rows: Rows) -> list[Check]:
-    """All orders of the paper's solution."""
+    """Compare all orders of the paper's solution with the proven ones."""
     proven = proven_order(math.inf, "L4", contact_sets=True)
     family = fine(rows["paper"], FINE)
     signed = [
@@ -113,8 +101,8 @@ def theorem_6_1(rows: Rows) -> list[Check]:
     return [*signed, *theorem_4_3(rows)]
 
 
-def theorem_6_1_tables(rows: Rows) -> list[tuple[str, str]]:
-    """The L^4 errors, with their two parts."""
+def theorem_6_1_tables(rows: Rows) -> Tables:
+    """Return a table of the L^4 errors, with their two parts."""
     values = {
         "L4": entry("errors", "L4"),
         "(u - u_h)^+": entry("signed", "plus"),
@@ -124,64 +112,68 @@ def theorem_6_1_tables(rows: Rows) -> list[tuple[str, str]]:
 
 
 def transition(rows: Rows) -> list[Check]:
-    """The orders past p = 4, and what the two parts of the error contribute."""
+    """Compare the orders past p = 4 with the proven ones, and check that the parts add up."""
     family = fine(rows["paper"], FINE)
-    checks = [
-        order_check(
-            f"u - u_h in {norm}, {part}",
-            family,
-            entry("parts", part, norm),
-            ProvenOrder(order, True, "Table 2"),
-            reason,
-        )
-        for norm, part, order, reason in (
-            ("L16", "near", 1.625, ""),
-            ("W1_16", "near", 0.625, ""),
-            ("L16", "far", 1.625, "order 2 of the smooth part of the solution"),
-            ("W1_16", "far", 0.625, "order 1 of the smooth part of the solution"),
-        )
-    ]
-    defect = max(abs(sum(_shares(norm, row)) - 1.0) for row in family for norm in ("L16", "W1_16"))
+    checks = []
+    for part in ("near", "far"):
+        for norm, (near, far) in TRANSITION.items():
+            reason = f"order {far} of the smooth part of the solution" if part == "far" else ""
+            value, proven = entry("parts", part, norm), ProvenOrder(near, True, "Table 2")
+            what = f"u - u_h in {norm}, {part}"
+            checks.append(order_check(what, family, value, proven, reason))
+    defect = max(
+        abs(_share(row, "near", norm) + _share(row, "far", norm) - 1.0)
+        for row in family
+        for norm in TRANSITION
+    )
     whole = "near^16 + far^16 against the 16th power of the whole error"
     return [*checks, bound_check(whole, "equal", defect, f"equal to {number(defect)}")]
 
 
-def _shares(norm: str, row: Row) -> tuple[float, float]:
-    """The shares of the parts near and far in the 16th power of the error."""
-    whole = row["errors"][norm]
-    return (row["parts"]["near"][norm] / whole) ** 16, (row["parts"]["far"][norm] / whole) ** 16
+def transition_tables(rows: Rows) -> Tables:
+    """Return tables of the whole error and its parts, with the share of the part near the point."""
+    return [
+        (f"u - u_h in {norm} and its parts", _transition_table(fine(rows["paper"], FINE), norm))
+        for norm in TRANSITION
+    ]
 
 
-def _share_near(norm: str, row: Row) -> float:
-    return _shares(norm, row)[0]
+def _transition_table(family: Sequence[Row], norm: str) -> str:
+    values = {
+        norm: entry("errors", norm),
+        "near": entry("parts", "near", norm),
+        "far": entry("parts", "far", norm),
+    }
+    return order_table(family, values, {"share of near": lambda row: _share(row, "near", norm)})
 
 
-def transition_tables(rows: Rows) -> list[tuple[str, str]]:
-    """The whole error and its parts, with the share of the part near the point."""
-    result = []
-    family = fine(rows["paper"], FINE)
-    for norm in ("L16", "W1_16"):
-        values = {
-            norm: entry("errors", norm),
-            "near": entry("parts", "near", norm),
-            "far": entry("parts", "far", norm),
-        }
-        shares = {"share of near": functools.partial(_share_near, norm)}
-        text = order_table(family, values, shares)
-        result.append((f"u - u_h in {norm} and its parts", text))
-    return result
+def _share(row: Row, part: str, norm: str) -> float:
+    """The share of a part in the 16th power of the error."""
+    return float((row["parts"][part][norm] / row["errors"][norm]) ** 16)
+
+
+def relative_errors(rows: Mapping[float, Sequence[Row]], norm: str) -> dict[float, list[float]]:
+    """Return the error of each place over that of the point on a node, mesh by mesh.
+
+    Args:
+        rows: Rows with "errors" by place, over the same meshes.
+        norm: The norm.
+    """
+    on_node = [row["errors"][norm] for row in rows[0.0]]
+    return {
+        place: [row["errors"][norm] / error for row, error in zip(found, on_node, strict=True)]
+        for place, found in rows.items()
+    }
 
 
 def placement(rows: Rows) -> list[Check]:
-    """The orders hold wherever in its cell the detachment point lies."""
+    """Check that the orders hold wherever in its cell the detachment point lies."""
     checks = []
     for place in PLACES:
-        family = rows[placed_name(place)]
-        margins = {
-            norm: orders(family, entry("errors", norm))[-1]
-            - proven_order(math.inf, norm, contact_sets=True).value
-            for norm in PLACED_NORMS
-        }
+        margins = {}
+        for norm in PLACED_NORMS:
+            order = orders(rows[placed_name(place)], entry("errors", norm))[-1]
+            margins[norm] = order - proven_order(math.inf, norm, contact_sets=True).value
         worst = min(margins, key=lambda norm: margins[norm])
         checks.append(
             Check(
@@ -194,8 +186,8 @@ def placement(rows: Rows) -> list[Check]:
     return checks
 
 
-def placement_tables(rows: Rows) -> list[tuple[str, str]]:
-    """Errors by place, relative to the point on a node; the worst place of each norm."""
+def placement_tables(rows: Rows) -> Tables:
+    """Return a table of errors by place, relative to the point on a node, with the worst place."""
     families = {place: rows[placed_name(place)] for place in PLACES}
     lines = []
     for norm in PLACED_NORMS:
@@ -204,4 +196,5 @@ def placement_tables(rows: Rows) -> list[tuple[str, str]]:
         lines.append([norm, *(f"{last[place]:.4f}" for place in PLACES), f"{worst:g}"])
     n = families[0.0][-1]["n"]
     columns = ("norm", *(f"at {place:g}" for place in PLACES), "worst")
-    return [(f"Error over that with the point on a node, N = {n}", table(columns, lines))]
+    title = f"Error over that with the point on a node, N = {n}"
+    return [(title, markdown_table(columns, lines))]
