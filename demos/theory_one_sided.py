@@ -16,7 +16,7 @@ from dolfinx_signorini.paper.theory.evidence import number
 from dolfinx_signorini.paper.theory.examples import paper_example
 from dolfinx_signorini.paper.theory.experiments import discretise
 from dolfinx_signorini.paper.theory.figures import draw_one_sided
-from dolfinx_signorini.paper.theory.one_sided import boundary_trace, one_sided_approximation
+from dolfinx_signorini.paper.theory.one_sided import one_sided_approximation
 from dolfinx_signorini.paper.theory.ritz import supercloseness
 from dolfinx_signorini.plotting import save
 from dolfinx_signorini.tables import markdown_table
@@ -24,16 +24,14 @@ from dolfinx_signorini.tables import markdown_table
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
 
-lines = []
+lines, approximations = [], {}
 for n in (15, 31, 63, 127):
     discretisation = discretise(comm, paper_example(), n)
-    found = one_sided_approximation(discretisation)
+    found = approximations[n] = one_sided_approximation(discretisation)
     distance = supercloseness(discretisation)
     discretisation.destroy()
     figures = [found.norm, distance, distance / found.norm, found.sampling_error]
     lines.append([str(n), *map(str, found.cases), *map(number, figures)])
-discretisation = discretise(comm, paper_example(), 31)
-trace = boundary_trace(discretisation)
 
 if comm.rank == 0:
     print("w_h cannot be lowered at any node: it touches R_h(u) - u there (case 1), on the edge")
@@ -44,5 +42,5 @@ if comm.rank == 0:
     print(markdown_table(columns, lines))
     print("The ratio is the inequality (9): never above 1.")
     folder.mkdir(parents=True, exist_ok=True)
-    save(draw_one_sided(trace), folder / "theory_one_sided")
+    save(draw_one_sided(approximations[31]), folder / "theory_one_sided")
     print(f"\npicture: {folder}/theory_one_sided.png")

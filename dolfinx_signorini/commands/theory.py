@@ -16,14 +16,14 @@ from dolfinx_signorini.paper.theory.experiments import (
     run_experiments,
 )
 from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
-from dolfinx_signorini.paper.theory.one_sided import BoundaryTrace, boundary_trace
+from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.paper.theory.report import PICTURES, document, results, section, summary
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
 from dolfinx_signorini.plotting import save
 from dolfinx_signorini.records import on_first, write_file
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
-TRACE_CELLS = 31
+PICTURE_CELLS = 31
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -64,12 +64,12 @@ def run(args: argparse.Namespace) -> int:
     needed = {name for statement in chosen for name in statement.experiments}
     names = [name for name in experiments() if name in needed]
     rows = run_experiments(comm, names, args.max_n, args.out)
-    trace = None
+    approximation = None
     if any(statement.figure == "one_sided" for statement in chosen):
-        discretisation = discretise(comm, paper_example(), TRACE_CELLS)
-        trace = boundary_trace(discretisation)
+        discretisation = discretise(comm, paper_example(), PICTURE_CELLS)
+        approximation = one_sided_approximation(discretisation)
         discretisation.destroy()
-    on_first(comm, args.out, lambda: _write(args, chosen, rows, trace))
+    on_first(comm, args.out, lambda: _write(args, chosen, rows, approximation))
     return 0
 
 
@@ -77,7 +77,7 @@ def _write(
     args: argparse.Namespace,
     chosen: list[Statement],
     rows: Mapping[str, list[Row]],
-    trace: BoundaryTrace | None,
+    approximation: OneSided | None,
 ) -> None:
     """Print the tables and write the document; rank 0 only."""
     checks = results(chosen, rows)
@@ -88,8 +88,8 @@ def _write(
     pictures.mkdir(parents=True, exist_ok=True)
     for name in {statement.figure for statement in chosen} & FIGURES.keys():
         save(FIGURES[name](rows), pictures / name)
-    if trace is not None:
-        save(draw_one_sided(trace), pictures / "one_sided")
+    if approximation is not None:
+        save(draw_one_sided(approximation), pictures / "one_sided")
     write_file(args.out / "theory.md", document(chosen, rows, args.max_n, _command(args)))
     print(f"document and pictures: {args.out}/", file=sys.stderr)
 

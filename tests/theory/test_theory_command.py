@@ -40,10 +40,12 @@ def test_a_reason_is_given_where_it_is_needed():
 
 
 def test_an_inequality_holds_up_to_rounding():
-    assert evidence.bound_check("", "", -1.0, "").holds
-    assert evidence.bound_check("", "", 1e-11, "").holds
-    assert not evidence.bound_check("", "", 1e-6, "").holds
-    assert not evidence.bound_check("", "", math.nan, "").holds
+    assert evidence.bound_check("", "<= 0", -1.0).holds
+    assert evidence.bound_check("", ">= 0", 1.0).holds
+    assert evidence.bound_check("", "<= 1", 1.0 + 1e-11).holds
+    for value in (1e-6, math.nan):
+        assert not evidence.bound_check("", "<= 0", value).holds
+        assert not evidence.bound_check("", ">= 0", -value).holds
 
 
 @pytest.mark.parametrize(

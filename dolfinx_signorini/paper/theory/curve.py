@@ -1,20 +1,12 @@
-"""The boundary of a plane domain as a closed curve of mesh edges, the same on all ranks.
+"""The boundary of a plane domain as one closed curve of the nodes of a finite element space."""
 
-The curve has O(N) nodes where the mesh has O(N^2): every rank holds it whole, and algorithms on it
-are plain NumPy.
-"""
-
-import basix
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
+from dolfinx_signorini.boundary_edges import BoundaryEdges
 from dolfinx_signorini.errors import require
-from dolfinx_signorini.fractional import closed_curves
-from dolfinx_signorini.meshes import boundary_facets, facet_cells
 
 Array = npt.NDArray[np.float64]
 
@@ -34,45 +26,35 @@ class BoundaryCurve:
         dofs: Global dof of each node, shape (n,).
         x: Coordinates of the nodes, shape (n, 2).
         s: Arc length of the nodes from the first, shape (n,).
+        widths: The length of each edge.
         length: Length of the curve.
-        facets: Boundary facets of this rank as (cell, local facet) pairs.
 
     Raises:
         InputError: The elements are not linear, or the boundary is not one closed curve.
     """
 
     def __init__(self, space: fem.FunctionSpace):
-        domain = space.mesh
-        degree = space.element.basix_element.degree
-        require(domain.comm, degree == 1, f"space: degree 1 is needed, not {degree}")
+        degree, comm = space.element.basix_element.degree, space.mesh.comm
+        require(comm, degree == 1, f"degree 1 is needed, not {degree}", "space")
         self.space = space
-        self.facets = facet_cells(domain, boundary_facets(domain))
-        corners = np.array(basix.topology(basix.CellType[domain.topology.cell_name()])[1])
-        dofs = space.dofmap.list[self.facets[:, 0, None], corners[self.facets[:, 1]]]
-        geometry = domain.geometry.dofmap[self.facets[:, 0, None], corners[self.facets[:, 1]]]
-        ids = space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
-        ends = self._gather(ids.reshape(-1, 2))
-        x = self._gather(domain.geometry.x[geometry][:, :, :2])
-        curves = closed_curves(ends)
-        require(domain.comm, len(curves) == 1, f"boundary: {len(curves)} closed curves, not one")
-        rows, reverse = curves[0][:, 0], curves[0][:, 1]
-        start = x[rows, reverse]
-        following = np.roll(start, -1, axis=0)
-        if (start[:, 0] * following[:, 1] - start[:, 1] * following[:, 0]).sum() < 0.0:
+        self.edges = BoundaryEdges(space.mesh)
+        curves = self.edges.curves
+        require(comm, len(curves) == 1, f"{len(curves)} closed curves, not one", "boundary")
+        rows, reverse = curves[0].T
+        x = self.edges.x[rows, reverse]
+        following = np.roll(x, -1, axis=0)
+        if (x[:, 0] * following[:, 1] - x[:, 1] * following[:, 0]).sum() < 0.0:
             rows, reverse = rows[::-1], 1 - reverse[::-1]
-            start = x[rows, reverse]
-        first = int(np.lexsort((start[:, 0], start[:, 1]))[0])
-        self._rows, self._reverse = np.roll(rows, -first), np.roll(reverse, -first) == 1
-        self.x = np.roll(start, -first, axis=0)
-        self.dofs = np.roll(ends[rows, reverse], -first)
-        lengths = np.linalg.norm(np.roll(self.x, -1, axis=0) - self.x, axis=1)
-        self.s = np.concatenate(([0.0], np.cumsum(lengths)[:-1]))
-        self.length = float(lengths.sum())
-
-    @property
-    def widths(self) -> Array:
-        """The length of each edge."""
-        return np.diff(np.append(self.s, self.length))
+            x = self.edges.x[rows, reverse]
+        first = int(np.lexsort((x[:, 0], x[:, 1]))[0])
+        self._rows, self._reverse = np.roll(rows, -first), np.roll(reverse, -first)
+        self.x = np.roll(x, -first, axis=0)
+        ends = self.edges.ends(space.dofmap.list)
+        dofs = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(ends.shape)
+        self.dofs = self.edges.gathered(dofs)[self._rows, self._reverse]
+        self.widths = self.edges.lengths[self._rows]
+        self.s = np.concatenate(([0.0], np.cumsum(self.widths)[:-1]))
+        self.length = float(self.widths.sum())
 
     @property
     def corners(self) -> Array:
@@ -84,19 +66,16 @@ class BoundaryCurve:
 
     def values(self, function: fem.Function) -> Array:
         """Return the nodal values of a function of the space along the curve."""
-        index_map = self.space.dofmap.index_map
-        first, last = index_map.local_range
-        owned = np.flatnonzero((self.dofs >= first) & (self.dofs < last))
-        local = np.zeros(len(self.dofs))
-        local[owned] = function.x.array[self.dofs[owned] - first]
-        return np.asarray(self.space.mesh.comm.allreduce(local))
+        owned, local = self._owned()
+        values = np.zeros(len(self.dofs))
+        values[owned] = function.x.array[local]
+        return np.asarray(self.space.mesh.comm.allreduce(values))
 
     def function(self, values: Array) -> fem.Function:
         """Return the function with given values along the curve and 0 at all other nodes."""
-        first, last = self.space.dofmap.index_map.local_range
-        owned = (self.dofs >= first) & (self.dofs < last)
+        owned, local = self._owned()
         result = fem.Function(self.space)
-        result.x.array[self.dofs[owned] - first] = values[owned]
+        result.x.array[local] = values[owned]
         result.x.scatter_forward()
         return result
 
@@ -110,25 +89,22 @@ class BoundaryCurve:
         Returns:
             Shape (n, points, expressions), edges and points in the order of the curve.
         """
-        domain = self.space.mesh
-        vector = fem.Expression(
-            ufl.as_vector(expressions), np.asarray(points)[:, None], comm=domain.comm
-        )
-        local = compat.evaluate(vector, domain, self.facets)
-        values = self._gather(local.reshape(-1, len(points), len(expressions)))[self._rows]
-        values[self._reverse] = values[self._reverse, ::-1]
+        values = self.edges.samples(expressions, points)[self._rows]
+        reverse = self._reverse == 1
+        values[reverse] = values[reverse, ::-1]
         return values
 
     def facets_between(self, edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
         """Return the owned facets (local indices) of the marked edges."""
-        domain = self.space.mesh
-        counts = domain.comm.allgather(len(self.facets))
-        offset = sum(counts[: domain.comm.rank])
-        rows = self._rows[edges]
-        mine = self.facets[rows[(rows >= offset) & (rows < offset + len(self.facets))] - offset]
+        domain, facets = self.space.mesh, self.edges.facets
+        offset = sum(domain.comm.allgather(len(facets))[: domain.comm.rank])
+        rows = self._rows[edges] - offset
+        mine = facets[rows[(rows >= 0) & (rows < len(facets))]]
         connectivity = domain.topology.connectivity(2, 1)
-        facets = [connectivity.links(cell)[facet] for cell, facet in mine]
-        return np.array(sorted(facets), dtype=np.int32)
+        return np.array(sorted(connectivity.links(c)[k] for c, k in mine), dtype=np.int32)
 
-    def _gather(self, local: npt.NDArray) -> npt.NDArray:
-        return np.concatenate(self.space.mesh.comm.allgather(local))
+    def _owned(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+        """Whether this rank owns a node, and the local dofs of the nodes that it owns."""
+        first, last = self.space.dofmap.index_map.local_range
+        owned = (self.dofs >= first) & (self.dofs < last)
+        return owned, self.dofs[owned] - first

@@ -183,18 +183,15 @@ def difference(v: fem.Function, w: fem.Function) -> fem.Function:
     return result
 
 
-def near_cells(
-    domain: mesh.Mesh, points: tuple[tuple[float, float], ...], reach: float = NEAR
-) -> np.ndarray:
-    """Return the owned cells within some cell sizes of points.
+def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Return the owned cells within `NEAR` cell diameters of points.
 
     Args:
         domain: The mesh.
         points: The points.
-        reach: The distance in units of the largest cell diameter.
     """
-    size = cell_size(domain)
-    parts = [cells_near_ball(domain, point, reach * size) for point in points]
+    radius = NEAR * cell_size(domain)
+    parts = [cells_near_ball(domain, point, radius) for point in points]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
 
 

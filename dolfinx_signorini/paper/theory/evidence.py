@@ -73,16 +73,19 @@ def order_check(
     )
 
 
-def bound_check(what: str, proven: str, excess: float, figure: str) -> Check:
-    """Check an inequality.
+def bound_check(what: str, proven: str, value: float, figure: str = "") -> Check:
+    """Check an inequality, up to rounding.
 
     Args:
-        what: What is bounded.
-        proven: The bound, in words.
-        excess: By how much the inequality is violated, relative to the size of what is bounded.
-        figure: The figure, in words.
+        what: What is bounded, relative to its size.
+        proven: The bound: "<= 0", ">= 0" or "<= 1"; "0" for what is never negative.
+        value: The measured value.
+        figure: The value in words, where the number alone does not do.
     """
-    return Check(what, proven, figure, excess <= ROUNDING)
+    relation, _, limit = proven.rpartition(" ")
+    excess = float(limit) - value if relation == ">=" else value - float(limit)
+    text = number(value) if float(limit) == 0.0 else f"{value:.4f}"
+    return Check(what, proven, figure or text, excess <= ROUNDING)
 
 
 def orders(rows: Sequence[Row], value: Value) -> list[float]:

@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.theory import parts, ritz
 from dolfinx_signorini.paper.theory.contact_sets import discrete_contact_set
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.paper.theory.dual import EPSILON, dual_chains
@@ -29,36 +30,14 @@ from dolfinx_signorini.paper.theory.examples import (
     smooth_example,
 )
 from dolfinx_signorini.paper.theory.one_sided import SAMPLES, one_sided_approximation
-from dolfinx_signorini.paper.theory.parts import (
-    REACH,
-    near_and_far,
-    near_and_far_supercloseness,
-    signed_parts,
-)
-from dolfinx_signorini.paper.theory.ritz import (
-    RITZ_NORMS,
-    check_obstacle_problem,
-    ritz_errors,
-    supercloseness,
-)
 from dolfinx_signorini.records import Records
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 
 Row = dict[str, Any]
 
-ERROR_NORMS = (
-    "L2",
-    "L4",
-    "L16",
-    "Linf",
-    "H1",
-    "W1_2.6",
-    "W1_4",
-    "W1_16",
-    "W1_inf",
-    "H1_2_boundary",
-    "H1_2_boundary_spectral",
-)
+GRADIENT_NORMS = ("H1", "W1_2.6", "W1_4", "W1_16", "W1_inf")
+TRACE_NORMS = ("H1_2_boundary", "H1_2_boundary_spectral")
+ERROR_NORMS = ("L2", "L4", "L16", "Linf", *GRADIENT_NORMS, *TRACE_NORMS)
 ROUGH_EXPONENTS = (2.5, 3.0, 3.5, 5.0, 8.0, 16.0)
 REFINEMENT = 4  # of the mesh of the dual solutions against that of u_h
 
@@ -67,10 +46,10 @@ SETTINGS = {
     "rtol": THEORY_RTOL,
     "epsilon": EPSILON,
     "samples": SAMPLES,
-    "reach": REACH,
+    "reach": parts.REACH,
     "refinement": REFINEMENT,
     "norms": ERROR_NORMS,
-    "ritz_norms": RITZ_NORMS,
+    "ritz_norms": ritz.RITZ_NORMS,
 }
 
 
@@ -129,10 +108,10 @@ def placed_name(place: float) -> str:
 def measure_paper(discretisation: Discretisation) -> Row:
     """Return the row of Sections 3, 4 and 6 for the paper's solution."""
     return measure_regularity(discretisation) | {
-        "signed": signed_parts(discretisation),
-        "parts": near_and_far(discretisation, ["L16", "W1_16"]),
-        "supercloseness_parts": near_and_far_supercloseness(discretisation),
-        "obstacle": asdict(check_obstacle_problem(discretisation)),
+        "signed": parts.signed_parts(discretisation),
+        "parts": parts.near_and_far(discretisation, ["L16", "W1_16"]),
+        "supercloseness_parts": parts.near_and_far_supercloseness(discretisation),
+        "obstacle": asdict(ritz.check_obstacle_problem(discretisation)),
         "contact_set": asdict(discrete_contact_set(discretisation)),
     }
 
@@ -146,15 +125,11 @@ def measure_regularity(discretisation: Discretisation, p: float | None = None) -
     """
     found = one_sided_approximation(discretisation)
     norms = ERROR_NORMS if p is None else (*ERROR_NORMS, critical_norm(p))
+    kept = ("norm", "sampling_error", "upper_error", "cases")
     return {
-        "ritz": ritz_errors(discretisation),
-        "supercloseness": supercloseness(discretisation),
-        "one_sided": {
-            "norm": found.norm,
-            "sampling_error": found.sampling_error,
-            "upper_error": found.upper_error,
-            "cases": found.cases,
-        },
+        "ritz": ritz.ritz_errors(discretisation),
+        "supercloseness": ritz.supercloseness(discretisation),
+        "one_sided": {name: getattr(found, name) for name in kept},
         "errors": error_norms(discretisation.u_h, discretisation.exact, norms),
     }
 

@@ -13,7 +13,7 @@ from dolfinx_signorini.paper.pictures import draw_convergence
 from dolfinx_signorini.paper.theory.evidence import Row, Rows, Value, entry, fine, orders
 from dolfinx_signorini.paper.theory.examples import PLACES
 from dolfinx_signorini.paper.theory.experiments import placed_name
-from dolfinx_signorini.paper.theory.one_sided import BoundaryTrace
+from dolfinx_signorini.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.paper.theory.section3 import FINE, SUPERCLOSE
 from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS, TRANSITION, relative_errors
@@ -27,6 +27,11 @@ TERM_NAMES = {
     "remainder": "approximation of $z$",
     "sign": "$-(I_h z, w)$",
     "holder": "Hölder bound of $(z - I_h z, w)$",
+}
+LEGENDS: dict[str, dict[str, Any]] = {
+    "inside": {"loc": "lower left"},
+    "right": {"loc": "center left", "bbox_to_anchor": (1, 0.5)},
+    "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 2},
 }
 
 
@@ -116,7 +121,7 @@ def draw_contact_sets(rows: Rows) -> Figure:
     left.set_yticks(range(len(family)), [str(row["n"]) for row in family])
     left.set(xlabel="arc length from (0, 0)", ylabel="cells per side N", xlim=(0.4, 1.35))
     left.set_title("Contact set of $u_h$")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    left.legend(**LEGENDS["below"])
     fitting = fine(family, FINE)
     _curve(right, fitting, lambda row: 0.5 / row["n"], "first node in contact", 0, None)
     _curve(right, fitting, detachment_error, "by the change of sign, order 1", 1, 1.0)
@@ -139,7 +144,7 @@ def draw_placement(rows: Rows) -> Figure:
     axes.set(xlabel="place in the edge", ylabel="error over that with the point on a node")
     axes.set_title(f"Place of the detachment point, N = {n}")
     axes.grid(alpha=0.3)
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    axes.legend(**LEGENDS["right"])
     return _tight(figure)
 
 
@@ -155,27 +160,28 @@ def draw_transition(rows: Rows) -> Figure:
     return _tight(figure)
 
 
-def draw_one_sided(trace: BoundaryTrace, window: tuple[float, float] = (0.0, 0.72)) -> Figure:
+def draw_one_sided(found: OneSided, last: float = 0.72) -> Figure:
     """Draw R_h(u) - u <= w_h with the case of each node, like Fig. 1 of the paper.
 
     Args:
-        trace: The one-sided approximation along the boundary.
-        window: The arc length from where to where is shown.
+        found: The one-sided approximation.
+        last: The arc length up to which the boundary is shown.
     """
     figure, axes = plt.subplots(figsize=(9.5, 4.8))
-    shown = (trace.s >= window[0]) & (trace.s <= window[1])
-    axes.plot(trace.s[shown], trace.lower[shown], color=COLOURS[0], label="$R_h(u) - u$")
-    axes.plot(trace.s[shown], trace.w_h[shown], color=COLOURS[1], label="$w_h$", linewidth=1)
-    nodes = (trace.nodes >= window[0]) & (trace.nodes <= window[1])
+    data, w_h, cases = found.data, found.ritz + found.y, node_cases(found.data, found.y)
+    shown, nodes = data.s <= last, data.s[:, 0]
+    lower = data.along(found.ritz) - data.u
+    axes.plot(data.s[shown], lower[shown], color=COLOURS[0], label="$R_h(u) - u$")
+    axes.plot(data.s[shown], data.along(w_h)[shown], color=COLOURS[1], label="$w_h$", linewidth=1)
     for case, marker, name in ((1, "o", "touches here"), (2, "<", "before"), (3, ">", "behind")):
         style: dict[str, Any] = {"color": COLOURS[2 + case - 1], "linestyle": "", "zorder": 3}
-        at = nodes & (trace.cases == case)
-        label = f"case {case}: {name} ({int((trace.cases == case).sum())} nodes)"
-        axes.plot(trace.nodes[at], trace.values[at], marker, label=label, **style)
+        at = (nodes <= last) & (cases == case)
+        label = f"case {case}: {name} ({int((cases == case).sum())} nodes)"
+        axes.plot(nodes[at], w_h[at], marker, label=label, **style)
     axes.axvline(0.5, color="black", linestyle=":", label="detachment point")
     axes.set(xlabel="$x_1$ on the bottom edge", title="One-sided approximation (11)")
     axes.grid(alpha=0.3)
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    axes.legend(**LEGENDS["right"])
     return _tight(figure)
 
 
@@ -223,12 +229,7 @@ def _finish(
     axes.set_xticks([row["n"] for row in rows], [str(row["n"]) for row in rows])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(alpha=0.3)
-    if legend == "right":
-        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
-    elif legend == "below":
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
-    else:
-        axes.legend(loc="lower left")
+    axes.legend(**LEGENDS[legend])
 
 
 def _tight(figure: Figure) -> Figure:

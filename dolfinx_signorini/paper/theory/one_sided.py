@@ -29,28 +29,6 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class OneSided:
-    """A solution of problem (11), extended to the domain:
-
-        found = one_sided_approximation(discretisation)
-        assert supercloseness(discretisation) <= found.norm
-
-    Attributes:
-        w_h: The function, harmonic in the discrete sense inside.
-        norm: The H^1 norm of w_h.
-        sampling_error: A bound on how far w_h may lie below R_h(u) - u between two samples.
-        upper_error: How far w_h lies above R_h(u) at a node: rounding.
-        cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
-    """
-
-    w_h: fem.Function
-    norm: float
-    sampling_error: float
-    upper_error: float
-    cases: tuple[int, int, int, int]
-
-
-@dataclass(frozen=True)
 class EdgeData:
     """A function u at samples of the boundary edges:
 
@@ -69,9 +47,43 @@ class EdgeData:
     slope: Array
     widths: Array
 
+    @property
+    def s(self) -> Array:
+        """Arc length of the samples, shape (edges, samples)."""
+        starts = np.concatenate(([0.0], np.cumsum(self.widths)[:-1]))
+        return np.asarray(starts[:, None] + self.widths[:, None] * self.t)
+
     def along(self, nodal: Array) -> Array:
         """Return the samples of a piecewise linear function, given by its values at the nodes."""
         return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """A solution of problem (11), extended to the domain:
+
+        found = one_sided_approximation(discretisation)
+        assert supercloseness(discretisation) <= found.norm
+
+    Attributes:
+        w_h: The function, harmonic in the discrete sense inside.
+        norm: The H^1 norm of w_h.
+        sampling_error: A bound on how far w_h may lie below R_h(u) - u between two samples.
+        upper_error: How far w_h lies above R_h(u) at a node: rounding.
+        cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
+        data: u along the boundary edges.
+        ritz: R_h(u) at the boundary nodes.
+        y: w_h - R_h(u) at the boundary nodes.
+    """
+
+    w_h: fem.Function
+    norm: float
+    sampling_error: float
+    upper_error: float
+    cases: tuple[int, int, int, int]
+    data: EdgeData
+    ritz: Array
+    y: Array
 
 
 def one_sided_approximation(discretisation: Discretisation) -> OneSided:
@@ -80,17 +92,19 @@ def one_sided_approximation(discretisation: Discretisation) -> OneSided:
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
     """
-    curve = discretisation.curve
-    data = edge_data(discretisation)
+    curve, data = discretisation.curve, edge_data(discretisation)
     y = solve_linear_program(discretisation.comm, data, np.ones(len(curve.s)))
-    trace = y + curve.values(discretisation.ritz)
-    w_h = discretisation.harmonic(curve.function(trace))
+    ritz = curve.values(discretisation.ritz)
+    w_h = discretisation.harmonic(curve.function(ritz + y))
     return OneSided(
         w_h=w_h,
         norm=discretisation.norm(w_h),
         sampling_error=sampling_error(data, y),
         upper_error=float(max(y.max(), 0.0)),
         cases=count_cases(data, y),
+        data=data,
+        ritz=ritz,
+        y=y,
     )
 
 
@@ -229,41 +243,3 @@ def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
     """
     counts = np.bincount(node_cases(data, y), minlength=4)
     return int(counts[1]), int(counts[2]), int(counts[3]), int(counts[0])
-
-
-@dataclass(frozen=True)
-class BoundaryTrace:
-    """The one-sided approximation along the boundary, as a picture shows it:
-
-        figure = draw_one_sided(boundary_trace(discretisation))
-
-    Attributes:
-        s: Arc length of the samples of all edges, in order.
-        lower: R_h(u) - u at the samples.
-        w_h: The one-sided approximation at the samples.
-        nodes: Arc length of the nodes.
-        values: w_h at the nodes.
-        cases: The case of Fig. 1 of each node: 1, 2 or 3; 0 for none.
-    """
-
-    s: Array
-    lower: Array
-    w_h: Array
-    nodes: Array
-    values: Array
-    cases: npt.NDArray[np.int64]
-
-
-def boundary_trace(discretisation: Discretisation) -> BoundaryTrace:
-    """Return the one-sided approximation along the boundary."""
-    curve, data = discretisation.curve, edge_data(discretisation)
-    ritz = curve.values(discretisation.ritz)
-    w_h = curve.values(one_sided_approximation(discretisation).w_h)
-    return BoundaryTrace(
-        s=(curve.s[:, None] + curve.widths[:, None] * data.t).ravel(),
-        lower=(data.along(ritz) - data.u).ravel(),
-        w_h=data.along(w_h).ravel(),
-        nodes=curve.s,
-        values=w_h,
-        cases=node_cases(data, w_h - ritz),
-    )

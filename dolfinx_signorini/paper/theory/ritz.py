@@ -15,19 +15,9 @@ from dolfinx_signorini.paper.theory.one_sided import edge_data, solve_linear_pro
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import interpolant
 
-RITZ_NORMS = (
-    "L2",
-    "L3",
-    "L4",
-    "H1",
-    "W1_3",
-    "W1_4",
-    "L2_boundary",
-    "L3_boundary",
-    "L4_boundary",
-    "H1_2_boundary",
-    "H1_2_boundary_spectral",
-)
+DOMAIN_NORMS = ("L2", "L3", "L4", "H1", "W1_3", "W1_4")
+TRACE_NORMS = ("L2_boundary", "L3_boundary", "L4_boundary", "H1_2_boundary")
+RITZ_NORMS = (*DOMAIN_NORMS, *TRACE_NORMS, "H1_2_boundary_spectral")
 
 
 def ritz_errors(discretisation: Discretisation) -> dict[str, float]:

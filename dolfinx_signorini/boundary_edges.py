@@ -1,0 +1,99 @@
+"""The boundary of a plane mesh as closed curves of edges, the same on all ranks.
+
+The curves have O(N) edges where the mesh has O(N^2) cells: every rank holds all of them, and
+algorithms on the curves are plain NumPy.
+"""
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from dolfinx_signorini import compat
+from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+
+class BoundaryEdges:
+    """The edges on the boundary of a plane domain, and the closed curves that they make:
+
+        edges = BoundaryEdges(domain)
+        for curve in edges.curves:
+            lengths = edges.lengths[curve[:, 0]]
+
+    Args:
+        domain: A mesh of a plane domain; the call is collective.
+
+    Attributes:
+        domain: The mesh.
+        facets: The boundary facets of this rank as (cell, local facet) pairs.
+        x: Coordinates of the two ends of every edge, shape (edges, 2, 2).
+        curves: The closed curves, see `closed_curves`.
+
+    Raises:
+        ValueError: The boundary is not made of closed curves.
+    """
+
+    def __init__(self, domain: mesh.Mesh):
+        self.domain = domain
+        self.facets = facet_cells(domain, boundary_facets(domain))
+        ends = self.ends(domain.geometry.dofmap)
+        vertices = domain.geometry.index_map().local_to_global(ends.ravel()).reshape(ends.shape)
+        self.x = self.gathered(domain.geometry.x[ends][:, :, :2])
+        self.curves = closed_curves(self.gathered(vertices))
+
+    @property
+    def lengths(self) -> Array:
+        """The length of each edge."""
+        return np.asarray(np.hypot(*(self.x[:, 1] - self.x[:, 0]).T))
+
+    def ends(self, dofmap: npt.NDArray) -> Indices:
+        """Return the entries of a map at both ends of the boundary facets of this rank.
+
+        Args:
+            dofmap: The dofs of each cell, those at its vertices first.
+        """
+        corners = np.array(basix.topology(basix.CellType[self.domain.topology.cell_name()])[1])
+        return np.asarray(dofmap[self.facets[:, 0, None], corners[self.facets[:, 1]]])
+
+    def samples(self, expressions: list[Expr], points: npt.NDArray) -> Array:
+        """Evaluate expressions at points of every edge.
+
+        Args:
+            expressions: UFL expressions.
+            points: Positions along an edge from 0 to 1, ascending and symmetric about 1/2.
+
+        Returns:
+            Shape (edges, points, expressions), from the first to the second end of each edge.
+        """
+        compiled = fem.Expression(
+            ufl.as_vector(expressions), np.asarray(points)[:, None], comm=self.domain.comm
+        )
+        values = compat.evaluate(compiled, self.domain, self.facets)
+        return self.gathered(values.reshape(-1, len(points), len(expressions)))
+
+    def gathered(self, local: npt.NDArray) -> npt.NDArray:
+        """Return values at the boundary facets of this rank for the edges of all ranks."""
+        return np.concatenate(self.domain.comm.allgather(local))
+
+
+def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+    """Chain edges into closed curves.
+
+    Args:
+        vertices: The two vertices of every edge, shape (edges, 2).
+
+    Returns:
+        The curves, see `meshes.edge_chains`.
+
+    Raises:
+        ValueError: Some vertex does not belong to exactly two edges.
+    """
+    _, counts = np.unique(vertices, return_counts=True)
+    if (counts != 2).any():
+        raise ValueError("the boundary is not made of closed curves: a vertex has not two edges")
+    return edge_chains(vertices)
