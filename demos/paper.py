@@ -14,14 +14,16 @@ from pathlib import Path
 from mpi4py import MPI
 
 from dolfinx_signorini import (
-    ContactState,
+    ManufacturedSolution,
+    SignoriniProblem,
     christof_haubner,
     error_norms,
     friedrichs_keller,
-    paper_problem,
+    solve_cascade,
 )
 from dolfinx_signorini.orders import eoc, expected_order
 from dolfinx_signorini.paper.pictures import draw_bottom_edge, draw_convergence, paper_picture
+from dolfinx_signorini.paper.solution import paper_problem
 from dolfinx_signorini.plotting import save
 
 comm = MPI.COMM_WORLD
@@ -38,23 +40,30 @@ def say(*words: object) -> None:
 # ## Solve on finer and finer meshes
 #
 # Each mesh gets the closed-form solution with its load, and the problem: (u, v)_H1 = (f, v) with
-# u >= 0 on the whole boundary. `solve` predicts the contact set from the coarser solution, so that
-# nearly always one linear solve is enough; PETSc TAO then accepts the result.
+# u >= 0 on the whole boundary. The cascade solves from coarse to fine: the contact set of a mesh is
+# predicted from the coarser solution, so that nearly always one linear solve is enough; PETSc TAO
+# then accepts the result.
 
 # %%
 say(f"{'N':>4} {'linear solves':>14} {'in contact':>11}" + "".join(f"{m:>15}" for m in NORMS))
+posed: list[tuple[int, ManufacturedSolution]] = []
 rows: list[dict] = []
-coarse: ContactState | None = None
-for n in CELLS:
-    exact = christof_haubner(friedrichs_keller(comm, n))
-    problem = paper_problem(exact)
-    result = problem.solve(coarse=coarse)
-    coarse = problem.contact_state(result.u)
-    problem.destroy()
-    errors = error_norms(result.u, exact, NORMS)
+
+
+def pose(n: int, coarser: SignoriniProblem | None) -> SignoriniProblem:
+    posed.append((n, christof_haubner(friedrichs_keller(comm, n))))
+    return paper_problem(posed[-1][1])
+
+
+def measure(problem: SignoriniProblem) -> None:
+    (n, exact), result = posed[-1], problem.result
+    errors = error_norms(problem.u, exact, NORMS)
     rows.append({"n": n, "errors": errors})
     figures = "".join(f"{errors[m]:15.4e}" for m in NORMS)
     say(f"{n:4} {result.linear_solves:14} {result.active_dofs:11}" + figures)
+
+
+solve_cascade(pose, CELLS, on_level=measure).destroy()
 
 # %% [markdown]
 # ## Orders of convergence

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +37,7 @@ class ContactSet:
     @property
     def boundary(self) -> tuple[float, ...]:
         """The relative boundary: start and end of each interval; a singleton's point once."""
-        if self._whole:
+        if self.intervals == ((0.0, self.length),):
             return ()
         points = (p for a, b in self.intervals for p in ((a, b) if b > a else (a,)))
         return tuple(p % self.length for p in points)
@@ -52,10 +52,6 @@ class ContactSet:
         """The length of all intervals together."""
         return sum(b - a for a, b in self.intervals)
 
-    @property
-    def _whole(self) -> bool:
-        return self.intervals == ((0.0, self.length),)
-
 
 def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -> ContactSet:
     """Return the union of given closed intervals, in order, merged where they meet.
@@ -68,10 +64,10 @@ def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -
         InputError: The length is not positive or an interval does not fit the curve.
     """
     if not length > 0.0:
-        raise InputError(f"length: must be positive, not {length}")
+        raise InputError(f"must be positive, not {length}", "length")
     for a, b in intervals:
         if not (math.isfinite(a) and a <= b <= a + length):
-            raise InputError(f"intervals: ({a}, {b}) does not fit a curve of length {length}")
+            raise InputError(f"({a}, {b}) does not fit a curve of length {length}", "intervals")
     merged: list[list[float]] = []
     for a, b in sorted((a % length, a % length + b - a) for a, b in intervals):
         if merged and a <= merged[-1][1]:
@@ -84,7 +80,7 @@ def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -
     if merged and merged[0][1] - merged[0][0] >= length:
         return ContactSet(length, ((0.0, length),), ())
     result = ContactSet(length, tuple((a, b) for a, b in merged), ())
-    return ContactSet(length, result.intervals, result.boundary)
+    return replace(result, detachments=result.boundary)
 
 
 def discrete_contact_set(discretisation: Discretisation) -> ContactSet:
@@ -179,9 +175,10 @@ def condition_a(inner: Sequence[ContactSet], outer: Sequence[ContactSet] = ()) -
     Source: Definition 2.2.
     """
     if outer and (len(inner) != len(outer) or len(inner) < 3):
-        raise InputError("inner, outer: at least three approximations are needed on both sides")
+        message = "at least three approximations are needed on both sides"
+        raise InputError(message, "inner, outer")
     if not outer and len(inner) != 1:
-        raise InputError("inner: one set, or approximations from outside as well")
+        raise InputError("one set, or approximations from outside as well", "inner")
     violations = []
     if outer:
         counts = [len(c.intervals) - len(c.singletons) for c in inner]
@@ -218,7 +215,7 @@ def condition_a_h(levels: Sequence[ContactSet], corners: Sequence[float]) -> Ver
     Source: Definition 5.5.
     """
     if not levels:
-        raise InputError("levels: at least one contact set is needed")
+        raise InputError("at least one contact set is needed", "levels")
     length = levels[0].length
     violations = [
         f"level {k}: the component at s = {s:.6g} is a single point"

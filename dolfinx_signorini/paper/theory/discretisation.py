@@ -97,7 +97,11 @@ class Discretisation(SignoriniProblem):
         return result
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
-        """Return (v, w)_H1 of two functions of V_h."""
+        """Return (v, w)_H1.
+
+        Args:
+            v, w: Two functions of V_h.
+        """
         x, y = self.system.vector_of(v), self.system.vector_of(w)
         image = x.duplicate()
         self.A.mult(x, image)
@@ -177,7 +181,11 @@ class Discretisation(SignoriniProblem):
 
 
 def difference(v: fem.Function, w: fem.Function) -> fem.Function:
-    """Return v - w for two functions of one space."""
+    """Return v - w.
+
+    Args:
+        v, w: Two functions of one space.
+    """
     result = v.copy()
     result.x.array[:] -= w.x.array
     return result

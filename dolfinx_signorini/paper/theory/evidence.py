@@ -89,17 +89,32 @@ def bound_check(what: str, proven: str, value: float, figure: str = "") -> Check
 
 
 def orders(rows: Sequence[Row], value: Value) -> list[float]:
-    """Return the experimental orders of convergence of a value between successive rows."""
+    """Return the experimental orders of convergence between successive rows.
+
+    Args:
+        rows: Rows by increasing N.
+        value: What to read from a row.
+    """
     return eoc([1.0 / row["n"] for row in rows], [value(row) for row in rows])
 
 
 def order_text(rows: Sequence[Row], value: Value) -> str:
-    """Return the order of a value between the two finest meshes, and which meshes they are."""
+    """Return the order between the two finest meshes, and which meshes they are, as text.
+
+    Args:
+        rows: Rows by increasing N, at least two.
+        value: What to read from a row.
+    """
     return f"{orders(rows, value)[-1]:.3f} (N = {rows[-2]['n']} to {rows[-1]['n']})"
 
 
 def fine(rows: Sequence[Row], first: int = FIRST) -> list[Row]:
-    """Return the rows from a number of cells per side on: coarser meshes do not show an order."""
+    """Return the rows of meshes that are fine enough to show an order.
+
+    Args:
+        rows: Rows by increasing N.
+        first: The smallest number of cells per side that is fine enough.
+    """
     return [row for row in rows if row["n"] >= first]
 
 

@@ -27,7 +27,12 @@ side, elements are linear, and everything is the same on any number of processes
 
 
 def results(statements: Sequence[Statement], rows: Rows) -> dict[str, list[Check]]:
-    """Return the checks of statements, by their keys."""
+    """Return the checks of statements, by their keys.
+
+    Args:
+        statements: The statements.
+        rows: The rows of their experiments.
+    """
     return {statement.key: statement.checks(rows) for statement in statements}
 
 
