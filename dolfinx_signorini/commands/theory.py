@@ -17,7 +17,7 @@ from dolfinx_signorini.paper.theory.experiments import (
 )
 from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
 from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
-from dolfinx_signorini.paper.theory.report import PICTURES, document, results, section, summary
+from dolfinx_signorini.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
 from dolfinx_signorini.plotting import save
 from dolfinx_signorini.records import on_first, write_file
@@ -80,17 +80,17 @@ def _write(
     approximation: OneSided | None,
 ) -> None:
     """Print the tables and write the document; rank 0 only."""
-    checks = results(chosen, rows)
+    document = Document(chosen, rows, args.max_n)
     for statement in chosen:
-        print(section(statement, checks[statement.key], rows, args.max_n), flush=True)
-    print(summary(chosen, checks), flush=True)
+        print(document.section(statement), flush=True)
+    print(document.summary(), flush=True)
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
     for name in {statement.figure for statement in chosen} & FIGURES.keys():
         save(FIGURES[name](rows), pictures / name)
     if approximation is not None:
         save(draw_one_sided(approximation), pictures / "one_sided")
-    write_file(args.out / "theory.md", document(chosen, rows, args.max_n, _command(args)))
+    write_file(args.out / "theory.md", document.text(_command(args)))
     print(f"document and pictures: {args.out}/", file=sys.stderr)
 
 

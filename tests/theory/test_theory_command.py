@@ -9,7 +9,7 @@ from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import theory as command
 from dolfinx_signorini.paper.theory import evidence, experiments
 from dolfinx_signorini.paper.theory.proven import ProvenOrder
-from dolfinx_signorini.paper.theory.report import results
+from dolfinx_signorini.paper.theory.report import Document
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, select
 
 COMM = MPI.COMM_WORLD
@@ -155,6 +155,6 @@ def test_arguments_that_make_no_sense(folder, capsys, arguments, message):
 def test_every_check_holds(folder):
     chosen = list(STATEMENTS)
     rows = experiments.run_experiments(COMM, experiments.experiments(), 201, folder)
-    for key, found in results(chosen, rows).items():
+    for key, found in Document(chosen, rows, 201).checks.items():
         for check in found:
             assert check.holds, (key, check)

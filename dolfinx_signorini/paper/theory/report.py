@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
-from dolfinx_signorini.paper.theory.evidence import Check, Rows
+from dolfinx_signorini.paper.theory.evidence import Rows
 from dolfinx_signorini.paper.theory.statements import Statement
 from dolfinx_signorini.tables import markdown_table
 
@@ -26,83 +26,71 @@ side, elements are linear, and everything is the same on any number of processes
 """
 
 
-def results(statements: Sequence[Statement], rows: Rows) -> dict[str, list[Check]]:
-    """Return the checks of statements, by their keys.
+class Document:
+    """What was measured for statements, as a document in Markdown:
 
-    Args:
-        statements: The statements.
-        rows: The rows of their experiments.
-    """
-    return {statement.key: statement.checks(rows) for statement in statements}
-
-
-def summary(statements: Sequence[Statement], checks: dict[str, list[Check]]) -> str:
-    """Return a table with one line per statement: its headline, and how many checks hold.
-
-    Args:
-        statements: The statements.
-        checks: Their checks, see `results`.
-    """
-    lines = []
-    for statement in statements:
-        found = checks[statement.key]
-        first, holding = found[0], sum(check.holds for check in found)
-        cells = [statement.name, first.what, first.proven, first.measured]
-        lines.append([*map(_cell, cells), f"{holding} of {len(found)}"])
-    return markdown_table(("statement", "headline", "proven", "measured", "checks hold"), lines)
-
-
-def section(statement: Statement, checks: Sequence[Check], rows: Rows, max_n: int) -> str:
-    """Return what the document says about a statement.
-
-    Args:
-        statement: The statement.
-        checks: Its checks.
-        rows: The rows, for the tables.
-        max_n: Cells per side of the finest mesh.
-    """
-    reasons = any(check.reason for check in checks)
-    columns = ["measured quantity", "proven", "measured", "holds"]
-    lines = []
-    for check in checks:
-        cells = [check.what, check.proven, check.measured, "yes" if check.holds else "NO"]
-        lines.append([_cell(cell) for cell in [*cells, *([check.reason] if reasons else [])]])
-    if reasons:
-        columns.append("better because")
-    parts = [
-        f"## {statement.name}",
-        _wrapped(statement.claim),
-        f"    dolfinx-signorini theory --statement {statement.key} --max-n {max_n}",
-        _wrapped(statement.comment),
-        markdown_table(columns, lines),
-    ]
-    for title, text in statement.tables(rows):
-        parts += [f"{title}:", text]
-    return "\n\n".join(part.rstrip() for part in parts) + "\n"
-
-
-def document(statements: Sequence[Statement], rows: Rows, max_n: int, command: str) -> str:
-    """Return the whole document in Markdown.
+        document = Document(STATEMENTS, rows, max_n=401)
+        print(document.summary())
 
     Args:
         statements: The statements, in order.
         rows: The rows of their experiments.
         max_n: Cells per side of the finest mesh.
-        command: The command that writes the document.
+
+    Attributes:
+        checks: The checks of each statement, by its key.
     """
-    checks = results(statements, rows)
-    parts = [INTRODUCTION.format(command=command), summary(statements, checks)]
-    shown = {""}
-    for statement in statements:
-        parts.append(section(statement, checks[statement.key], rows, max_n))
-        if statement.figure not in shown:
-            shown.add(statement.figure)
-            parts.append(f"![{statement.figure}]({PICTURES}/{statement.figure}.png)\n")
-    return "\n".join(parts)
+
+    def __init__(self, statements: Sequence[Statement], rows: Rows, max_n: int):
+        self.statements, self.rows, self.max_n = statements, rows, max_n
+        self.checks = {statement.key: statement.checks(rows) for statement in statements}
+
+    def summary(self) -> str:
+        """Return a table of the statements: the headline of each, and how many checks hold."""
+        lines = []
+        for statement in self.statements:
+            checks = self.checks[statement.key]
+            first, holding = checks[0], sum(check.holds for check in checks)
+            cells = [statement.name, first.what, first.proven, first.measured]
+            lines.append([*map(_cell, cells), f"{holding} of {len(checks)}"])
+        return markdown_table(("statement", "headline", "proven", "measured", "checks hold"), lines)
+
+    def section(self, statement: Statement) -> str:
+        """Return what the document says about one of the statements."""
+        checks = self.checks[statement.key]
+        columns = ["measured quantity", "proven", "measured", "holds"]
+        if any(check.reason for check in checks):
+            columns.append("better because")
+        lines = []
+        for check in checks:
+            holds = "yes" if check.holds else "NO"
+            cells = [check.what, check.proven, check.measured, holds, check.reason]
+            lines.append([_cell(cell) for cell in cells[: len(columns)]])
+        parts = [
+            f"## {statement.name}",
+            _wrapped(statement.claim),
+            f"    dolfinx-signorini theory --statement {statement.key} --max-n {self.max_n}",
+            _wrapped(statement.comment),
+            markdown_table(columns, lines),
+        ]
+        for title, text in statement.tables(self.rows):
+            parts += [f"{title}:", text]
+        return "\n\n".join(part.rstrip() for part in parts) + "\n"
+
+    def text(self, command: str) -> str:
+        """Return the whole document, which says that a command has written it."""
+        parts = [INTRODUCTION.format(command=command), self.summary()]
+        shown = {""}
+        for statement in self.statements:
+            parts.append(self.section(statement))
+            if statement.figure not in shown:
+                shown.add(statement.figure)
+                parts.append(f"![{statement.figure}]({PICTURES}/{statement.figure}.png)\n")
+        return "\n".join(parts)
 
 
 def _cell(text: str) -> str:
-    """A text as a cell of a table: bars would end it."""
+    """A text as a cell of a table, without the bars that would end the cell."""
     return text.replace("||", "‖")
 
 
