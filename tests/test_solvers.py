@@ -14,9 +14,8 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
-from dolfinx_signorini.paper.solution import christof_haubner
+from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import PAPER_RULE
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.tao import FIRST_ORDER
 
