@@ -316,7 +316,6 @@ class SignoriniProblem:
                 self.result = solve_by_active_sets(
                     system, self._solver, x, held, known, rtol, self._prefix
                 )
-                self._history.add(system, x)
             else:
                 self.result = solve_by_tao(
                     system, method, x, rtol, self._prefix, self._options, given
@@ -325,6 +324,7 @@ class SignoriniProblem:
             x.destroy()
             raise
         self._x = x
+        self._history.add(system, x)
         self.u.x.array[: x.getLocalSize()] = self.sign * x.array_r
         self.u.x.scatter_forward()
         return self.u
