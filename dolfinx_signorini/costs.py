@@ -1,7 +1,7 @@
-"""What a scene costs: the forms, matrices, vectors and arrays made for it, with bytes and seconds.
+"""What a problem costs: the forms, matrices, vectors and arrays made for it, in bytes and seconds.
 
-Every problem keeps a ledger. An entry is a few numbers; what takes work or communication, such as
-adding up the ranks, is done when the ledger is read.
+Every problem keeps a ledger. To note an entry takes a few numbers and no communication; the ranks
+are added up, and the terms of the forms put into words, when somebody reads the ledger.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,6 +16,8 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 from ufl.differentiation import Derivative
 
+from dolfinx_signorini.tables import text_table
+
 Item: TypeAlias = "PETSc.Mat | PETSc.Vec | ufl.Form | int | None"
 
 PLACES = {"cell": "cells", "exterior_facet": "the boundary", "interior_facet": "inner facets"}
@@ -23,14 +25,16 @@ PLACES = {"cell": "cells", "exterior_facet": "the boundary", "interior_facet": "
 
 @dataclass(frozen=True)
 class Cost:
-    """One thing that was made.
+    """The cost of one object of a problem, or of one phase of its solution:
+
+        largest = max(problem.costs(), key=lambda cost: cost.bytes)
 
     Attributes:
         kind: "form", "matrix", "vector", "array" or "phase".
-        name: What it is; for a form with the terms that it has.
-        count: How often it was made.
-        bytes: What one of them takes, on all ranks; 0 for forms and phases.
-        seconds: Wall-clock seconds of making all of them, on the slowest rank.
+        name: The name of the object or phase; for a form its terms as well.
+        count: How often the object was made.
+        bytes: The size of one such object, all ranks together; 0 for forms and phases.
+        seconds: Wall-clock seconds of all times together, on the slowest rank.
     """
 
     kind: str
@@ -49,18 +53,23 @@ class _Entry:
 
 
 class Ledger:
-    """What was made so far; the same entries on all ranks, with the numbers of each."""
+    """The objects made so far: the same entries on all ranks, each rank with its own numbers:
+
+    ledger = Ledger()
+    ledger.add("matrix", "A", A, seconds=0.2)
+    """
 
     def __init__(self) -> None:
         self._entries: dict[tuple[str, str], _Entry] = {}
 
     def add(self, kind: str, name: str, item: Item = None, seconds: float = 0.0) -> None:
-        """Note that something was made.
+        """Note that an object was made, or that a phase has ended.
 
         Args:
-            kind, name: See `Cost`; what has the same ones is counted in one entry.
-            item: It, or its bytes on this rank, or the form for its terms.
-            seconds: What it took on this rank.
+            kind: See `Cost`.
+            name: See `Cost`; objects of the same kind and name share one entry.
+            item: The object, its size in bytes on this rank, or the form to describe.
+            seconds: The wall-clock seconds on this rank.
         """
         entry = self._entries.setdefault((kind, name), _Entry())
         entry.count += 1
@@ -71,7 +80,7 @@ class Ledger:
             entry.bytes = max(entry.bytes, item if isinstance(item, int) else _bytes(item))
 
     def read(self, comm: MPI.Comm) -> list[Cost]:
-        """Return the entries of all ranks added up; the call is collective."""
+        """Return the costs, all ranks together; the call is collective."""
         numbers = np.array([(e.bytes, e.seconds) for e in self._entries.values()]).reshape(-1, 2)
         parts = np.array(comm.allgather(numbers))
         size, seconds = parts[:, :, 0].sum(axis=0), parts[:, :, 1].max(axis=0)
@@ -88,22 +97,26 @@ class Ledger:
 
 
 def cost_text(costs: Iterable[Cost]) -> str:
-    """Return costs as a table for people."""
-    rows = list(costs)
-    lines = [f"{'kind':7} {'MB':>10} {'seconds':>9} {'times':>6}  what"]
-    for c in rows:
-        size = f"{c.bytes / 1e6:10.3f}" if c.bytes else f"{'-':>10}"
-        seconds = f"{c.seconds:9.3f}" if c.seconds else f"{'-':>9}"
-        lines.append(f"{c.kind:7} {size} {seconds} {c.count:6d}  {c.name}")
-    lines.append(f"{'all':7} {sum(c.bytes for c in rows) / 1e6:10.3f}")
-    return "\n".join(lines) + "\n"
+    """Return costs as a table for a terminal, with the sum of their bytes in its last row."""
+    costs = list(costs)
+    rows = [
+        (
+            f"{cost.kind} {cost.name}",
+            f"{cost.bytes / 1e6:.3f}" if cost.bytes else "-",
+            f"{cost.seconds:.3f}" if cost.seconds else "-",
+            str(cost.count),
+        )
+        for cost in costs
+    ]
+    total = ("all", f"{sum(cost.bytes for cost in costs) / 1e6:.3f}", "", "")
+    return text_table(("cost", "MB", "seconds", "times"), [*rows, total])
 
 
 def describe(form: ufl.Form) -> str:
-    """Return the terms of a form in words.
+    """Return the terms of a form in words, for example "diffusion on cells, reaction on cells".
 
-    Of a bilinear form "diffusion" is a term with derivatives of the arguments and "reaction" one
-    without; of a linear form "load" is what acts on cells and "flux" what acts on facets.
+    A term of a bilinear form is called "diffusion" where it differentiates an argument, else
+    "reaction". A term of a linear form is called "load" on cells and "flux" on facets.
     """
     bilinear = len(form.arguments()) == 2
     words = []
@@ -119,6 +132,7 @@ def describe(form: ufl.Form) -> str:
 
 
 def _summands(term: Expr) -> Iterator[Expr]:
+    """The summands of an integrand, sums of sums taken apart."""
     if isinstance(term, ufl.classes.Sum):
         for operand in term.ufl_operands:
             yield from _summands(operand)
@@ -127,6 +141,7 @@ def _summands(term: Expr) -> Iterator[Expr]:
 
 
 def _differentiates_arguments(term: Expr) -> bool:
+    """Whether a term has a derivative of a test or trial function."""
     return any(
         isinstance(inner, ufl.Argument)
         for node in unique_pre_traversal(term)
@@ -136,7 +151,7 @@ def _differentiates_arguments(term: Expr) -> bool:
 
 
 def _bytes(item: PETSc.Mat | PETSc.Vec) -> int:
-    """What the part of this rank takes: entries, and for a matrix their columns and row starts."""
+    """The bytes on this rank: the entries, and for a matrix their columns and the row starts."""
     number, index = np.dtype(PETSc.ScalarType).itemsize, np.dtype(PETSc.IntType).itemsize
     if isinstance(item, PETSc.Vec):
         return int(item.getLocalSize() * number)

@@ -1,8 +1,9 @@
-"""Results on disk: rows appended as they are done, and files that are whole or absent.
+"""Results on disk: files of finished rows, and files that are either whole or absent.
 
-A records file has one JSON object per line. The first holds the settings that its rows depend on;
-each further one is a finished row, written to disk before the next is started. A run that was
-killed leaves at the most one unfinished line at the end, which is dropped when it resumes.
+A records file has one JSON object per line. The first object holds the settings that the rows
+depend on. Every further object is a finished row, which is on disk before the next row is started.
+A run that was killed leaves at most one unfinished line at the end of the file; the next run on
+the same file drops this line and goes on behind the last finished row.
 """
 
 import json
@@ -22,13 +23,19 @@ T = TypeVar("T")
 
 
 class Records:
-    """Rows in a file; all ranks hold the same, rank 0 writes.
+    """Rows in a file; all ranks hold the same rows, and rank 0 writes the file:
+
+        records = Records(comm, Path("results/rows.jsonl"), {"method": "cascade"})
+        records.append({"n": 101, "error": 5.87e-4})
 
     Args:
-        comm: The communicator; all methods are collective.
-        path: The file; its folder is made if it is missing.
+        comm: The communicator; the constructor and all methods are collective.
+        path: The file; a missing folder is made.
         settings: What the rows depend on; a file with other settings is refused.
-        keys: What every row must have.
+        keys: The keys that every row must have.
+
+    Attributes:
+        rows: The finished rows, those that were found in the file included.
 
     Raises:
         InputError: The file cannot be written, is not a records file, or has other settings.
@@ -47,7 +54,7 @@ class Records:
         )
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add rank 0's finished row, and return when it is on disk."""
+        """Add the finished row of rank 0; the row is on disk when the call returns."""
 
         def write() -> str:
             line = json.dumps(row)
@@ -61,36 +68,37 @@ class Records:
 
 
 def on_first(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
-    """Do something with an output folder on rank 0.
+    """Call a function that writes to an output folder, on rank 0 only.
 
     Args:
         comm: The communicator; the call is collective.
-        folder: The folder, for the message.
-        action: What to do.
+        folder: The output folder, which an error names.
+        action: The function.
 
     Returns:
-        What it returned, on all ranks.
+        The value that the function returned, on all ranks.
 
     Raises:
-        InputError: It raised one, or the folder cannot be written; raised on all ranks.
+        InputError: The function raised an InputError, or the folder cannot be written; raised on
+            all ranks.
     """
-    value, message = None, ""
+    value: T | None = None
+    failure: tuple[str, str] | None = None
     if comm.rank == 0:
         try:
             value = action()
         except InputError as error:
-            message = str(error)
+            failure = (error.message, error.subject)
         except OSError as error:
-            reason = error.strerror or error
-            message = f"output folder {folder}: cannot be written: {reason}"
-    value, message = comm.bcast((value, message), root=0)
-    if message:
-        raise InputError(message)
+            failure = (f"cannot be written: {error.strerror or error}", f"output folder {folder}")
+    value, failure = comm.bcast((value, failure), root=0)
+    if failure is not None:
+        raise InputError(*failure)
     return cast(T, value)
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
+    """Return the versions of this package, DOLFINx and PETSc, which a result depends on."""
     try:
         own = version("dolfinx_signorini")
     except PackageNotFoundError:  # run from a checkout
@@ -100,21 +108,45 @@ def versions() -> dict[str, str]:
 
 
 def write_file(path: Path, content: str) -> None:
-    """Write a text file under another name first, so that it never exists half-written."""
+    """Write a text file under another name, then rename it: no reader sees half of the file.
+
+    Args:
+        path: The file.
+        content: The whole text of the file.
+    """
     temporary = path.with_name(path.name + ".part")
     temporary.write_text(content)
     temporary.replace(path)
 
 
 def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the finished rows of a records file, and drop an unfinished one from the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists() or path.stat().st_size == 0:
         write_file(path, json.dumps({"settings": settings}) + "\n")
         return []
     if not os.access(path, os.W_OK):
-        raise InputError(f"output folder {path.parent}: {path.name} cannot be written")
-    lines = path.read_bytes().split(b"\n")
-    unfinished = lines.pop()  # empty after a finished row
+        raise InputError(f"{path.name} cannot be written", f"output folder {path.parent}")
+    *lines, unfinished = path.read_bytes().split(b"\n")  # the last one is empty after a whole row
+    entries = _entries(path, lines, keys)
+    found = entries[0].get("settings") if entries else None
+    if not isinstance(found, dict):
+        raise InputError("no settings; choose another --out, or remove the file", f"{path}, line 1")
+    for key in settings | found:
+        if settings.get(key) != found.get(key):
+            raise InputError(
+                f"holds results for {key} = {found.get(key)}, not {settings.get(key)}; choose "
+                "another --out",
+                f"output folder {path.parent}",
+            )
+    if unfinished:
+        with path.open("rb+") as file:
+            file.truncate(path.stat().st_size - len(unfinished))
+    return entries[1:]
+
+
+def _entries(path: Path, lines: Sequence[bytes], keys: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the object of every line; all but the first must have some keys."""
     entries = []
     for number, line in enumerate(lines, start=1):
         try:
@@ -124,19 +156,7 @@ def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dic
             entries.append(entry)
         except ValueError:
             raise InputError(
-                f"{path}, line {number}: not a row of this program; choose another --out, or "
-                "remove the file"
+                "not a row of this program; choose another --out, or remove the file",
+                f"{path}, line {number}",
             ) from None
-    found = entries[0].get("settings") if entries else None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}, line 1: no settings; choose another --out, or remove the file")
-    for key in settings | found:
-        if settings.get(key) != found.get(key):
-            raise InputError(
-                f"output folder {path.parent}: holds results for {key} = {found.get(key)}, not "
-                f"{settings.get(key)}; choose another --out"
-            )
-    if unfinished:
-        with path.open("rb+") as file:
-            file.truncate(path.stat().st_size - len(unfinished))
-    return entries[1:]
+    return entries
