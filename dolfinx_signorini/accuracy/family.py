@@ -1,4 +1,4 @@
-"""Families of meshes for one problem: what a search for the right mesh needs to know of it.
+"""One problem on many meshes, for a search for the right mesh.
 
 A family makes, for every number n, a quasi-uniform mesh with about n cells across the domain, and
 poses its problem on any mesh of the domain.
@@ -16,27 +16,30 @@ from dolfinx_signorini.references import Reference
 
 @dataclass(frozen=True)
 class Posed:
-    """A problem on one mesh.
+    """A problem on one mesh:
+
+        Posed(paper_problem(exact), exact)
 
     Attributes:
         problem: The discrete problem.
-        exact: The exact solution, if it is known.
-        sign: -1 where the problem is one for -u, because the obstacle is an upper one; else 1.
+        exact: The exact solution, or None where it is not known.
     """
 
     problem: SignoriniProblem
     exact: Reference | None
-    sign: float
 
 
 @dataclass(frozen=True)
 class Family:
-    """One problem on any mesh of its domain.
+    """One problem on any mesh of its domain:
+
+        sided = family.make(comm, 16)
+        posed = family.pose(sided, 2)
 
     Attributes:
-        name: What to call it.
-        dimension: Of space.
-        width: The cell size of the mesh with n = 1: the root of twice a cell's area.
+        name: The name of the problem.
+        dimension: The dimension of space.
+        width: The cell size of the mesh with n = 1: the root of twice the area of a cell.
         make: Makes the mesh with n cells across.
         pose: Assembles the problem on a mesh, for elements of degree 1 or 2.
     """

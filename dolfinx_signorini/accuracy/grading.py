@@ -1,18 +1,18 @@
 """Graded triangulations: small cells towards detachment points.
 
-At a detachment point the solution is like r^{3/2} sin(3/2 theta), whatever the data. Elements of
-degree k on cells whose size grows like
+At a detachment point the solution behaves like r^{3/2} sin(3/2 theta), whatever the data. Elements
+of degree k on cells whose size grows like
 
     h(r) = h (r / R)^{1 - mu},    h(0) = R (h / R)^{1/mu}        (r < R)
 
-approximate it as well as a smooth function, in a norm of s derivatives in L^p, if
+approximate this function as well as a smooth one, in a norm of s derivatives in L^p, if
 
     mu <= (3/2 - s + 2/p) / (k + 1 - s),
 
-for on a cell at distance r the error is like h(r)^{k+1-s} r^{3/2-k-1}, and in the cells at the
-point like h(0)^{3/2-s}. The number of cells grows by a constant factor only. The strongest grading
-that any of these norms asks for is that of W^{1,inf}, mu = 1/(2k); it is used throughout, because
-it costs little more than a weaker one.
+because the error is of the size h(r)^{k+1-s} r^{3/2-k-1} on a cell at distance r, and of the size
+h(0)^{3/2-s} in the cells at the point. The number of cells grows by a constant factor only. Among
+these norms W^{1,inf} asks for the strongest grading, mu = 1/(2k), which is used for all of them,
+because it costs little more than a weaker one.
 
 Sources: Babuska, Kellogg and Pitkaranta, Numer. Math. 33 (1979) 447-471, for the grading; Christof
 and Haubner, Section 2.2, for the singularity.
@@ -31,9 +31,9 @@ from dolfinx_signorini.meshes import boundary_facets, facet_cells
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-RADIUS = 0.125  # of the size of the domain: where the grading begins
-RESOLUTION = 0.25  # of the uncertainty of a point: smaller cells would be in the wrong place
-TOLERANCE = 1.5  # a cell is cut if it is larger than this times the size wanted there
+RADIUS = 0.125  # where the grading begins, relative to the size of the domain
+RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced
+TOLERANCE = 1.5  # a cell is cut if its size is larger than this times the size wanted there
 MAX_ROUNDS = 60
 
 
@@ -48,13 +48,10 @@ def graded_mesh(
 
     Args:
         domain: A triangulation of cells of about the size 2^halvings `width`.
-        points: Where to.
-        width: The cell size h away from the points: the root of twice the area.
-        exponent: mu; 1 for no grading.
-        halvings: How often to halve all cells on the way: what is done before is then cheap.
-
-    Returns:
-        The refined mesh, on which no point is resolved far below its uncertainty.
+        points: The points; cells are not made much smaller than the uncertainty of a point.
+        width: The cell size h away from the points: the root of twice the area of a cell.
+        exponent: The grading exponent mu; 1 for no grading.
+        halvings: How often to halve all cells on the way; the refinement before is then cheap.
 
     Raises:
         InputError: The mesh is no triangulation of a plane domain.
@@ -76,9 +73,12 @@ def transferred_sides(
     """Return the facets of a refined mesh that lie on named sides of a mesh.
 
     Args:
-        domain: The mesh, a triangulation with straight sides.
-        sides: For each side the facets on it that this rank knows.
-        fine: A refinement of the mesh, distributed in any way.
+        domain: The coarse mesh, a triangulation with straight sides.
+        sides: The facets of each side of the coarse mesh that this rank knows.
+        fine: A refinement of the coarse mesh, distributed in any way.
+
+    Returns:
+        The facets of each side of the fine mesh that this rank owns.
     """
     facets = boundary_facets(fine)
     middles = _ends(fine, facets).mean(axis=1)
@@ -97,7 +97,7 @@ def _refined(
     exponent: float,
     factor: float,
 ) -> mesh.Mesh:
-    """Refine until the cells have the sizes of the grading, times a factor."""
+    """A mesh refined until the cells have the sizes of the grading, times a factor."""
     radii = _radii(domain, points)
     for _ in range(MAX_ROUNDS):
         middles, sizes = _cells(domain)
@@ -115,7 +115,7 @@ def _refined(
 
 
 def _radii(domain: mesh.Mesh, points: Sequence[DetachmentPoint]) -> list[float]:
-    """Where the grading towards each point begins: halfway to the next one at the most."""
+    """The radius R of the grading towards each point: at most half the distance to the next one."""
     x = domain.geometry.x[:, :2]
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)])
     highest = np.max(domain.comm.allgather(ends), axis=0)
@@ -156,7 +156,7 @@ def _ends(domain: mesh.Mesh, facets: Indices) -> Array:
 
 
 def _on_segments(points: Array, ends: Array) -> npt.NDArray[np.bool_]:
-    """Tell which points lie on one of some segments."""
+    """Whether each of some points lies on one of some segments."""
     result = np.zeros(len(points), dtype=bool)
     for start, end in ends:
         direction = end - start

@@ -1,4 +1,4 @@
-"""How error and time of one kind of mesh depend on its size, fitted on the runs so far."""
+"""Predictions of error and time for one kind of mesh and elements, fitted to earlier runs."""
 
 import math
 from dataclasses import dataclass
@@ -7,16 +7,18 @@ import numpy as np
 
 from dolfinx_signorini.accuracy.runs import Configuration
 
-SLOWEST = 0.2  # the lowest order of convergence that is believed
+SLOWEST = 0.2  # the lowest order of convergence that a prediction assumes
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What one run cost and gave.
+    """Cost and error of one run:
+
+        Trial(run.configuration, run.unknowns, run.total_seconds, error)
 
     Attributes:
-        configuration: The configuration.
-        unknowns: Its dofs.
+        configuration: The configuration of the run.
+        unknowns: The number of dofs.
         seconds: Wall-clock seconds, all levels included.
         error: The error in the norm asked for.
     """
@@ -29,11 +31,15 @@ class Trial:
 
 @dataclass(frozen=True)
 class Choice:
-    """A configuration with what is expected of it.
+    """A configuration with predictions for its run:
+
+        choice = model.predicted(Configuration(UNIFORM_P1, 200))
 
     Attributes:
         configuration: The configuration.
-        error, seconds, unknowns: The predictions.
+        error: The predicted error in the norm asked for.
+        seconds: The predicted wall-clock seconds.
+        unknowns: The predicted number of dofs.
     """
 
     configuration: Configuration
@@ -44,18 +50,20 @@ class Choice:
 
 @dataclass(frozen=True)
 class Model:
-    """How error and time of one kind of mesh and elements depend on the cells across.
+    """Error, unknowns and seconds of one kind of mesh and elements, as functions of cells across:
+
+        Model(trials, dimension=2).error(200)
 
     Attributes:
-        trials: Runs of this kind with different numbers of cells across, in their order.
-        dimension: Of space.
+        trials: Runs of this kind with different numbers of cells across, increasing.
+        dimension: The dimension of space.
     """
 
     trials: tuple[Trial, ...]
     dimension: int
 
     def order(self, n: float) -> float:
-        """Return the order of convergence about n cells across."""
+        """Return the order of convergence near n cells across."""
         m = [trial.configuration.n for trial in self.trials]
         if len(m) == 1:
             return 1.0
@@ -71,7 +79,7 @@ class Model:
         return near.error * (n / near.configuration.n) ** -self.order(n)
 
     def cells(self, error: float) -> float:
-        """Return the cells across that an error is predicted to need."""
+        """Return the cells across that are predicted to give an error."""
         below = [trial for trial in self.trials if trial.error <= error]
         near = below[0] if below else self.trials[-1]
         edge = near.configuration.n * (1.0 - 1e-9 if below else 1.0 + 1e-9)
@@ -83,10 +91,10 @@ class Model:
         return last.unknowns * (n / last.configuration.n) ** self.dimension
 
     def seconds(self, n: float) -> float:
-        """Return the seconds predicted for n cells across: linear in the number of dofs.
+        """Return the seconds predicted for n cells across, linear in the number of dofs.
 
-        They are no more than a finer mesh has taken: times vary, and the dofs of small problems
-        say little about them.
+        The prediction is at most the time of any run on a finer mesh, because times vary and
+        depend little on the number of dofs of small problems.
         """
         last = self.trials[-1]
         slope = last.seconds / last.unknowns
@@ -100,12 +108,12 @@ class Model:
         return min([max(linear, 0.5 * shortest), *finer])
 
     def predicted(self, configuration: Configuration) -> Choice:
-        """Return a configuration of this kind with what is expected of it."""
+        """Return a configuration of this kind with the predictions for its run."""
         n = configuration.n
         return Choice(configuration, self.error(n), self.seconds(n), self.unknowns(n))
 
     def cells_within(self, seconds: float) -> float:
-        """Return the cells across that are predicted to take some seconds."""
+        """Return the cells across for which a time in seconds is predicted."""
         last = self.trials[-1]
         per_dof = (self.seconds(2 * last.configuration.n) - last.seconds) / (
             (2**self.dimension - 1) * last.unknowns
@@ -115,10 +123,15 @@ class Model:
 
 
 def rounded(n: float, graded: bool) -> int:
-    """Return the next number of cells across that suits a mesh.
+    """Return a number of cells across that suits a mesh, the next one from n on.
 
-    Uniform ones keep to even numbers: a detachment point then lies in cells in the same way.
-    Graded ones are halved as a whole in the end, as often as 2 divides the number.
+    Uniform meshes have even numbers, so that a detachment point lies in the cells of all of them
+    in the same way. All cells of a graded mesh are halved in the end, as often as the number of
+    cells across can be divided by 2.
+
+    Args:
+        n: The cells across that are wanted.
+        graded: Whether the mesh is graded.
     """
     unit = 1 if graded and n < 16 else 2
     while graded and unit < n / 20:

@@ -1,20 +1,18 @@
-"""What came of asking for an accuracy, or spending a time, for people to read."""
+"""The runs of a search and its outcome in words, for a terminal or a report."""
 
 from dolfinx_signorini.accuracy.model import Trial
 from dolfinx_signorini.accuracy.search import Outcome
 
-HEADER = f"{'configuration':24s} {'rtol':>8s} {'unknowns':>9s} {'seconds':>9s} {'error':>10s}"
-
 
 def trial_line(trial: Trial) -> str:
-    """Return one run as a line below `HEADER`."""
+    """Return one run of a search in words."""
     c = trial.configuration
-    rtol = "default" if c.rtol is None else f"{c.rtol:.1e}"
-    return f"{c!s:24s} {rtol:>8s} {trial.unknowns:9d} {trial.seconds:9.3g} {trial.error:10.3e}"
+    rtol = "default rtol" if c.rtol is None else f"rtol {c.rtol:.1e}"
+    return f"{c}: error {trial.error:.3e}, {trial.unknowns} unknowns, {trial.seconds:.3g} s, {rtol}"
 
 
 def outcome_lines(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return what was chosen, predicted and reached, as pairs of name and text."""
+    """Return the choice of a search, its predictions and its results, as pairs of name and text."""
     predicted, run = outcome.predicted, outcome.run
     against = "estimated from a finer solution" if outcome.estimated else "exact solution known"
     return [

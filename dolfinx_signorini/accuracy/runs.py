@@ -1,10 +1,10 @@
-"""Configurations: how one solution is computed, and the solve that does it.
+"""Configurations, and runs: solutions computed from nothing as a configuration says.
 
-A configuration says which mesh, elements, method and tolerance. `solve_configuration` does all that
-belongs to it, from nothing: coarse levels, mesh, assembly and solve, each with its seconds.
+A configuration names mesh, elements, method and tolerance. Its run comprises the coarse levels, the
+mesh, the assembly and the solve, each with its seconds.
 """
 
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dolfinx import fem
@@ -12,66 +12,76 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.family import Family, Posed
 from dolfinx_signorini.accuracy.grading import graded_mesh, transferred_sides
+from dolfinx_signorini.accuracy.kinds import Kind
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import grading_exponent
-from dolfinx_signorini.paper.study import coarse_levels
-from dolfinx_signorini.problem import METHODS
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import Reference, carried
-from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.solvers.residual import SolveResult
+from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.timing import Phases
 
-COARSEST = 8  # cells across on the coarsest level of a graded mesh
-COARSE_RTOL = 1e-5  # of the coarse levels: for contact sets and detachment points
+COARSEST = 8  # cells across on the coarsest level of a graded mesh, at least
+COARSE_RTOL = 1e-5  # tolerance of the coarse levels: enough for contact set and detachment points
+TIGHT = 1e-10  # tolerance of the solutions that algebraic errors are measured against
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """How a solution is computed.
+    """How a solution is computed:
+
+        Configuration(GRADED_P2, n=48, rtol=1e-6)
 
     Attributes:
-        graded: Whether the mesh is refined towards the detachment points, which are found on
-            coarser meshes; else it is uniform.
+        kind: The kind of mesh and elements.
         n: Cells across the domain, away from the detachment points.
-        degree: Of the elements, 1 or 2.
         method: See `SignoriniProblem.solve`.
         rtol: Relative natural residual; None for the default of the method.
     """
 
-    graded: bool
+    kind: Kind
     n: int
-    degree: int = 1
     method: str = "cascade"
     rtol: float | None = None
 
     def __str__(self) -> str:
-        return f"{'graded' if self.graded else 'uniform'} P{self.degree}, N = {self.n}"
+        return f"{self.kind}, N = {self.n}"
 
 
 @dataclass(frozen=True)
 class Run:
-    """A solution computed as a configuration says.
+    """A solution computed as a configuration says:
+
+        run = solve_configuration(comm, family, Configuration(GRADED_P2, 48))
+        print(run.unknowns, run.total_seconds, run.points)
 
     Attributes:
         configuration: The configuration.
-        posed: The problem on the mesh.
-        state: The contact state of the solution that the problem's solve started from, or None.
-        result: The solve, for u or -u as the problem is posed.
-        u: The solution.
+        posed: The problem on the mesh, solved.
         points: The detachment points that the mesh is graded towards.
-        seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (look
-            up the compiled forms, find the contact dofs), "assembly" and "solve", the largest over
-            the ranks.
+        seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (to
+            look up the compiled forms and to find the contact dofs), "assembly" and "solve".
     """
 
     configuration: Configuration
     posed: Posed
-    state: ContactState | None
-    result: SolveResult
-    u: fem.Function
     points: tuple[DetachmentPoint, ...]
     seconds: dict[str, float]
+
+    @property
+    def u(self) -> fem.Function:
+        """The solution."""
+        return self.posed.problem.u
+
+    @property
+    def result(self) -> SolveResult:
+        """The diagnostics of the last solve."""
+        assert self.posed.problem.result is not None
+        return self.posed.problem.result
 
     @property
     def unknowns(self) -> int:
@@ -80,7 +90,7 @@ class Run:
 
     @property
     def total_seconds(self) -> float:
-        """All of the seconds."""
+        """The seconds of all phases together."""
         return sum(self.seconds.values())
 
     def destroy(self) -> None:
@@ -88,20 +98,22 @@ class Run:
         self.posed.problem.destroy()
 
 
-def levels(configuration: Configuration) -> list[int]:
+def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
     """Return the cells across of the levels before the last, coarsest first.
 
-    On the way to a graded mesh the cells across double with every level, and each level finds the
-    detachment points several times as precisely as the one before. Repeating a coarse level would
-    not do: its solution does not know them any better.
+    On the way to a graded mesh the cells across double from level to level, and each level finds
+    the detachment points several times as precisely as the level before. A level that is repeated
+    would not find them any better.
+
+    Args:
+        configuration: The configuration.
+        dimension: The dimension of space.
     """
     n = configuration.n
-    if not configuration.graded:
-        return coarse_levels(n) if configuration.method == "cascade" else []
-    result = [max(n // 2, min(n, COARSEST // 2))]
-    while result[0] >= 2 * COARSEST:
-        result.insert(0, result[0] // 2)
-    return result
+    if configuration.kind.graded:
+        half = max(n // 2, min(n, COARSEST // 2))
+        return [*coarse_levels(half, coarsest=2 * COARSEST - 1, ratio=2), half]
+    return coarse_levels(n, dimension) if configuration.method == "cascade" else []
 
 
 def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configuration) -> Run:
@@ -110,49 +122,38 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
     Args:
         comm: The communicator that shares the mesh.
         family: The problem.
-        configuration: How to solve it.
+        configuration: Mesh, elements, method and tolerance.
 
     Raises:
         InputError: The configuration makes no sense for the problem.
         NotConvergedError: The solver failed.
     """
     _check(family, configuration)
-    state: ContactState | None = None
-    points: list[DetachmentPoint] = []
-    start = _now(comm)
-    for n in levels(configuration):
-        posed, _ = _posed(comm, family, configuration, n, points)
-        result = posed.problem.solve(coarse=state, rtol=COARSE_RTOL)
-        state = posed.problem.contact_state(result.u)
-        if configuration.graded:
-            points = detachment_points(posed.problem, state)
-        posed.problem.destroy()
-    coarse = _now(comm)
-    posed, meshed = _posed(comm, family, configuration, configuration.n, points)
-    assembled = _now(comm)
-    try:
-        coarser = state if configuration.method == "cascade" else None
-        result = posed.problem.solve(configuration.method, coarse=coarser, rtol=configuration.rtol)
-    except Exception:
-        posed.problem.destroy()
-        raise
-    forms = comm.allreduce(posed.problem.seconds["forms"], op=MPI.MAX)
+    clock, ascent = Phases(comm), _Ascent(comm, family, configuration.kind)
+    with clock("all"):
+        problem = solve_cascade(
+            ascent.problem,
+            [*levels(configuration, family.dimension), configuration.n],
+            method=configuration.method,
+            rtol=configuration.rtol,
+            coarse_rtol=COARSE_RTOL,
+        )
+    assert problem.result is not None
+    own = sum(problem.result.seconds.values()) - sum(problem.seconds.values())
+    solve, forms = comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
+    last = ascent.phases
     seconds = {
-        "coarse": coarse - start,
-        "mesh": meshed - coarse,
+        "coarse": clock.total - last.total - solve,
+        "mesh": last.seconds["mesh"],
         "forms": forms,
-        "assembly": assembled - meshed - forms,
-        "solve": _now(comm) - assembled,
+        "assembly": last.seconds["assembly"] - forms,
+        "solve": solve,
     }
-    u = result.u
-    if posed.sign < 0.0:
-        u = fem.Function(posed.problem.space)
-        u.x.array[:] = -result.u.x.array
-    return Run(configuration, posed, state, result, u, tuple(points), seconds)
+    return Run(configuration, ascent.posed, tuple(ascent.points), seconds)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:
-    """Return what errors of a run are measured against: the exact solution, or a reference run.
+    """Return the solution to measure the error of a run against: the exact one, or a finer one.
 
     Args:
         run: The run.
@@ -165,43 +166,72 @@ def exact_solution(run: Run, reference: Run | None) -> Reference:
     if reference is not None:
         return carried(reference.u, run.u.function_space.mesh)
     if run.posed.exact is None:
-        raise InputError("solution: it is not known; errors need a reference")
+        raise InputError("the solution is not known; errors need a reference", "solution")
     return run.posed.exact
+
+
+def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
+    """Return norms of the difference between a run and the exact solution of its discrete problem.
+
+    Args:
+        run: The run, whose problem is solved on to a natural residual of 1e-10: `run.u` is then
+            the discrete solution.
+        norms: Names of the norms.
+    """
+    loose = run.u.x.array.copy()
+    tight = run.posed.problem.solve(rtol=TIGHT)
+    difference = fem.Function(tight.function_space)
+    difference.x.array[:] = tight.x.array - loose
+    return error_norms(difference, None, norms)
 
 
 def _check(family: Family, configuration: Configuration) -> None:
     if configuration.n < 1:
-        raise InputError(f"n: a mesh needs at least one cell across, not {configuration.n}")
-    if configuration.degree not in (1, 2):
-        raise InputError(f"degree: 1 or 2, not {configuration.degree}")
+        raise InputError(f"a mesh needs at least one cell across, not {configuration.n}", "n")
+    if configuration.kind.degree not in (1, 2):
+        raise InputError(f"1 or 2, not {configuration.kind.degree}", "degree")
     if configuration.method not in METHODS:
-        raise InputError(f"method: unknown {configuration.method!r}")
-    if configuration.graded and family.dimension != 2:
-        raise InputError("graded: only in the plane")
+        raise InputError(f"unknown {configuration.method!r}", "method")
+    if not configuration.kind.suits(family.dimension):
+        raise InputError("only in the plane", "graded")
 
 
-def _posed(
-    comm: MPI.Comm,
-    family: Family,
-    configuration: Configuration,
-    n: int,
-    points: list[DetachmentPoint],
-) -> tuple[Posed, float]:
-    """The problem on the mesh with n cells across, and the time when the mesh was done."""
-    halvings = 0
-    while configuration.graded and points and n % 2 == 0 and n >= 2 * COARSEST:
-        n, halvings = n // 2, halvings + 1
-    sided = family.make(comm, n)
-    if points:
-        width = family.width / (n * 2**halvings)
-        exponent = grading_exponent(configuration.degree)
-        fine = graded_mesh(sided.mesh, points, width, exponent, halvings)
-        sided = SidedMesh(fine, transferred_sides(sided.mesh, sided.sides, fine))
-    meshed = _now(comm)
-    return family.pose(sided, configuration.degree), meshed
+class _Ascent:
+    """Poses the problem of each level; keeps the last posed problem and the seconds of its phases.
 
+    Args:
+        comm: The communicator that shares the meshes.
+        family: The problem.
+        kind: The kind of mesh and elements.
+    """
 
-def _now(comm: MPI.Comm) -> float:
-    """The time when all ranks have come here, the same on all."""
-    comm.barrier()
-    return float(comm.bcast(time.perf_counter()))
+    posed: Posed
+    phases: Phases
+
+    def __init__(self, comm: MPI.Comm, family: Family, kind: Kind):
+        self.comm, self.family, self.kind = comm, family, kind
+        self.points: list[DetachmentPoint] = []
+
+    def problem(self, n: int, coarser: SignoriniProblem | None) -> SignoriniProblem:
+        """The problem with n cells across; a coarser problem tells where to grade the mesh."""
+        if self.kind.graded and coarser is not None:
+            self.points = detachment_points(coarser)
+        self.phases = Phases(self.comm)
+        with self.phases("mesh"):
+            sided = self._mesh(n)
+        with self.phases("assembly"):
+            self.posed = self.family.pose(sided, self.kind.degree)
+        return self.posed.problem
+
+    def _mesh(self, n: int) -> SidedMesh:
+        """The mesh with n cells across, graded towards the points known so far."""
+        halvings = 0
+        while self.points and n % 2 == 0 and n >= 2 * COARSEST:
+            n, halvings = n // 2, halvings + 1
+        sided = self.family.make(self.comm, n)
+        if not self.points:
+            return sided
+        width = self.family.width / (n * 2**halvings)
+        exponent = grading_exponent(self.kind.degree)
+        fine = graded_mesh(sided.mesh, self.points, width, exponent, halvings)
+        return SidedMesh(fine, transferred_sides(sided.mesh, sided.sides, fine))

@@ -8,7 +8,7 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.model import Trial
-from dolfinx_signorini.accuracy.report import HEADER, trial_line
+from dolfinx_signorini.accuracy.report import trial_line
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder) if outputs else nullcontext() as part:
         with naming_the_file(args.scene, scene):
-            result = solve_scene(scene, comm, **asked, on_trial=_Progress(comm))
+            result = solve_scene(scene, comm, **asked, on_trial=_progress)
         try:
             boundary = gather_boundary(result)
             summary = summarise(result, boundary)
@@ -97,17 +97,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-class _Progress:
-    """Prints the runs of a search on rank 0, below a header."""
-
-    def __init__(self, comm: MPI.Comm):
-        self.printing = comm.rank == 0
-        self.header = HEADER + "\n"
-
-    def __call__(self, trial: Trial) -> None:
-        if self.printing:
-            print(f"{self.header}{trial_line(trial)}", flush=True)
-            self.header = ""
+def _progress(trial: Trial) -> None:
+    """Print a run of a search on rank 0."""
+    if MPI.COMM_WORLD.rank == 0:
+        print(trial_line(trial), flush=True)
 
 
 def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def paper_family(
 
     def on(sided: SidedMesh, degree: int) -> Posed:
         exact = christof_haubner(sided.mesh, detachment)
-        return Posed(paper_problem(exact, degree, rule), exact, 1.0)
+        return Posed(paper_problem(exact, degree, rule), exact)
 
     return Family(
         name="paper",

@@ -1,1 +1,1 @@
-"""Speed against accuracy: measuring (rows of a grid), plots, rules, page, command."""
+"""Speed against accuracy: the grid of configurations, its measurement, and what is made of it."""

@@ -5,15 +5,11 @@ from collections.abc import Mapping, Sequence
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from dolfinx_signorini.accuracy.kinds import KINDS
 from dolfinx_signorini.plotting import COLOURS, MARKERS
-from dolfinx_signorini.tradeoff.measuring import Row, describe, pareto_front
+from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front
 
-KINDS = {
-    (False, 1): ("uniform P1", "o", COLOURS[0]),
-    (False, 2): ("uniform P2", "s", COLOURS[1]),
-    (True, 1): ("graded P1", "D", COLOURS[2]),
-    (True, 2): ("graded P2", "^", COLOURS[3]),
-}
+STYLES = dict(zip(KINDS, zip("osD^", COLOURS, strict=False), strict=True))
 
 
 def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
@@ -21,24 +17,21 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
 
     Args:
         rows: Rows of the main grid.
-        norm: The norm.
+        norm: The norm of the error.
     """
     figure, panels = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
     for axes, cost, label in zip(
         panels, ("total", "unknowns"), ("seconds, mesh to solution", "unknowns"), strict=True
     ):
-        for (graded, degree), (name, marker, colour) in KINDS.items():
-            line = sorted(
-                (row for row in rows if (row["graded"], row["degree"]) == (graded, degree)),
-                key=lambda row: row["n"],
-            )
+        for kind, (marker, colour) in STYLES.items():
+            line = sorted((row for row in rows if kind_of(row) == kind), key=lambda row: row["n"])
             if line:
                 axes.loglog(
                     [row[cost] for row in line],
                     [row["errors"][norm] for row in line],
                     marker=marker,
                     color=colour,
-                    label=name,
+                    label=str(kind),
                     markersize=5,
                     linewidth=1.2,
                 )
@@ -63,11 +56,11 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
 
 
 def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Figure:
-    """Draw the algebraic error, relative to that of the discretisation, against the tolerance.
+    """Draw the algebraic error, relative to the discretisation error, against the tolerance.
 
     Args:
         sweep: For each mesh the rows with different tolerances.
-        norm: The norm.
+        norm: The norm of the errors.
     """
     figure, axes = plt.subplots(figsize=(6.4, 4.4))
     for k, (name, rows) in enumerate(sweep.items()):

@@ -1,9 +1,9 @@
 """Ten rules on speed against accuracy, each with the figures measured for it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
-from dolfinx_signorini.tradeoff.measuring import Row, cheapest, describe, is_baseline
+from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
+from dolfinx_signorini.tradeoff.comparing import Row, cheapest, describe, is_baseline, kind_of
 
 NORMS = ("L4", "Linf", "W1_4", "W1_inf")
 SMALL = 0.01  # an error that does not count
@@ -11,18 +11,19 @@ SMALL = 0.01  # an error that does not count
 Rule = tuple[str, str]
 
 
-def _main(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    return [
-        row
-        for row in rows
-        if row["purpose"] == "main"
-        and row["ranks"] == 1
-        and all(row[key] == value for key, value in wanted.items())
-    ]
+def _main(rows: Sequence[Row], kind: Kind | None = None) -> list[Row]:
+    """The rows of the main grid on one rank, of one kind or of all."""
+    rows = [row for row in rows if row["purpose"] == "main" and row["ranks"] == 1]
+    return [row for row in rows if kind in (None, kind_of(row))]
 
 
 def sweep(rows: Sequence[Row], purpose: str) -> dict[str, list[Row]]:
-    """The rows of a sweep by mesh and elements."""
+    """Return the rows of a sweep on one rank by their configuration in words.
+
+    Args:
+        rows: All rows.
+        purpose: The name of the sweep, see `Item`.
+    """
     result: dict[str, list[Row]] = {}
     for row in rows:
         if row["purpose"] == purpose and row["ranks"] == 1:
@@ -31,7 +32,7 @@ def sweep(rows: Sequence[Row], purpose: str) -> dict[str, list[Row]]:
 
 
 def shown(main: Sequence[Row]) -> list[Row]:
-    """Rows whose phases are drawn: what reaches the accuracy of the finest uniform P1 mesh."""
+    """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm."""
     finest = max((row for row in main if is_baseline(row)), key=lambda row: row["n"])
     rows = [finest]
     for norm in ("L4", "W1_4", "W1_inf"):
@@ -84,13 +85,13 @@ def _quadrature(rows: Sequence[Row]) -> Rule:
     return f"Quadrature of the load against p: degree {', '.join(degrees)}", " ".join(parts)
 
 
-def _against(rows: Sequence[Row], norm: str, **wanted: Any) -> tuple[Row, Row]:
-    """The finest uniform P1 mesh, and the cheapest of a kind that is as accurate."""
+def _against(rows: Sequence[Row], norm: str, kind: Kind | None = None) -> tuple[Row, Row]:
+    """The finest uniform P1 row, and the cheapest row of a kind that is as accurate."""
     main = _main(rows)
     finest = min((row for row in main if is_baseline(row)), key=lambda row: row["errors"][norm])
-    other = cheapest(_main(rows, **wanted), norm, finest["errors"][norm])
+    other = cheapest(_main(rows, kind), norm, finest["errors"][norm])
     if other is None:
-        raise ValueError(f"{norm}: no {wanted} as accurate as uniform P1")
+        raise ValueError(f"{norm}: no {kind or 'row'} as accurate as uniform P1")
     return finest, other
 
 
@@ -103,10 +104,8 @@ def _comparison(finest: Row, other: Row, norm: str) -> str:
 
 
 def _second_degree(rows: Sequence[Row]) -> Rule:
-    parts = [
-        _comparison(*_against(rows, norm, graded=False, degree=2), norm) for norm in ("L4", "W1_4")
-    ]
-    coarse = [cheapest(_main(rows, graded=False, degree=degree), "L4", 1e-2) for degree in (1, 2)]
+    parts = [_comparison(*_against(rows, norm, UNIFORM_P2), norm) for norm in ("L4", "W1_4")]
+    coarse = [cheapest(_main(rows, kind), "L4", 1e-2) for kind in (UNIFORM_P1, UNIFORM_P2)]
     tail = ""
     if coarse[0] and coarse[1]:
         tail = (
@@ -120,9 +119,9 @@ def _second_degree(rows: Sequence[Row]) -> Rule:
 def _grading(rows: Sequence[Row]) -> Rule:
     parts = []
     for norm in ("W1_inf", "Linf", "W1_4", "L4"):
-        uniform = _main(rows, graded=False, degree=2)
+        uniform = _main(rows, UNIFORM_P2)
         finest = min(uniform, key=lambda row: row["errors"][norm])
-        graded = cheapest(_main(rows, graded=True, degree=2), norm, finest["errors"][norm])
+        graded = cheapest(_main(rows, GRADED_P2), norm, finest["errors"][norm])
         if graded is not None:
             parts.append(
                 f"{norm} = {finest['errors'][norm]:.2g}: {graded['total']:.3g} s graded, "
@@ -182,11 +181,11 @@ def _ranks(rows: Sequence[Row]) -> Rule:
     if not pairs:
         raise ValueError("no rows on two ranks")
     parts = []
-    for graded, degree in ((False, 1), (True, 2)):
-        kind = [p for p in pairs if (p[0]["graded"], p[0]["degree"]) == (graded, degree)]
-        one, two = max(kind, key=lambda pair: pair[0]["unknowns"])
-        slower = [p[0]["unknowns"] for p in kind if p[1]["total"] >= p[0]["total"]]
-        faster = [p[0]["unknowns"] for p in kind if p[0]["unknowns"] > max(slower, default=0)]
+    for kind in (UNIFORM_P1, GRADED_P2):
+        own = [pair for pair in pairs if kind_of(pair[0]) == kind]
+        one, two = max(own, key=lambda pair: pair[0]["unknowns"])
+        slower = [p[0]["unknowns"] for p in own if p[1]["total"] >= p[0]["total"]]
+        faster = [p[0]["unknowns"] for p in own if p[0]["unknowns"] > max(slower, default=0)]
         where = f"faster from {min(faster)} unknowns on" if faster else "not faster here"
         parts.append(
             f"{describe(one)}: {one['total']:.3g} s on one rank, {two['total']:.3g} s on two "

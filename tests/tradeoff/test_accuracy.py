@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import InputError
 from dolfinx_signorini.accuracy.family import Family
+from dolfinx_signorini.accuracy.kinds import UNIFORM_P1
 from dolfinx_signorini.accuracy.model import Model, Trial, rounded
 from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
@@ -137,7 +138,7 @@ def power_law(order: float, constant: float = 3.0) -> Model:
     for n in (10, 16, 26):
         unknowns = n**2
         error = constant * n**-order
-        trials.append(Trial(Configuration(False, n), unknowns, 0.01 + 1e-5 * unknowns, error))
+        trials.append(Trial(Configuration(UNIFORM_P1, n), unknowns, 0.01 + 1e-5 * unknowns, error))
     return Model(tuple(trials), 2)
 
 
@@ -155,7 +156,7 @@ def test_the_model_continues_a_power_law(order: float) -> None:
 
 def test_a_coarser_mesh_is_not_predicted_to_take_longer_than_a_finer_one_did() -> None:
     trials = power_law(1.0).trials
-    quick = replace(trials[0], configuration=Configuration(False, 14), unknowns=14**2)
+    quick = replace(trials[0], configuration=Configuration(UNIFORM_P1, 14), unknowns=14**2)
     quick = replace(quick, seconds=0.5 * trials[0].seconds)
     model = Model((trials[0], quick, *trials[1:]), 2)
     assert model.seconds(13.0) <= quick.seconds

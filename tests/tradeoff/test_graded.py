@@ -13,9 +13,9 @@ from dolfinx_signorini import (
     SignoriniProblem,
     christof_haubner,
     friedrichs_keller,
-    paper_problem,
 )
 from dolfinx_signorini.accuracy.grading import RADIUS, graded_mesh, transferred_sides
+from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P2, Kind
 from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
@@ -27,7 +27,7 @@ from dolfinx_signorini.orders import (
     expected_order,
     grading_exponent,
 )
-from dolfinx_signorini.paper.solution import paper_family
+from dolfinx_signorini.paper.solution import paper_family, paper_problem
 
 
 def cells(domain: mesh.Mesh) -> np.ndarray:
@@ -45,7 +45,8 @@ def areas(corners: np.ndarray) -> np.ndarray:
 def solved(comm: MPI.Comm, n: int, degree: int, detachment: tuple[float, float]):
     exact = christof_haubner(friedrichs_keller(comm, n), detachment)
     problem = paper_problem(exact, degree)
-    return problem, problem.contact_state(problem.solve().u)
+    problem.solve()
+    return problem
 
 
 @pytest.mark.parametrize("halvings", [0, 1])
@@ -94,8 +95,8 @@ def test_only_triangulations_are_graded(comm: MPI.Comm) -> None:
 @pytest.mark.parametrize("n", [9, 16, 41])
 @pytest.mark.parametrize("place", [0.5, 0.47123, 0.53])
 def test_the_detachment_point_is_found(comm: MPI.Comm, place: float, n: int, degree: int) -> None:
-    problem, state = solved(comm, n, degree, (place, 0.0))
-    points = detachment_points(problem, state)
+    problem = solved(comm, n, degree, (place, 0.0))
+    points = detachment_points(problem)
     problem.destroy()
     assert len(points) == 1
     assert points[0].position[1] == 0.0
@@ -108,8 +109,8 @@ def test_the_detachment_point_is_found(comm: MPI.Comm, place: float, n: int, deg
 def test_the_detachment_point_is_extrapolated_within_an_edge(
     comm: MPI.Comm, place: float, n: int, degree: int
 ) -> None:
-    problem, state = solved(comm, n, degree, (place, 0.0))
-    (point,) = detachment_points(problem, state)
+    problem = solved(comm, n, degree, (place, 0.0))
+    (point,) = detachment_points(problem)
     problem.destroy()
     edge = 1.0 / (n * degree)
     assert point.uncertainty <= 0.2 * edge
@@ -118,7 +119,7 @@ def test_the_detachment_point_is_extrapolated_within_an_edge(
 
 
 def test_graded_meshes_know_the_point_far_better_than_to_an_edge(comm: MPI.Comm) -> None:
-    run = solve_configuration(comm, paper_family((0.47123, 0.0)), Configuration(True, 96, 2))
+    run = solve_configuration(comm, paper_family((0.47123, 0.0)), Configuration(GRADED_P2, 96))
     (point,) = run.points
     run.destroy()
     assert abs(point.position[0] - 0.47123) <= 1e-6
@@ -127,11 +128,11 @@ def test_graded_meshes_know_the_point_far_better_than_to_an_edge(comm: MPI.Comm)
 
 @pytest.mark.parametrize("n", [20, 64])
 def test_points_are_the_same_on_any_number_of_ranks(comm: MPI.Comm, n: int) -> None:
-    problem, state = solved(comm, n, 2, (0.47123, 0.0))
-    points = detachment_points(problem, state)
+    problem = solved(comm, n, 2, (0.47123, 0.0))
+    points = detachment_points(problem)
     problem.destroy()
-    alone, state = solved(MPI.COMM_SELF, n, 2, (0.47123, 0.0))
-    reference = detachment_points(alone, state)
+    alone = solved(MPI.COMM_SELF, n, 2, (0.47123, 0.0))
+    reference = detachment_points(alone)
     alone.destroy()
     assert comm.allgather(points) == [points] * comm.size
     assert np.allclose(points[0].position, reference[0].position, atol=1e-14 if n == 20 else 1e-7)
@@ -145,8 +146,8 @@ def test_without_a_gap_or_without_contact_there_is_no_point(comm: MPI.Comm) -> N
         a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
         load = fem.Constant(domain, sign) * v * ufl.dx
         problem = SignoriniProblem(a, load, contact=boundary_facets(domain))
-        state = problem.contact_state(problem.solve().u)
-        assert detachment_points(problem, state) == []
+        problem.solve()
+        assert detachment_points(problem) == []
         problem.destroy()
 
 
@@ -173,9 +174,9 @@ def test_orders_are_those_of_the_theorems_for_p1() -> None:
 def test_p2_lies_below_the_obstacle_by_an_eighth_of_the_gap_at_most(
     comm: MPI.Comm, place: float
 ) -> None:
-    problem, state = solved(comm, 16, 2, (place, 0.0))
+    problem = solved(comm, 16, 2, (place, 0.0))
     problem.destroy()
-    space = state.u.function_space
+    space = problem.space
     facets = boundary_facets(space.mesh)
     pairs = facet_cells(space.mesh, facets)
     t = np.linspace(0.0, 1.0, 41)
@@ -183,7 +184,7 @@ def test_p2_lies_below_the_obstacle_by_an_eighth_of_the_gap_at_most(
     lowest = [0.0]
     for cell, facet in pairs:
         dofs = space.dofmap.list[cell][space.dofmap.dof_layout.entity_closure_dofs(1, facet)]
-        nodal = state.u.x.array[dofs]
+        nodal = problem.u.x.array[dofs]
         values = nodal @ shapes
         assert values.min() >= -max(nodal[:2]) / 8.0 - 1e-15
         lowest.append(float(values.min()))
@@ -220,7 +221,7 @@ def test_graded_meshes_have_the_full_orders(
     errors = []
     for n in sizes:
         run = solve_configuration(
-            comm, paper_family((0.47123, 0.0)), Configuration(True, n, degree)
+            comm, paper_family((0.47123, 0.0)), Configuration(Kind(True, degree), n)
         )
         errors.append(error_norms(run.u, run.posed.exact, [norm])[norm])
         run.destroy()
@@ -230,7 +231,7 @@ def test_graded_meshes_have_the_full_orders(
 def test_uniform_meshes_do_not_have_the_full_order(comm: MPI.Comm) -> None:
     errors = []
     for n in (24, 48):
-        run = solve_configuration(comm, paper_family(), Configuration(False, n, 2))
+        run = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P2, n))
         errors.append(error_norms(run.u, run.posed.exact, ["W1_inf"])["W1_inf"])
         run.destroy()
     assert math.log2(errors[0] / errors[1]) < 0.8

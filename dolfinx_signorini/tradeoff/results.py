@@ -1,0 +1,68 @@
+"""The files of a comparison: rows as JSON and CSV, tables of targets, work-precision diagrams."""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dolfinx_signorini import plotting
+from dolfinx_signorini.records import versions, write_file
+from dolfinx_signorini.tradeoff import plots
+from dolfinx_signorini.tradeoff.comparing import Row, describe, pareto_front, target_table
+
+
+def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -> str:
+    """Write the files of a comparison, and return the tables of targets for a terminal.
+
+    Args:
+        folder: The output folder.
+        rows: All rows of the grid.
+        settings: The settings of the rows, with "norms", "repeats" and "reference".
+    """
+    norms = settings["norms"]
+    main = [row for row in rows if row["purpose"] == "main"]
+    notes = (
+        "seconds: wall clock, from nothing to the solution (coarse levels, mesh, assembly, solve), "
+        f"median of {settings['repeats']}; compilation of the forms is left out\n"
+        f"errors against: {settings['reference']}; *: the best of uniform P1 here\n"
+    )
+    tables = "\n".join([notes, *(target_table(main, norm) for norm in norms)])
+    write_file(folder / "targets.txt", tables)
+    fronts = {norm: [_short(row, norm) for row in pareto_front(main, norm)] for norm in norms}
+    report = {"versions": versions(), "settings": settings, "rows": rows, "pareto": fronts}
+    write_file(folder / "tradeoff.json", json.dumps(report, indent=1) + "\n")
+    write_file(folder / "tradeoff.csv", _csv(rows))
+    for norm in norms:
+        plotting.save(plots.draw_work_precision(main, norm), folder / f"work_precision_{norm}")
+    return tables
+
+
+def _short(row: Row, norm: str) -> dict[str, Any]:
+    """The entry of a row in a Pareto front."""
+    return {
+        "configuration": describe(row),
+        "unknowns": row["unknowns"],
+        "seconds": row["total"],
+        "error": row["errors"][norm],
+    }
+
+
+def _csv(rows: Sequence[Row]) -> str:
+    """All rows, with one column for each phase and each norm."""
+    flat = []
+    for row in rows:
+        line: dict[str, Any] = {}
+        for key, value in row.items():
+            if isinstance(value, dict):
+                line |= {f"{key}_{name}": part for name, part in value.items()}
+            elif not isinstance(value, list):
+                line[key] = value
+        flat.append(line)
+    columns = list(dict.fromkeys(key for line in flat for key in line))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flat)
+    return out.getvalue()
