@@ -1,13 +1,13 @@
-"""What the benchmarks share: three scenes, one plain linear solve, medians, and a JSON file.
+"""What the benchmarks share: scenes, a plain linear solve, the contact solve, and the report.
 
 Times are wall-clock seconds, the largest over the ranks, after a warm-up that compiles all forms.
 """
 
+import argparse
 import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -19,14 +19,22 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini import SignoriniProblem, christof_haubner, friedrichs_keller, paper_problem
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.paper.study import coarse_levels
+from dolfinx_signorini import (
+    ContactState,
+    SignoriniProblem,
+    boundary_facets,
+    christof_haubner,
+    coarse_levels,
+    friedrichs_keller,
+    solve_cascade,
+)
+from dolfinx_signorini.paper.solution import paper_problem
 from dolfinx_signorini.records import versions
-from dolfinx_signorini.solvers.active_set import DEFAULT_OPTIONS, LINEAR_FRACTION
-from dolfinx_signorini.solvers.cascade import solve_contact
-from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.solvers.residual import SolveResult
+from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
+from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.tables import text_table
+from dolfinx_signorini.timing import Phases
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -69,30 +77,46 @@ def _square(
     return SignoriniProblem(a, right, contact=boundary_facets(domain), obstacle=obstacle)
 
 
+def parser(description: str, cells: Any, repeats: int = 5) -> argparse.ArgumentParser:
+    """Return a parser of the options that most benchmarks have.
+
+    Args:
+        description: The docstring of the benchmark, whose first line is shown.
+        cells: The default of --cells, one number or a list of numbers.
+        repeats: The default of --repeats.
+    """
+    options = argparse.ArgumentParser(description=description.splitlines()[0])
+    options.add_argument(
+        "--cells", type=int, nargs="+" if isinstance(cells, list) else None, default=cells
+    )
+    options.add_argument("--repeats", type=int, default=repeats)
+    return options
+
+
 def timed(comm: MPI.Comm, action: Callable[..., Any], *args: Any) -> tuple[float, Any]:
-    """Return the seconds of a call, the largest over the ranks, and what it returned."""
-    comm.barrier()
-    start = time.perf_counter()
-    value = action(*args)
-    return comm.allreduce(time.perf_counter() - start, op=MPI.MAX), value
+    """Return the seconds of a call until the last rank has done it, and what the call returned."""
+    phases = Phases(comm)
+    with phases("call"):
+        value = action(*args)
+    return phases.total, value
 
 
 def linear_solve(problem: SignoriniProblem, rtol: float, tuned: bool = False) -> int:
     """Solve A x = b by CG with BoomerAMG from zero, and return the iterations.
 
-    The relative residual is the one that the contact solve asks of its linear solves. BoomerAMG
-    runs as PETSc sets it up, or tuned: as the contact solve does.
+    Args:
+        problem: The problem, of which matrix and load are used.
+        rtol: The tolerance of a contact solve; the relative residual of the linear solve is the
+            one that such a contact solve asks of its linear solves.
+        tuned: Whether BoomerAMG has the settings of the contact solve, and not those of PETSc.
     """
     x = problem.A.createVecRight()
     ksp = PETSc.KSP().create(problem.comm)
     ksp.setOptionsPrefix("benchmark_")
-    database = PETSc.Options()
-    settings = DEFAULT_OPTIONS if tuned else {"ksp_type": "cg", "pc_type": "hypre"}
-    for key, value in settings.items():
-        database["benchmark_" + key] = value
-    ksp.setFromOptions()
-    for key in settings:
-        database.delValue("benchmark_" + key)
+    with options_set(
+        "benchmark_", DEFAULT_OPTIONS if tuned else {"ksp_type": "cg", "pc_type": "hypre"}
+    ):
+        ksp.setFromOptions()
     ksp.setOperators(problem.A)
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
     ksp.setTolerances(rtol=rtol * LINEAR_FRACTION, atol=0.0)
@@ -106,24 +130,43 @@ def linear_solve(problem: SignoriniProblem, rtol: float, tuned: bool = False) ->
 def coarse_state(
     comm: MPI.Comm, scene: str, n: int, rtol: float
 ) -> tuple[ContactState | None, list[int]]:
-    """Solve all levels below n, and return the last one's contact state and their solves."""
-    state, solves = None, []
-    for level in coarse_levels(n):
-        problem = SCENES[scene](comm, level)
-        result = solve_contact(problem, state, rtol=rtol)
-        state = problem.contact_state(result.u)
-        problem.destroy()
-        solves.append(result.linear_solves)
+    """Solve all levels below n, and return the last contact state and each level's linear solves.
+
+    Args:
+        comm: The communicator that shares the meshes.
+        scene: The name of the scene.
+        n: Cells per side of the mesh to start from the state.
+        rtol: The tolerance of all levels.
+    """
+    levels, solves = coarse_levels(n), []
+    if not levels:
+        return None, []
+    problem = solve_cascade(
+        lambda level, coarser: SCENES[scene](comm, level),
+        levels,
+        rtol=rtol,
+        on_level=lambda problem: solves.append(problem.result.linear_solves),
+    )
+    state = problem.contact_state()
+    problem.destroy()
     return state, solves
 
 
-def contact_solve(
-    problem: SignoriniProblem, scene: str, n: int, rtol: float
-) -> tuple[SolveResult, list[int]]:
-    """Solve by the cascade: mesh, assembly and solve of all coarse levels, solve of the finest."""
+def contact_solve(problem: SignoriniProblem, scene: str, n: int, rtol: float) -> list[int]:
+    """Solve from nothing: all coarse levels with their meshes and assembly, then the problem.
+
+    Args:
+        problem: The problem on the finest mesh.
+        scene: The name of its scene.
+        n: Cells per side of the finest mesh.
+        rtol: The tolerance of all levels.
+
+    Returns:
+        The linear solves of each level.
+    """
     state, solves = coarse_state(problem.comm, scene, n, rtol)
-    result = solve_contact(problem, state, rtol=rtol)
-    return result, [*solves, result.linear_solves]
+    problem.solve(coarse=state, rtol=rtol, warm_start=False)
+    return [*solves, problem.result.linear_solves]
 
 
 def child(*arguments: str, ranks: int = 0) -> dict[str, Any] | None:
@@ -131,10 +174,10 @@ def child(*arguments: str, ranks: int = 0) -> dict[str, Any] | None:
 
     Args:
         arguments: The script, and its arguments.
-        ranks: Run it under mpirun with so many ranks; 0 for without.
+        ranks: The number of ranks under mpirun; 0 for a run without mpirun.
 
     Returns:
-        What it printed; None where its alarm clock ended it.
+        The content of the JSON; None where the alarm clock of the process ended it.
     """
     launcher = ["mpirun", "-n", str(ranks)] if ranks else []
     done = subprocess.run(
@@ -152,18 +195,31 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     return {"min": min(values), "median": median(values), "max": max(values)}
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table for the terminal."""
-    cells = [list(columns)] + [
-        [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows
-    ]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    lines = ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in cells]
-    return "\n".join([title, lines[0], "-" * len(lines[0]), *lines[1:], ""])
+def report(
+    comm: MPI.Comm,
+    name: str,
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    content: Mapping[str, Any],
+) -> None:
+    """Print results as a table and write them to a JSON file in the results folder, on rank 0.
+
+    Args:
+        comm: The communicator.
+        name: The name of the file, without its ending.
+        title: A line above the table.
+        columns: The heads of the columns.
+        rows: The cells of each row.
+        content: The content of the file, to which versions and number of ranks are added.
+    """
+    if comm.rank == 0:
+        print(text_table(columns, rows, title))
+        write_json(comm, name, content)
 
 
 def write_json(comm: MPI.Comm, name: str, content: Mapping[str, Any]) -> None:
-    """Write results to a JSON file in the results folder, on rank 0."""
+    """Write results to a JSON file in the results folder, on rank 0; see `report`."""
     if comm.rank == 0:
         RESULTS.mkdir(exist_ok=True)
         text = json.dumps({"versions": versions(), "ranks": comm.size} | dict(content), indent=1)

@@ -8,80 +8,69 @@ The denominator is one CG + BoomerAMG solve, from zero, to the same relative res
 BoomerAMG as PETSc sets it up ("linear") and with the settings of the contact solve ("tuned").
 """
 
-import argparse
+from typing import Any
 
-from common import SCENES, contact_solve, linear_solve, spread, table, timed, write_json
+from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.problem import DEFAULT_RTOL
+
+COLUMNS = (
+    *("scene", "N", "/ linear", "range", "/ tuned", "contact s", "linear s", "tuned s"),
+    "solves per level",
+)
+
+
+def measure(comm: MPI.Comm, scene: str, n: int, repeats: int) -> dict[str, Any]:
+    """Measure the three solves in turn, some times over."""
+    problem = SCENES[scene](comm, n)
+    contact, linear, tuned, solves = [], [], [], []
+    for _ in range(repeats):
+        linear.append(timed(comm, linear_solve, problem, DEFAULT_RTOL)[0])
+        tuned.append(timed(comm, linear_solve, problem, DEFAULT_RTOL, True)[0])
+        seconds, solves = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
+        contact.append(seconds)
+    result = problem.result
+    problem.destroy()
+    ratio, ratio_tuned = (
+        spread([c / x for c, x in zip(contact, other, strict=True)]) for other in (linear, tuned)
+    )
+    return {
+        "scene": scene,
+        "n": n,
+        "ratio": ratio,
+        "ratio_tuned": ratio_tuned,
+        "contact_seconds": spread(contact),
+        "linear_seconds": spread(linear),
+        "tuned_seconds": spread(tuned),
+        "linear_solves_by_level": solves,
+        "finest_phases": result.seconds,
+        "natural_residual": result.natural_residual,
+    }
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=[501, 1001, 2001])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
-    args = parser.parse_args()
+    options = parser(__doc__, [501, 1001, 2001])
+    options.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
+    args = options.parse_args()
     comm = MPI.COMM_WORLD
-    results = []
+    rows, results = [], []
     for scene in args.scenes:
-        warm = SCENES[scene](comm, 63)
-        contact_solve(warm, scene, 63, DEFAULT_RTOL)
+        contact_solve(SCENES[scene](comm, 63), scene, 63, DEFAULT_RTOL)  # compiles the forms
         for n in args.cells:
-            problem = SCENES[scene](comm, n)
-            contact, linear, tuned, solves = [], [], [], []
-            for _ in range(args.repeats):
-                seconds, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
-                linear.append(seconds)
-                seconds, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL, True)
-                tuned.append(seconds)
-                seconds, (result, solves) = timed(
-                    comm, contact_solve, problem, scene, n, DEFAULT_RTOL
-                )
-                contact.append(seconds)
-            problem.destroy()
-            ratio, ratio_tuned = (
-                spread([c / x for c, x in zip(contact, other, strict=True)])
-                for other in (linear, tuned)
-            )
-            results.append(
-                {
-                    "scene": scene,
-                    "n": n,
-                    "ratio": ratio,
-                    "ratio_tuned": ratio_tuned,
-                    "contact_seconds": spread(contact),
-                    "linear_seconds": spread(linear),
-                    "tuned_seconds": spread(tuned),
-                    "linear_solves_by_level": solves,
-                    "finest_phases": result.seconds,
-                    "natural_residual": result.natural_residual,
-                }
-            )
+            r = measure(comm, scene, n, args.repeats)
+            results.append(r)
             if comm.rank == 0:
-                print(f"{scene} N = {n}: {ratio['median']:.2f}", flush=True)
-    rows = [
-        (
-            r["scene"],
-            r["n"],
-            r["ratio"]["median"],
-            f"{r['ratio']['min']:.2f}-{r['ratio']['max']:.2f}",
-            r["ratio_tuned"]["median"],
-            r["contact_seconds"]["median"],
-            r["linear_seconds"]["median"],
-            r["tuned_seconds"]["median"],
-            "+".join(map(str, r["linear_solves_by_level"])),
-        )
-        for r in results
-    ]
-    columns = (
-        *("scene", "N", "/ linear", "range", "/ tuned", "contact s", "linear s", "tuned s"),
-        "solves per level",
-    )
-    if comm.rank == 0:
-        print(table(f"contact / linear solve, medians of {args.repeats}", columns, rows))
-    write_json(comm, "contact_over_linear", {"repeats": args.repeats, "results": results})
+                print(f"{scene} N = {n}: {r['ratio']['median']:.2f}", flush=True)
+            seconds = [r[f"{what}_seconds"]["median"] for what in ("contact", "linear", "tuned")]
+            spanned = f"{r['ratio']['min']:.2f}-{r['ratio']['max']:.2f}"
+            ratios = (r["ratio"]["median"], spanned, r["ratio_tuned"]["median"])
+            solves = "+".join(map(str, r["linear_solves_by_level"]))
+            rows.append((scene, n, *ratios, *seconds, solves))
+    title = f"contact / linear solve, medians of {args.repeats}"
+    content = {"repeats": args.repeats, "results": results}
+    report(comm, "contact_over_linear", title, COLUMNS, rows, content)
 
 
 main()

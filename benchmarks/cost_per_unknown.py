@@ -6,26 +6,21 @@ Microseconds per unknown of the contact solve, all its levels included, beside t
 solve of the same matrix. All sizes are measured in turn, --repeats times over.
 """
 
-import argparse
-
-from common import SCENES, contact_solve, linear_solve, spread, table, timed, write_json
+from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.problem import DEFAULT_RTOL
 
-SIZES = [51, 101, 201, 501, 1001, 2001]
 MICRO = 1e6
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
-    args = parser.parse_args()
+    options = parser(__doc__, [51, 101, 201, 501, 1001, 2001])
+    options.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
+    args = options.parse_args()
     comm = MPI.COMM_WORLD
-    results = []
+    rows, results = [], []
     for scene in args.scenes:
         problems = {n: SCENES[scene](comm, n) for n in args.cells}
         contact_solve(problems[args.cells[0]], scene, args.cells[0], DEFAULT_RTOL)
@@ -36,28 +31,18 @@ def main() -> None:
             for n, problem in problems.items():
                 seconds, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
                 linear[n].append(MICRO * seconds / problem.unknowns)
-                seconds, (_, solves[n]) = timed(
-                    comm, contact_solve, problem, scene, n, DEFAULT_RTOL
-                )
+                seconds, solves[n] = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
                 contact[n].append(MICRO * seconds / problem.unknowns)
         for n, problem in problems.items():
             problem.destroy()
             entry = {"contact": spread(contact[n]), "linear": spread(linear[n])}
             results.append({"scene": scene, "n": n, "linear_solves": solves[n]} | entry)
-    rows = [
-        (
-            r["scene"],
-            r["n"],
-            r["contact"]["median"],
-            r["linear"]["median"],
-            "+".join(map(str, r["linear_solves"])),
-        )
-        for r in results
-    ]
+            medians = [spread(values[n])["median"] for values in (contact, linear)]
+            rows.append((scene, n, *medians, "+".join(map(str, solves[n]))))
+    title = f"microseconds per unknown, medians of {args.repeats}"
     columns = ("scene", "N", "contact", "linear", "solves per level")
-    if comm.rank == 0:
-        print(table(f"microseconds per unknown, medians of {args.repeats}", columns, rows))
-    write_json(comm, "cost_per_unknown", {"repeats": args.repeats, "results": results})
+    content = {"repeats": args.repeats, "results": results}
+    report(comm, "cost_per_unknown", title, columns, rows, content)
 
 
 main()

@@ -7,28 +7,24 @@ interpolant into Lagrange elements of the same mesh. At the detachment point the
 r^{3/2}-smooth, which no degree mends: sup norms and large p notice.
 """
 
-import argparse
-
-from common import table, write_json
+from common import paper, parser, report
 from mpi4py import MPI
 
-from dolfinx_signorini import christof_haubner, error_norms, friedrichs_keller, paper_problem
+from dolfinx_signorini import christof_haubner, error_norms, interpolated
 from dolfinx_signorini.paper.study import PAPER_NORMS
-from dolfinx_signorini.references import interpolated
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=[101, 401])
-    parser.add_argument("--degrees", type=int, nargs="+", default=[2, 3, 4, 5, 6])
-    args = parser.parse_args()
+    options = parser(__doc__, [101, 401])
+    options.add_argument("--degrees", type=int, nargs="+", default=[2, 3, 4, 5, 6])
+    args = options.parse_args()
     comm = MPI.COMM_WORLD
     rows, results = [], []
     for n in args.cells:
-        exact = christof_haubner(friedrichs_keller(comm, n))
-        problem = paper_problem(exact)
-        u = problem.solve().u
+        problem = paper(comm, n)
+        u = problem.solve()
+        exact = christof_haubner(problem.space.mesh)
         problem.destroy()
         errors = error_norms(u, exact, PAPER_NORMS)
         for degree in args.degrees:
@@ -36,10 +32,9 @@ def main() -> None:
             change = {norm: other[norm] / errors[norm] - 1.0 for norm in PAPER_NORMS}
             results.append({"n": n, "degree": degree} | change)
             rows.append((n, degree, *(f"{value:+.1e}" for value in change.values())))
-    if comm.rank == 0:
-        title = "relative change of the error against the exact solution"
-        print(table(title, ("N", "degree", *PAPER_NORMS), rows))
-    write_json(comm, "interpolated_reference", {"results": results})
+    title = "relative change of the error against the exact solution"
+    columns = ("N", "degree", *PAPER_NORMS)
+    report(comm, "interpolated_reference", title, columns, rows, {"results": results})
 
 
 main()

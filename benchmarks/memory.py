@@ -2,8 +2,8 @@
 
     ./with-dolfinx python3 benchmarks/memory.py [--cells 501 1001 2001] [--repeats 5]
 
-Mesh, assembly and solve in a process of its own for each figure; the memory is the largest
-resident set of the process, as the kernel counts it, with and without that of an idle start.
+Mesh, assembly and solve in a process of its own for each figure. The memory is the largest resident
+set of the process, as the kernel counts it; the table also shows that of an idle process.
 """
 
 import argparse
@@ -12,16 +12,16 @@ import resource
 from pathlib import Path
 from typing import Any
 
-from common import SCENES, child, contact_solve, linear_solve, spread, table, write_json
+from common import child, contact_solve, linear_solve, paper, parser, report, spread
 from mpi4py import MPI
 
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.problem import DEFAULT_RTOL
 
 
 def measure(what: str, n: int) -> None:
     """Run one pipeline and print its peak memory in megabytes."""
     if what != "idle":
-        problem = SCENES["paper"](MPI.COMM_SELF, n)
+        problem = paper(MPI.COMM_SELF, n)
         if what == "linear":
             linear_solve(problem, DEFAULT_RTOL)
         else:
@@ -32,11 +32,9 @@ def measure(what: str, n: int) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=[501, 1001, 2001])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--measure", choices=("idle", "linear", "contact"), help=argparse.SUPPRESS)
-    args = parser.parse_args()
+    options = parser(__doc__, [501, 1001, 2001])
+    options.add_argument("--measure", choices=("idle", "linear", "contact"), help=argparse.SUPPRESS)
+    args = options.parse_args()
     if args.measure:
         measure(args.measure, args.cells[0])
         return
@@ -52,8 +50,9 @@ def main() -> None:
         results.append({"n": n, "ratio": ratio} | middle)
         rows.append((n, *(f"{middle[what]['median']:.0f}" for what in peaks), ratio["median"]))
     columns = ("N", "idle", "linear", "contact", "contact / linear")
-    print(table(f"peak memory in megabytes, medians of {args.repeats}", columns, rows))
-    write_json(MPI.COMM_WORLD, "memory", {"repeats": args.repeats, "results": results})
+    title = f"peak memory in megabytes, medians of {args.repeats}"
+    content = {"repeats": args.repeats, "results": results}
+    report(MPI.COMM_WORLD, "memory", title, columns, rows, content)
 
 
 main()

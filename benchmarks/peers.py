@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from common import child, contact_solve, paper, table, write_json
+from common import child, contact_solve, paper, parser, report, write_json
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
-from dolfinx_signorini.solvers.residual import Optimality
+from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.solvers.residual import NaturalResidual
 
 Peer = Callable[[SignoriniProblem], "np.ndarray[Any, Any]"]
 
@@ -37,20 +37,20 @@ Peer = Callable[[SignoriniProblem], "np.ndarray[Any, Any]"]
 def cascade(problem: SignoriniProblem) -> Any:
     """The default of this package, with all its coarse levels."""
     n = round(np.sqrt(problem.unknowns)) - 1
-    result, _ = contact_solve(problem, "paper", n, DEFAULT_RTOL)
-    return result.u.x.array
+    contact_solve(problem, "paper", n, DEFAULT_RTOL)
+    return problem.u.x.array
 
 
 def tao(method: str) -> Peer:
     """A TAO type from zero."""
-    return lambda problem: problem.solve(method, rtol=DEFAULT_RTOL).u.x.array
+    return lambda problem: problem.solve(method, rtol=DEFAULT_RTOL, warm_start=False).x.array
 
 
 def snes(method: str, ksp: str = "gmres") -> Peer:
     """A variational inequality solver of SNES with BoomerAMG; GMRES is PETSc's default."""
 
     def solve(problem: SignoriniProblem) -> Any:
-        A, b, x = problem.A, problem.b, problem.start_values()
+        A, b, x = problem.A, problem.b, problem.system.start()
         lower, upper = x.duplicate(), x.duplicate()
         lower.set(PETSc.NINFINITY)
         lower.array_w[problem.contact_dofs] = problem.obstacle
@@ -60,14 +60,13 @@ def snes(method: str, ksp: str = "gmres") -> Peer:
             A.mult(x, f)
             f.axpy(-1.0, b)
 
-        optimality = Optimality(problem)
         snes = PETSc.SNES().create(problem.comm)
         snes.setType(method)
         snes.setFunction(residual, b.duplicate())
         # vinewtonssls changes the matrix in place
         snes.setJacobian(lambda snes, x, J, P: A.copy(J), A.copy())
         snes.setVariableBounds(lower, upper)
-        atol = 0.5 * DEFAULT_RTOL * optimality.scale
+        atol = 0.5 * DEFAULT_RTOL * NaturalResidual(problem.system).scale
         snes.setTolerances(rtol=0.0, stol=0.0, atol=atol, max_it=500)
         snes.getKSP().setType(ksp)
         snes.getKSP().getPC().setType("hypre")
@@ -187,36 +186,31 @@ def measure(name: str, n: int, limit: float, repeats: int) -> dict[str, Any]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         if seconds[0] > limit / 5:
             break
-    x = problem.start_values()
-    x.array_w[:] = values[: x.getLocalSize()]
-    problem.project(x)
     return {
         "first": seconds[0],
         "seconds": seconds[1:] or seconds,
-        "residual": Optimality(problem).measure(x),
+        "residual": NaturalResidual(problem.system)(problem.system.start(values)),
     }
 
 
 def main() -> None:
     """Measure all peers and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=1001)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--limit", type=float, default=600.0, help="seconds for one solve")
-    parser.add_argument("--only", nargs="+", choices=list(PEERS), default=list(PEERS))
-    parser.add_argument("--measure", choices=list(PEERS), help=argparse.SUPPRESS)
-    args = parser.parse_args()
+    options = parser(__doc__, 1001)
+    options.add_argument("--limit", type=float, default=600.0, help="seconds for one solve")
+    options.add_argument("--only", nargs="+", choices=list(PEERS), default=list(PEERS))
+    options.add_argument("--measure", choices=list(PEERS), help=argparse.SUPPRESS)
+    args = options.parse_args()
     if args.measure:
         print(json.dumps(measure(args.measure, args.cells, args.limit, args.repeats)))
         return
     script = str(Path(__file__))
-    options = [f"--cells={args.cells}", f"--limit={args.limit}", f"--repeats={args.repeats}"]
+    settings = [f"--cells={args.cells}", f"--limit={args.limit}", f"--repeats={args.repeats}"]
     results: dict[str, dict[str, Any] | None] = {}
     for name in args.only:
-        results[name] = child(script, "--measure", name, *options)
+        results[name] = child(script, "--measure", name, *settings)
         print(f"{name}: {results[name]}", flush=True)
         content = {"cells": args.cells, "limit": args.limit, "runs": results}
-        write_json(MPI.COMM_WORLD, "peers", content)
+        write_json(MPI.COMM_WORLD, "peers", content)  # what is known when a later run is stopped
     own = median(results["cascade"]["seconds"]) if results.get("cascade") else 1.0
     rows = []
     for name, run in results.items():
@@ -227,7 +221,8 @@ def main() -> None:
         else:
             rows.append((name, f"> {args.limit:g}", f"> {args.limit / own:.3g}", "did not finish"))
     title = f"paper's problem, N = {args.cells}, to a natural residual of {DEFAULT_RTOL:g}"
-    print(table(title, ("solver", "seconds", "/ cascade", "residual"), rows))
+    columns = ("solver", "seconds", "/ cascade", "residual")
+    report(MPI.COMM_WORLD, "peers", title, columns, rows, content)
 
 
 main()

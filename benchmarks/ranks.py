@@ -13,10 +13,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from common import SCENES, child, contact_solve, linear_solve, spread, table, timed, write_json
+from common import SCENES, child, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.problem import DEFAULT_RTOL
 
 WHAT = ("linear", "tuned", "contact")
 TURNS = 3
@@ -42,11 +42,9 @@ def measure(scene: str, n: int) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=1001)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--measure", choices=list(SCENES), help=argparse.SUPPRESS)
-    args = parser.parse_args()
+    options = parser(__doc__, 1001)
+    options.add_argument("--measure", choices=list(SCENES), help=argparse.SUPPRESS)
+    args = options.parse_args()
     if args.measure:
         measure(args.measure, args.cells)
         return
@@ -70,8 +68,8 @@ def main() -> None:
     for what in WHAT:
         columns += [f"{what} 1", f"{what} 2", "speed-up"]
     title = f"seconds on 1 and on 2 ranks, N = {args.cells}, medians of {args.repeats}"
-    print(table(title, columns, rows))
-    write_json(MPI.COMM_WORLD, "ranks", {"cells": args.cells, "results": results})
+    content = {"cells": args.cells, "results": results}
+    report(MPI.COMM_WORLD, "ranks", title, columns, rows, content)
 
 
 main()

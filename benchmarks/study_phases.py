@@ -15,13 +15,15 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from common import linear_solve, spread, table, timed, write_json
+from common import linear_solve, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini import christof_haubner, friedrichs_keller, paper_problem
+from dolfinx_signorini import christof_haubner, friedrichs_keller
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.reproduce import FIRST, STEP
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.timing import Phases
 
 PHASES = ("coarse", "mesh", "assembly", "solve", "errors")
 
@@ -37,12 +39,15 @@ def reproduce(max_n: int) -> list[dict[str, float]]:
 
 def linear_pipeline(n: int) -> dict[str, float]:
     """Return the seconds of mesh, assembly and linear solve."""
-    comm = MPI.COMM_SELF
-    mesh, exact = timed(comm, lambda: christof_haubner(friedrichs_keller(comm, n)))
-    assembly, problem = timed(comm, paper_problem, exact)
-    solve, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
+    phases = Phases(MPI.COMM_SELF)
+    with phases("mesh"):
+        exact = christof_haubner(friedrichs_keller(MPI.COMM_SELF, n))
+    with phases("assembly"):
+        problem = paper_problem(exact)
+    with phases("solve"):
+        linear_solve(problem, DEFAULT_RTOL)
     problem.destroy()
-    return {"mesh": mesh, "assembly": assembly, "solve": solve}
+    return phases.seconds
 
 
 def main() -> None:
@@ -71,13 +76,14 @@ def main() -> None:
     sums = [sum(sum(line.values()) for line in run) for run in linear]
     total = spread([a / b for a, b in zip(whole, sums, strict=True)])
     columns = ("N", *PHASES, "linear pipeline", "row / linear pipeline")
-    print(table(f"seconds, medians of {args.repeats}", columns, lines))
+    title = f"seconds, medians of {args.repeats}"
+    content = {"whole": spread(whole), "linear": spread(sums), "ratio": total, "rows": ratios}
+    content |= {"phases": rows, "pipelines": linear}
+    report(MPI.COMM_SELF, "study_phases", title, columns, lines, content)
     print(
         f"reproduce --max-n {args.max_n}: {median(whole):.1f} s with tables and pictures, "
         f"linear pipelines {median(sums):.1f} s, ratio {total['median']:.2f}"
     )
-    content = {"whole": spread(whole), "linear": spread(sums), "ratio": total, "rows": ratios}
-    write_json(MPI.COMM_SELF, "study_phases", content | {"phases": rows, "pipelines": linear})
 
 
 main()

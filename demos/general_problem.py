@@ -61,7 +61,8 @@ def floor(x: np.ndarray) -> np.ndarray:
 
 
 problem = SignoriniProblem(a, L, contact=contact, obstacle=floor, bcs=[bc])
-result = problem.solve()
+height = problem.solve()
+result = problem.result
 if comm.rank == 0:
     print(f"{problem.unknowns} unknowns, {result.active_dofs} of them on the floor")
     print(f"{result.linear_solves} linear solves; {result.reason}")
@@ -70,14 +71,14 @@ if comm.rank == 0:
 # %% [markdown]
 # ## The contact pressure balances the weight
 #
-# The density of the pressure comes with the contact state. What the floor and the clamp bear is the
-# weight: the clamp's share is the flux through the top edge.
+# `problem.pressure` is the density of the contact pressure. Floor and clamp together bear the
+# weight: the share of the clamp is the flux through the top edge.
 
 # %%
-state = problem.contact_state(result.u)
+pressure = problem.pressure
 tags = dolfinx.mesh.meshtags(mesh, 1, np.sort(contact), np.ones(len(contact), dtype=np.int32))
 ds = ufl.Measure("ds", mesh, subdomain_data=tags)
-borne = comm.allreduce(fem.assemble_scalar(fem.form(state.density * ds(1))))
+borne = comm.allreduce(fem.assemble_scalar(fem.form(pressure * ds(1))))
 if comm.rank == 0:
     print(f"the floor bears {borne:.3f} of the weight {2.0 * weight:.3f}, the clamp the rest")
 
@@ -90,23 +91,25 @@ parts = comm.gather(
     np.column_stack(
         [
             space.tabulate_dof_coordinates()[owned, 0],
-            result.u.x.array[owned],
+            height.x.array[owned],
             problem.obstacle,
-            state.density.x.array[owned],
+            pressure.x.array[owned],
         ]
     )
 )
 problem.destroy()
 if parts is not None:
     table = np.vstack(parts)
-    position, height, ground, pressure = table[np.argsort(table[:, 0])].T
+    position, heights, ground, pressures = table[np.argsort(table[:, 0])].T
     figure, (above, below) = plt.subplots(2, 1, figsize=(7.2, 5.4), sharex=True)
     above.fill_between(position, ground, ground.min() - 0.1, color="0.85", label="floor")
-    above.plot(position, height, color="#0072B2", label="$u$ on the bottom edge")
-    touching = height <= ground
-    above.plot(position[touching], height[touching], "o", color="#D55E00", ms=4, label="in contact")
+    above.plot(position, heights, color="#0072B2", label="$u$ on the bottom edge")
+    touching = heights <= ground
+    above.plot(
+        position[touching], heights[touching], "o", color="#D55E00", ms=4, label="in contact"
+    )
     above.set_ylabel("height")
-    below.plot(position, pressure, color="#D55E00")
+    below.plot(position, pressures, color="#D55E00")
     below.set(xlabel="$x_1$ on the bottom edge", ylabel="contact pressure")
     for axes in (above, below):
         axes.grid(alpha=0.3)

@@ -3,8 +3,8 @@
 #
 # One problem, the paper's at N = 101, and every way this package has to solve it: the cascade, with
 # and without a coarser solution, and the bound-constrained solvers of PETSc TAO from zero. All of
-# them stop on the same measure, the natural residual relative to the data, so that they can be
-# compared: in iterations, in linear solves, and in how far their solutions lie apart.
+# them stop at the same natural residual relative to the data, so that their iterations, their
+# linear solves and their solutions can be compared.
 #
 # Run it with `python3 demos/solvers.py`, or on two processes with `mpirun -n 2`.
 
@@ -22,13 +22,14 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import (
-    SolveResult,
+    METHODS,
+    SignoriniProblem,
     christof_haubner,
     error_norms,
     friedrichs_keller,
-    paper_problem,
 )
-from dolfinx_signorini.problem import METHODS, SignoriniProblem
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.tables import text_table
 
 comm = MPI.COMM_WORLD
 RTOL = 1e-8
@@ -42,47 +43,51 @@ def paper(n: int) -> SignoriniProblem:
 # ## Solve
 #
 # First-order methods (bncg, bqnls, blmvm) need a thousand cheap iterations, more on finer meshes.
-# Newton's methods (bntr, bnls, tron) need few, each with linear solves. The cascade needs a linear
-# solve or two once it knows the contact set nearly: from a mesh four times as coarse.
+# Newton's methods (bntr, bnls, tron) need few iterations, each with linear solves. The cascade
+# needs a linear solve or two if it nearly knows the contact set, for example from a mesh with a
+# quarter of the cells per side. By default a second solve starts from the last solution; here every
+# solve starts from nothing. All solves fill the same function, whose values are copied therefore.
 
 # %%
 problem, small = paper(101), paper(25)
-coarse = small.contact_state(small.solve().u)
+small.solve()
+coarse = small.contact_state()
 small.destroy()
-results: dict[str, tuple[SolveResult, float]] = {}
+solutions, results, seconds = {}, {}, {}
 for name in (*METHODS, "cascade from N = 25"):
     start = time.perf_counter()
     if name in METHODS:
-        result = problem.solve(name, rtol=RTOL)
+        u = problem.solve(name, rtol=RTOL, warm_start=False)
     else:
-        result = problem.solve(coarse=coarse, rtol=RTOL)
-    results[name] = (result, time.perf_counter() - start)
+        u = problem.solve(coarse=coarse, rtol=RTOL, warm_start=False)
+    seconds[name] = time.perf_counter() - start
+    solutions[name], results[name] = u.x.array.copy(), problem.result
 problem.destroy()
 
 # %% [markdown]
 # ## Compare
 #
-# `linear its` are the iterations of conjugate gradients inside, and the difference is the largest
-# one from Newton's solution (bntr), relative to the largest value.
+# `linear its` are the iterations of conjugate gradients. The difference is the largest one from the
+# solution of Newton's method (bntr), relative to the largest value.
 
 # %%
-reference = results["bntr"][0].u
-largest = error_norms(reference, None, ["Linf"])["Linf"]
-difference = fem.Function(reference.function_space)
-table = []
-for name, (result, seconds) in results.items():
-    difference.x.array[:] = result.u.x.array - reference.x.array
-    apart = error_norms(difference, None, ["Linf"])["Linf"] / largest
-    table.append((name, result, seconds, apart))
+difference = fem.Function(problem.space)
+
+
+def largest(values: np.ndarray) -> float:
+    """The largest absolute value on all ranks."""
+    difference.x.array[:] = values
+    return error_norms(difference, None, ["Linf"])["Linf"]
+
+
+rows = []
+for name, result in results.items():
+    apart = largest(solutions[name] - solutions["bntr"]) / largest(solutions["bntr"])
+    counts = (result.iterations, result.linear_solves, result.linear_iterations)
+    rows.append((name, *counts, result.natural_residual, apart, seconds[name]))
 if comm.rank == 0:
-    print(f"{'method':>20} {'TAO its':>8} {'solves':>7} {'linear its':>11} {'residual':>9} "
-          f"{'difference':>11} {'seconds':>8}")  # fmt: skip
-    for name, result, seconds, apart in table:
-        print(
-            f"{name:>20} {result.iterations:8} {result.linear_solves:7} "
-            f"{result.linear_iterations:11} {result.natural_residual:9.1e} {apart:11.1e} "
-            f"{seconds:8.2f}"
-        )
+    heads = ("TAO its", "solves", "linear its", "residual", "difference", "seconds")
+    print(text_table(("method", *heads), rows))
 
 # %% [markdown]
 # ## Picture: what each solver counts
@@ -91,11 +96,11 @@ if comm.rank == 0:
 
 # %%
 if comm.rank == 0:
-    names = [row[0] for row in table]
+    names = list(results)
     places = np.arange(len(names))
     figure, axes = plt.subplots(figsize=(7.2, 4.2))
-    tao = [row[1].iterations for row in table]
-    linear = [row[1].linear_iterations for row in table]
+    tao = [result.iterations for result in results.values()]
+    linear = [result.linear_iterations for result in results.values()]
     bars = (("iterations of TAO", tao, "#0072B2"), ("iterations of CG with AMG", linear, "#E69F00"))
     for shift, (label, values, colour) in zip((-0.2, 0.2), bars, strict=True):
         drawn = axes.barh(places + shift, values, height=0.4, color=colour, label=label)

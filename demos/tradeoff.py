@@ -9,7 +9,8 @@
 # %%
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.report import HEADER, outcome_lines, trial_line
+from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2
+from dolfinx_signorini.accuracy.report import outcome_lines, trial_line
 from dolfinx_signorini.accuracy.runs import Configuration, levels, solve_configuration
 from dolfinx_signorini.accuracy.search import solve_to
 from dolfinx_signorini.norms import error_norms
@@ -37,45 +38,46 @@ def show(configuration: Configuration) -> None:
 # %% [markdown]
 # ## Uniform meshes
 #
-# The solution detaches from the obstacle at (0.47123, 0), where it is like r^(3/2). This point
-# dominates the largest error of the gradient, `W1_inf`: to halve it with P1 elements takes four
-# times as many cells per side, sixteen times as many unknowns.
+# The solution detaches from the obstacle at (0.47123, 0), and behaves like r^(3/2) there. This
+# point dominates the largest error of the gradient, `W1_inf`: P1 elements halve this error with
+# four times as many cells per side, which are sixteen times as many unknowns.
 
 # %%
 for n in (25, 51, 101):
-    show(Configuration(graded=False, n=n))
+    show(Configuration(UNIFORM_P1, n))
 
 # %% [markdown]
 # P2 elements gain much in `L4`, and little where the gradient is most wrong.
 
 # %%
 for n in (26, 52):
-    show(Configuration(graded=False, n=n, degree=2))
+    show(Configuration(UNIFORM_P2, n))
 
 # %% [markdown]
 # ## Graded meshes
 #
-# They have small cells at the detachment point. Nobody tells them where it is: coarse solves find
-# it, each one more precisely than the one before: to an edge of the mesh at first, then by the zero
-# of the gap, extrapolated from where it is accurate.
+# Graded meshes have small cells at the detachment point. Nobody has to know this point: solutions
+# on coarser meshes find it, each one more precisely than the one before. The first ones find it up
+# to an edge of the mesh; the later ones extrapolate the zero of the gap from points where the gap
+# is accurate.
 
 # %%
 if comm.rank == 0:
-    print("cells across on the coarse levels for N = 48:", levels(Configuration(True, 48, 2)))
+    print("cells across on the coarse levels for N = 48:", levels(Configuration(GRADED_P2, 48)))
 for n in (24, 48):
-    show(Configuration(graded=True, n=n, degree=2))
+    show(Configuration(GRADED_P2, n))
 
 # %% [markdown]
 # ## One dial
 #
-# Nobody has to choose, either. Asked for an accuracy, coarse runs of this very problem tell which
-# mesh, degree and tolerance are the cheapest; the error that comes out is measured, and is between
-# a half and the whole of the one asked for.
+# Nobody has to choose a mesh, either. For a given accuracy, runs of this very problem on coarse
+# meshes tell which mesh, degree and tolerance are the cheapest. The error of the solution is
+# measured, and lies between 50 % and 100 % of the accuracy.
 
 # %%
 outcome = solve_to(comm, problem, "W1_inf", accuracy=0.2)
 if comm.rank == 0:
-    print(HEADER, *map(trial_line, outcome.trials), sep="\n")
+    print(*map(trial_line, outcome.trials), sep="\n")
     for name, text in outcome_lines(outcome):
         print(f"{name}: {text}")
 outcome.run.destroy()
