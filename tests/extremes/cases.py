@@ -113,7 +113,7 @@ def attained(
     """
     problem = case.problem()
     try:
-        u = problem.solve(method, rtol=rtol, **limits).u
+        u = problem.solve(method, rtol=rtol, **limits)
     finally:
         problem.destroy()
     values, _, nodes = case.solution(problem.space)

@@ -15,12 +15,12 @@ from mpi4py import MPI  # noqa: E402
 
 from dolfinx_signorini import (  # noqa: E402
     christof_haubner,
+    coarse_levels,
     error_norms,
     friedrichs_keller,
-    paper_problem,
     solve_cascade,
 )
-from dolfinx_signorini.paper.study import coarse_levels  # noqa: E402
+from dolfinx_signorini.paper.solution import paper_problem  # noqa: E402
 
 N = 2001
 
@@ -30,14 +30,15 @@ def main() -> None:
     comm = MPI.COMM_WORLD
     start = time.perf_counter()
 
-    def problem_on(n: int):
+    def problem_on(n: int, coarser):
         return paper_problem(christof_haubner(friedrichs_keller(comm, n)))
 
-    problem, result = solve_cascade(problem_on, [*coarse_levels(N), N])
+    problem = solve_cascade(problem_on, [*coarse_levels(N), N])
+    result = problem.result
     problem.destroy()
     exact = christof_haubner(problem.space.mesh)
     report = {
-        "errors": error_norms(result.u, exact, ["L4", "Linf", "W1_4"]),
+        "errors": error_norms(problem.u, exact, ["L4", "Linf", "W1_4"]),
         "unknowns": problem.unknowns,
         "natural_residual": result.natural_residual,
         "solve": sum(result.seconds[phase] for phase in ("predict", "solve", "accept")),

@@ -13,9 +13,9 @@ from dolfinx_signorini import (
     christof_haubner,
     error_norms,
     friedrichs_keller,
-    paper_problem,
 )
 from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.paper.solution import paper_problem
 
 TIGHT = 1e-13
 
@@ -65,10 +65,11 @@ CASES = {
 def test_contact_sets(name, method, record):
     case, active = CASES[name]
     problem = case.problem()
-    result = problem.solve(method, rtol=TIGHT if method == "cascade" else None)
+    u = problem.solve(method, rtol=TIGHT if method == "cascade" else None)
+    result = problem.result
     problem.destroy()
     values, held, nodes = case.solution(problem.space)
-    pairs = zip(result.u.x.array.tolist(), nodes.of_dof, strict=True)
+    pairs = zip(u.x.array.tolist(), nodes.of_dof, strict=True)
     local = max((abs(mpf(v) - values[k]) for v, k in pairs), default=mpf(0))
     error = max(case.domain.comm.allgather(local))
     digits = digits_of(error, max(map(abs, values)))
@@ -84,13 +85,13 @@ def test_a_singular_form_held_at_one_node(record):
     """Without reaction only contact holds the body: here one node does."""
     case = Case(square(), reaction=0.0, load=constant(-1.0), obstacle=spike(0.5, 0.0))
     problem = case.problem()
-    result = problem.solve(rtol=TIGHT)
+    u = problem.solve(rtol=TIGHT)
     problem.destroy()
     values, held, nodes = case.solution(problem.space)
-    pairs = zip(result.u.x.array.tolist(), nodes.of_dof, strict=True)
+    pairs = zip(u.x.array.tolist(), nodes.of_dof, strict=True)
     local = max((abs(mpf(v) - values[k]) for v, k in pairs), default=mpf(0))
     digits = digits_of(max(case.domain.comm.allgather(local)), max(map(abs, values)))
-    assert len(held) == result.active_dofs == 1
+    assert len(held) == problem.result.active_dofs == 1
     assert digits >= 12
     record("contact", "no reaction, held at one node", "50 digits, N = 4", digits)
 
@@ -106,9 +107,9 @@ def solve_functional(domain, functional, rtol=TIGHT):
     problem = SignoriniProblem(
         a(u, v), functional(a, space, v), contact=boundary_facets(domain), obstacle=0.0
     )
-    result = problem.solve(rtol=rtol)
+    u = problem.solve(rtol=rtol)
     problem.destroy()
-    return result.u
+    return u
 
 
 def bump(x):
@@ -160,7 +161,7 @@ def test_detachment_point(n, where, record):
     for shift in (0.0, *SHIFTS):
         exact = christof_haubner(domain, (0.5 + shift, 0.0))
         problem = paper_problem(exact)
-        u = problem.solve(rtol=TIGHT).u
+        u = problem.solve(rtol=TIGHT)
         problem.destroy()
         solutions.append((u.x.array, error_norms(u, exact, ["L4", "W1_4", "Linf"])))
     comm = MPI.COMM_WORLD
@@ -182,7 +183,7 @@ def test_detachment_orders(n, record):
     for cells in (n, 2 * n + n % 2):
         exact = christof_haubner(friedrichs_keller(MPI.COMM_WORLD, cells))
         problem = paper_problem(exact)
-        u = problem.solve(rtol=1e-10).u
+        u = problem.solve(rtol=1e-10)
         problem.destroy()
         errors.append((cells, error_norms(u, exact, ["L4", "W1_4"])))
     (coarse, first), (fine, second) = errors

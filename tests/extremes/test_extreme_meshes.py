@@ -47,7 +47,7 @@ def agreement(domain, cases):
     solutions = []
     for case in cases:
         problem = case.problem()
-        solutions.append(problem.solve(rtol=TIGHT).u.x.array)
+        solutions.append(problem.solve(rtol=TIGHT).x.array)
         problem.destroy()
     first, second = solutions
     local = np.abs([second - first, first]).max(axis=1, initial=0.0)
@@ -140,7 +140,7 @@ def test_reflection_and_numbering(record):
             domain, load=lambda x, f=flip: waves(f(x)), obstacle=lambda x, f=flip: humps(f(x))
         )
         problem = case.problem()
-        u = problem.solve(rtol=1e-14).u
+        u = problem.solve(rtol=1e-14)
         owned = problem.space.dofmap.index_map.size_local
         x = flip(problem.space.tabulate_dof_coordinates()[:owned].T)
         problem.destroy()
@@ -226,7 +226,7 @@ def test_smallest_meshes_know_constants(degree, record):
     a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
     one = fem.Constant(domain, 1.0)
     problem = SignoriniProblem(a, one * v * ufl.dx, contact=boundary_facets(domain), obstacle=-9.0)
-    values = problem.solve(rtol=TIGHT).u.x.array
+    values = problem.solve(rtol=TIGHT).x.array
     problem.destroy()
     error = domain.comm.allreduce(np.abs(values - 1.0).max(initial=0.0), op=MPI.MAX)
     digits = digits_of(error, 1.0)
