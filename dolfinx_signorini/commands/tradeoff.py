@@ -19,7 +19,7 @@ from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, on_first, versions, write_file
 from dolfinx_signorini.scenes import Scene, load_scene
-from dolfinx_signorini.scenes.family import scene_family
+from dolfinx_signorini.scenes.posing import scene_family
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.measuring import (
     Row,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from dolfinx_signorini.plotting import COLOURS, MARKERS
+from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.tradeoff.measuring import Row, describe, pareto_front
 
 KINDS = {
