@@ -7,16 +7,15 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.output.boundary import gather_boundary
-from dolfinx_signorini.scenes.output.summary import lines, summarise
+from dolfinx_signorini.scenes.output.summary import lines, listing, summarise
 
 comm = MPI.COMM_WORLD
 for path in sorted((Path(__file__).parent / "scenes").glob("*.toml")):
     result = solve_scene(load_scene(path, comm), comm)
-    summary = summarise(result, gather_boundary(result))
+    summary = summarise(result, gather_contact_boundary(result.posed.problem))
     result.destroy()
     if comm.rank == 0:
         print(f"{path.name}: {result.posed.scene.title}")
-        for name, text in lines(summary):
-            print(f"  {name:<20}{text}")
+        print(listing(lines(summary)), end="")

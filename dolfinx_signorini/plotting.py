@@ -1,4 +1,4 @@
-"""What all pictures have in common: colours, markers, and how a picture is saved."""
+"""How pictures are saved."""
 
 from pathlib import Path
 
@@ -8,10 +8,6 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
-
-# Okabe and Ito's colours, told apart with any colour vision.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKERS = "osD^vPX"
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -1,18 +1,12 @@
-"""The job `check`: what a scene needs and costs, without solving it."""
+"""The job `check`: what a scene needs and costs, without a solve."""
 
 import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.scenes.expectations import (
-    Expectation,
-    cost,
-    expect,
-    order_text,
-    terms,
-    unknowns,
-)
+from dolfinx_signorini.scenes.expectations import Expectation, cost, expect, terms, unknowns
+from dolfinx_signorini.scenes.output.summary import listing
 from dolfinx_signorini.scenes.posing import pose
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import Scene
@@ -39,8 +33,7 @@ def run(args: argparse.Namespace) -> int:
             posed.problem.destroy()
     if comm.rank == 0:
         print(scene.title)
-        for name, text in _lines(scene, expectation):
-            print(f"  {name:<20}{text}")
+        print(listing(_lines(scene, expectation)), end="")
         for note in expectation.notes:
             print(f"note: {note}")
     return 0
@@ -48,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(scene: Scene, expectation: Expectation) -> list[tuple[str, str]]:
     rows = [("terms" if k == 0 else "", term) for k, term in enumerate(terms(scene))]
-    rows.append(("expected orders", order_text(expectation)))
+    rows.append(("expected orders", str(expectation)))
     if scene.accuracy is not None:
         wanted = f"an error of {scene.accuracy:g} in {scene.norm}"
         return [*rows, ("meshes", f"chosen from coarse runs, for {wanted}")]

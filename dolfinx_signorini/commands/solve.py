@@ -10,12 +10,11 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.model import Trial
 from dolfinx_signorini.accuracy.report import trial_line
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.scenes.expectations import order_text
-from dolfinx_signorini.scenes.output.boundary import gather_boundary
 from dolfinx_signorini.scenes.output.files import output_folder, write_results
-from dolfinx_signorini.scenes.output.summary import Summary, lines, summarise
+from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         with naming_the_file(args.scene, scene):
             result = solve_scene(scene, comm, **asked, on_trial=_progress)
         try:
-            boundary = gather_boundary(result)
+            boundary = gather_contact_boundary(result.posed.problem)
             summary = summarise(result, boundary)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
@@ -109,7 +108,7 @@ def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     asked = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if asked and not asked.keys() & {"accuracy", "budget"} and scene.accuracy is None:
         option = "--" + next(iter(asked)).replace("_", "-")
-        raise InputError(f"{option}: goes with --accuracy or --budget")
+        raise InputError("goes with --accuracy or --budget", option)
     return asked
 
 
@@ -119,7 +118,7 @@ def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...
         outputs = tuple(dict.fromkeys(name.strip() for name in args.outputs.split(",")))
         for name in outputs:
             if name not in OUTPUTS:
-                raise InputError(f"--outputs: unknown {name!r}, known are {', '.join(OUTPUTS)}")
+                raise InputError(f"unknown {name!r}, known are {', '.join(OUTPUTS)}", "--outputs")
     elif args.out is not None and not named and not args.report:
         outputs = tuple(OUTPUTS)
     return tuple(dict.fromkeys((*outputs, "report"))) if args.report else outputs
@@ -129,8 +128,7 @@ def _print(result: SceneResult, summary: Summary) -> None:
     if result.outcome is not None:
         print()
     print(result.posed.scene.title)
-    for name, text in lines(summary):
-        print(f"  {name:<20}{text}")
-    print(f"  {'expected orders':<20}{order_text(result.expectation)}")
+    rows = [*lines(summary), ("expected orders", str(result.expectation))]
+    print(listing(rows), end="")
     for note in result.expectation.notes:
         print(f"note: {note}")

@@ -13,7 +13,7 @@ from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
-from dolfinx_signorini.scenes.family import scene_family
+from dolfinx_signorini.scenes.posing import scene_family
 from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
 from dolfinx_signorini.tradeoff.measuring import is_known, measure_grid
 from dolfinx_signorini.tradeoff.page import write_page

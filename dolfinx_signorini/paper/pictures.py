@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.orders import expected_order
+from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.solution import DETACHMENT, christof_haubner, paper_problem
-from dolfinx_signorini.plotting import COLOURS, MARKERS
 from dolfinx_signorini.references import interpolant
 
 Array = npt.NDArray[np.float64]

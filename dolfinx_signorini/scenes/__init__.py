@@ -1,10 +1,9 @@
 """Scenes: a whole problem from a file, solved, measured and shown.
 
-The parts, in the order data flows: suggestions, expressions and grammar (formulas), mesh_files,
-domains, scene (the data), table, domain_table and scene_file (reading TOML), posing (the discrete
-problem), regularity and expectations (orders of convergence, cost), family (the scene on any mesh),
-solving (on its mesh, or to an accuracy), boundary (the contact boundary on one rank), summary,
-pictures, report, results (the files), and the jobs check and solve.
+The parts, in the order in which data flow: formulas and parsing; toml_table; mesh_files, polygons
+and domains; conditions; scene (the data) and reading (from a file); posing (the discrete problem);
+regularity and expectations (orders of convergence, cost); solving; and output (summary, pictures,
+files).
 """
 
 from dolfinx_signorini.scenes.posing import PosedScene, pose

@@ -7,8 +7,8 @@ import numpy as np
 
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders
-from dolfinx_signorini.scenes.expressions import Expression
-from dolfinx_signorini.scenes.posing import facets_by_kind, violations
+from dolfinx_signorini.scenes.conditions import CONDITIONS
+from dolfinx_signorini.scenes.posing import boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import largest_angle, singular_corners
 from dolfinx_signorini.scenes.scene import Scene
 
@@ -16,44 +16,42 @@ from dolfinx_signorini.scenes.scene import Scene
 BYTES = {(2, 1): 1.3e3, (2, 2): 1.3e3, (3, 1): 2.8e3, (3, 2): 3.2e3}
 SECONDS = {(2, 1): 1e-5, (2, 2): 2e-5, (3, 1): 3e-5, (3, 2): 6e-5}
 PROGRAM_BYTES = 1.5e8
+MAX_CORNERS = 4  # corners that a note lists
 
 
 @dataclass(frozen=True)
 class Expectation:
     """How accurate a scene can be expected to be on uniform meshes.
 
+    For example:
+
+        expectation = expect(scene, scene.domain.make(comm))
+        print(expectation.orders["L2"], *expectation.notes)
+
     Attributes:
         orders: The orders of convergence by norm.
-        notes: What limits them, and which assumptions of the theory the scene does not satisfy.
+        notes: What limits the orders, and which assumptions of the theory the scene does not meet.
     """
 
     orders: dict[str, float]
     notes: tuple[str, ...]
 
+    def __str__(self) -> str:
+        orders = (f"{name} {order:.3g}" for name, order in self.orders.items())
+        return ", ".join(orders) + " (uniform meshes, up to logarithms)"
+
 
 def expect(scene: Scene, sided: SidedMesh) -> Expectation:
-    """Return what to expect of a scene, from any mesh of its domain; the call is collective."""
+    """Return what to expect of a scene.
+
+    Args:
+        scene: The scene.
+        sided: Any mesh of its domain; the call is collective.
+    """
     notes: list[str] = []
     worst = DETACHMENT_EXPONENT
     if scene.domain.dimension == 2:
-        corners = singular_corners(sided.mesh, facets_by_kind(scene, sided), _constant(scene))
-        limiting = [c for c in corners if c.exponent < DETACHMENT_EXPONENT]
-        angle = math.degrees(largest_angle(sided.mesh))
-        if angle > 180.5:
-            notes.append(
-                f"the domain is not convex, its largest angle is {angle:.4g} degrees: the theory "
-                "behind the orders assumes a convex polygon"
-            )
-        if limiting:
-            worst = limiting[0].exponent
-            listed = "; ".join(map(str, limiting[:4]))
-            notes.append(
-                "reduced orders: u may be less smooth than r^1.5, which it is at a detachment "
-                f"point, near {listed}"
-                + (f"; and {len(limiting) - 4} more such points" if len(limiting) > 4 else "")
-            )
-        if scene.diffusion is not None and _constant(scene) is None:
-            notes.append("the exponents are those of constant diffusion")
+        worst = _note_corners(scene, sided, notes)
     else:
         notes.append("the orders are those of plane problems without singular edges and corners")
     if not scene.manufactured:
@@ -63,29 +61,21 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
 
 def terms(scene: Scene) -> list[str]:
     """Return the terms that a scene needs assembled, in words."""
-    k = scene.diffusion
-    if k is None:
+    rows = [", ".join(entry.text for entry in row) for row in scene.diffusion]
+    if not rows:
         found = ["stiffness"]
-    elif isinstance(k, Expression):
-        found = [f"stiffness with diffusion {k.text}"]
+    elif len(rows) == 1:
+        found = [f"stiffness with diffusion {rows[0]}"]
     else:
-        rows = "; ".join(", ".join(entry.text for entry in row) for row in k)
-        found = [f"stiffness with the diffusion tensor [{rows}]"]
+        found = [f"stiffness with the diffusion tensor [{'; '.join(rows)}]"]
     if scene.reaction is not None:
         found.append(f"reaction {scene.reaction.text}")
     if scene.manufactured:
         found.append("load and, on Neumann sides, flux of the manufactured solution")
     elif scene.load is not None:
         found.append(f"load {scene.load.text}")
-    if not scene.manufactured:
-        found += [f"flux {p.value.text} on {_names(p.sides)}" for p in scene.neumann if p.value]
-    for part in scene.dirichlet:
-        value = part.value.text if part.value is not None else "of the manufactured solution"
-        found.append(f"Dirichlet data {value} on {_names(part.sides)}")
-    obstacle = scene.contact.obstacle
-    text = obstacle.text if obstacle is not None else "that the solution touches"
-    bound = "upper" if scene.contact.upper else "lower"
-    return [*found, f"{bound} obstacle {text} on {_names(scene.contact.sides)}"]
+    words = [c.words() for kind in CONDITIONS[::-1] for c in scene.conditions if type(c) is kind]
+    return found + [text for text in words if text]
 
 
 def unknowns(scene: Scene) -> int:
@@ -103,22 +93,33 @@ def cost(scene: Scene) -> tuple[float, float]:
     return PROGRAM_BYTES + BYTES[kind] * count, SECONDS[kind] * count
 
 
-def _constant(scene: Scene) -> np.ndarray | None:
-    """The diffusion tensor, if it is constant."""
-    k = scene.diffusion
-    if k is None or isinstance(k, Expression):
-        return None if k is None or k.constant is None else k.constant * np.eye(2)
-    values = [[entry.constant for entry in row] for row in k]
-    if any(value is None for row in values for value in row):
+def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> float:
+    """Add what is to be said of the corners of a plane domain; return the worst exponent."""
+    diffusion = _constant_diffusion(scene)
+    facets = facets_by_kind(boundary_parts(scene, sided))
+    corners = singular_corners(sided.mesh, facets, diffusion)
+    limiting = [c for c in corners if c.exponent < DETACHMENT_EXPONENT]
+    angle = math.degrees(largest_angle(sided.mesh))
+    if angle > 180.5:
+        notes.append(
+            f"the domain is not convex, its largest angle is {angle:.4g} degrees: the theory "
+            "behind the orders assumes a convex polygon"
+        )
+    if limiting:
+        listed = "; ".join(map(str, limiting[:MAX_CORNERS]))
+        more = len(limiting) - MAX_CORNERS
+        notes.append(
+            "reduced orders: u may be less smooth than r^1.5, which it is at a detachment "
+            f"point, near {listed}" + (f"; and {more} more such points" if more > 0 else "")
+        )
+    if scene.diffusion and diffusion is None:
+        notes.append("the exponents are those of constant diffusion")
+    return limiting[0].exponent if limiting else DETACHMENT_EXPONENT
+
+
+def _constant_diffusion(scene: Scene) -> np.ndarray | None:
+    """Return the diffusion tensor of a plane scene, if the scene has a constant one."""
+    values = [[entry.constant for entry in row] for row in scene.diffusion]
+    if not values or any(value is None for row in values for value in row):
         return None
-    return np.array(values, dtype=np.float64)
-
-
-def _names(sides: tuple[str, ...]) -> str:
-    return ", ".join(sides)
-
-
-def order_text(expectation: Expectation) -> str:
-    """Return the expected orders in one line."""
-    orders = (f"{name} {order:.3g}" for name, order in expectation.orders.items())
-    return ", ".join(orders) + " (uniform meshes, up to logarithms)"
+    return np.array(values, dtype=np.float64) * (np.eye(2) if len(values) == 1 else 1.0)

@@ -1,7 +1,7 @@
-"""Meshes made and read by gmsh, and XDMF meshes, with the facets of their tags.
+"""Meshes from gmsh and from XDMF files, with the facets of their tags as sides.
 
-gmsh runs on rank 0; what it says is wrong there is raised on all ranks. Only what begins like a
-.msh file is given to gmsh, because it would run the commands of a script.
+gmsh runs on rank 0, and an error there is raised on all ranks. Only what begins like a .msh file is
+given to gmsh, because gmsh would run the commands of a script.
 """
 
 from collections.abc import Callable
@@ -17,75 +17,42 @@ from mpi4py import MPI
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.meshes import boundary_facets
-
-Sides = dict[str, npt.NDArray[np.int32]]
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets
 
 TRIANGLE, TETRAHEDRON = 2, 4  # element types of gmsh
 FLAT = 1e-10  # volume of a cell that is refused, relative to a cube of its size
 MAX_XDMF = 1_000_000  # bytes of the XML part
 
 
-def polygon_mesh(
-    comm: MPI.Comm, corners: tuple[tuple[float, float], ...], width: float
-) -> tuple[mesh.Mesh, Sides]:
-    """Return a triangulation of a simple polygon, and its edges as sides "1", "2", ...
-
-    Args:
-        comm: The communicator that shares the mesh.
-        corners: The vertices, in order.
-        width: The mesh width.
-
-    Raises:
-        InputError: gmsh is missing or cannot mesh the polygon.
-    """
-    count = len(corners)
-
-    def build(gmsh: Any) -> dict[int, str]:
-        geo = gmsh.model.geo
-        points = [geo.addPoint(x, y, 0.0, width) for x, y in corners]
-        lines = [geo.addLine(points[k], points[(k + 1) % count]) for k in range(count)]
-        geo.addPlaneSurface([geo.addCurveLoop(lines)], 1)
-        geo.synchronize()
-        for k, line in enumerate(lines):
-            gmsh.model.addPhysicalGroup(1, [line], k + 1)
-        gmsh.model.addPhysicalGroup(2, [1], 1)
-        gmsh.option.setNumber("Mesh.MeshSizeMin", width)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", width)
-        gmsh.model.mesh.generate(2)
-        return {k + 1: str(k + 1) for k in range(count)}
-
-    return _with_gmsh(comm, build)
-
-
-def read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> tuple[mesh.Mesh, Sides]:
+def read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:
     """Read a mesh with its facet tags from a .msh or .xdmf file.
 
     Args:
         comm: The communicator that shares the mesh.
         path: The file.
-        grid: Name of the mesh in an XDMF file.
-        tags: Name of the facet tags in an XDMF file.
+        grid: The name of the mesh in an XDMF file.
+        tags: The name of the facet tags in an XDMF file.
 
     Raises:
         InputError: The file is missing, or not such a mesh.
     """
     message = comm.bcast(_refusal(path) if comm.rank == 0 else None)
     if message:
-        raise InputError(message)
+        raise InputError(message, "domain")
     if path.suffix == ".msh":
-        domain, sides = _with_gmsh(comm, lambda gmsh: _open_msh(gmsh, path))
+        sided = with_gmsh(comm, lambda gmsh: _open_msh(gmsh, path))
     else:
-        domain, sides = _read_xdmf(comm, path, grid, tags)
+        sided = _read_xdmf(comm, path, grid, tags)
+    domain = sided.mesh
     exterior = boundary_facets(domain)
     owned = domain.topology.index_map(domain.topology.dim - 1).size_local
-    inner = any(not np.isin(facets[facets < owned], exterior).all() for facets in sides.values())
-    require(comm, not inner, f"{path.name}: a facet tag is on facets inside the domain")
-    return domain, sides
+    inner = any(not np.isin(f[f < owned], exterior).all() for f in sided.sides.values())
+    require(comm, not inner, f"{path.name}: a facet tag is on facets inside the domain", "domain")
+    return sided
 
 
 def _refusal(path: Path) -> str:
-    """Say what is wrong with a file, as far as it can be told from its beginning."""
+    """Return what is wrong with a file, as far as the beginning of the file tells."""
     if path.suffix not in (".msh", ".xdmf"):
         return f"{path.name}: a mesh file ends in .msh or .xdmf"
     try:
@@ -108,13 +75,22 @@ def _refusal(path: Path) -> str:
     return ""
 
 
-def _with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> tuple[mesh.Mesh, Sides]:
-    """Let gmsh make or read a mesh on rank 0, and share it; `build` returns the names of tags."""
+def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMesh:
+    """Let gmsh make or read a mesh on rank 0, and share the mesh.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        build: Is given the module gmsh on rank 0, and returns the names of the facet tags.
+
+    Raises:
+        InputError: gmsh is missing, or said what is wrong.
+    """
     try:
         import gmsh  # only where it is needed
     except ImportError:
         gmsh = None
-    require(comm, gmsh is not None, "this mesh needs gmsh's Python module (package python3-gmsh)")
+    message = "this mesh needs gmsh's Python module (package python3-gmsh)"
+    require(comm, gmsh is not None, message, "domain")
     message, names, dimension = "", {}, 0
     if comm.rank == 0:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -128,12 +104,12 @@ def _with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> tuple[
     try:
         message, names, dimension = comm.bcast((message, names, dimension))
         if message:
-            raise InputError(message)
+            raise InputError(message, "domain")
         domain, tags = compat.gmsh_mesh(gmsh.model, comm, dimension)
     finally:
         if comm.rank == 0:
             gmsh.finalize()
-    return domain, _sides(tags, names)
+    return _sided(domain, tags, names)
 
 
 def _open_msh(gmsh: Any, path: Path) -> dict[int, str]:
@@ -157,7 +133,7 @@ def _open_msh(gmsh: Any, path: Path) -> dict[int, str]:
 
 
 def _defect(gmsh: Any, dimension: int) -> str:
-    """Say what is wrong with a mesh that gmsh has read as it was written, if anything is."""
+    """Return what is wrong with a mesh that gmsh has read; "" where nothing is."""
     nodes, x, _ = gmsh.model.mesh.getNodes()
     points = x.reshape(-1, 3)
     if not np.isfinite(points).all():
@@ -188,7 +164,7 @@ def _defect(gmsh: Any, dimension: int) -> str:
 
 
 def _elements(gmsh: Any, dimension: int) -> npt.NDArray[np.int64]:
-    """The nodes of the elements in the physical groups of a dimension."""
+    """Return the nodes of the elements in the physical groups of a dimension."""
     found = [
         nodes.reshape(-1, dimension + 1)
         for _, group in gmsh.model.getPhysicalGroups(dimension)
@@ -198,16 +174,15 @@ def _elements(gmsh: Any, dimension: int) -> npt.NDArray[np.int64]:
     return np.concatenate([np.empty((0, dimension + 1), dtype=np.int64), *found]).astype(np.int64)
 
 
-def _sides(tags: Any, names: dict[int, str]) -> Sides:
-    """The facets of each tag; a tag with a name is known by its number as well."""
+def _sided(domain: mesh.Mesh, tags: Any, names: dict[int, str]) -> SidedMesh:
+    """Return a mesh with the facets of each tag; a tag with a name has its number as well."""
     sides = {}
     for tag, name in names.items():
-        sides[name] = tags.find(tag)
-        sides[str(tag)] = sides[name]
-    return sides
+        sides[name] = sides[str(tag)] = tags.find(tag)
+    return SidedMesh(domain, sides)
 
 
-def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> tuple[mesh.Mesh, Sides]:
+def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
     try:
         with XDMFFile(comm, str(path), "r") as file:
             domain = file.read_mesh(name=grid)
@@ -215,10 +190,9 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> tuple[mesh.M
             domain.topology.create_connectivity(tdim - 1, tdim)
             tags = file.read_meshtags(domain, name=name)
     except RuntimeError as error:
-        lines = str(error).strip().splitlines()
-        raise InputError(
-            f"{path.name}: no mesh {grid!r} with facet tags {name!r} ({lines[-1] if lines else ''})"
-        ) from None
+        reason = (str(error).strip().splitlines() or [""])[-1]
+        message = f"{path.name}: no mesh {grid!r} with facet tags {name!r} ({reason})"
+        raise InputError(message, "domain") from None
     kind = domain.topology.cell_name()
     straight = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
     flat = domain.geometry.dim == tdim
@@ -227,6 +201,7 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> tuple[mesh.M
         straight and flat and tags.dim == tdim - 1,
         f"{path.name}: only straight-sided triangles in the plane and tetrahedra with tags "
         "on their facets are solved on",
+        "domain",
     )
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
-    return domain, _sides(tags, {tag: str(tag) for tag in values})
+    return _sided(domain, tags, {tag: str(tag) for tag in values})

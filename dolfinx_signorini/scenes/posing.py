@@ -1,7 +1,7 @@
-"""From a scene to its discrete problem: the forms, boundary parts and data that it mentions."""
+"""From a scene to a discrete problem, with the forms and data that the scene mentions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,46 +11,51 @@ from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
-from dolfinx_signorini.accuracy.family import Posed
+from dolfinx_signorini.accuracy.family import Family, Posed
 from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.manufactured import (
-    ManufacturedSolution,
-    contact_violations,
-    manufacture,
-    matching_obstacle,
-)
+from dolfinx_signorini.manufactured import ManufacturedSolution, contact_violations, manufacture
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
-from dolfinx_signorini.scenes.expressions import Expression, any_variable
+from dolfinx_signorini.scenes.conditions import (
+    CONDITIONS,
+    BoundaryCondition,
+    Contact,
+    Neumann,
+    Setting,
+)
 from dolfinx_signorini.scenes.scene import Scene
 
 Indices = npt.NDArray[np.int32]
+Terms = dict[str, tuple[Expr, ufl.Measure]]
 
 
 @dataclass(frozen=True)
 class PosedScene(Posed):
-    """A scene on one mesh: problem, exact solution and sign, see `Posed`, and what they are from.
+    """A scene on one mesh: the problem with the exact solution, see `Posed`, and their parts.
+
+    The forms are those of u, for lower and for upper obstacles:
+
+        posed = pose(scene, comm)
+        u = posed.problem.solve()
+        v = ufl.TestFunction(posed.problem.space)
+        load = sum(integrand * v * measure for integrand, measure in posed.sources.values())
 
     Attributes:
         scene: The scene.
         sided: The mesh with its sides.
-        obstacle: The obstacle of the discrete problem.
-        sources: Load and fluxes by name: what is integrated, and over which part of the domain or
-            of its boundary.
+        a, L: The forms of the problem.
+        sources: The load and the fluxes by name: an integrand, and the measure of the part of the
+            domain or of its boundary that the integral is over.
+        reactions: The same for c, where a has an integral of c u v.
     """
 
     scene: Scene
     sided: SidedMesh
-    obstacle: "float | Expr | fem.Function"
-    sources: dict[str, tuple[Expr, ufl.Measure]]
-
-    def solution(self, solved: fem.Function) -> fem.Function:
-        """Return u from what the problem was solved for."""
-        u = fem.Function(solved.function_space, name="u")
-        u.x.array[:] = self.sign * solved.x.array
-        return u
+    a: ufl.Form
+    L: ufl.Form
+    sources: Terms
+    reactions: Terms
 
 
 def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedScene:
@@ -65,215 +70,179 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         InputError: The problem has no or more than one solution, or some data make no sense.
     """
     sided = scene.domain.make(comm) if sided is None else sided
-    x = ufl.SpatialCoordinate(sided.mesh)
-    kinds = facets_by_kind(scene, sided)
-    require(
-        comm,
-        comm.allreduce(len(kinds["contact"])) > 0,
-        f"contact: there is no facet on {', '.join(scene.contact.sides)}",
-    )
-    known = _known_solution(scene, sided, x)
+    parts = boundary_parts(scene, sided)
+    if scene.manufactured:
+        failing = violations(scene, sided)
+        if failing:
+            raise InputError("; ".join(failing), "solution")
     space = fem.functionspace(sided.mesh, ("Lagrange", scene.degree))
-    sources = _sources(scene, sided, kinds["Neumann"], x, known)
-    v = ufl.TestFunction(space)
-    terms = [scene.sign * integrand * v * measure for integrand, measure in sources.values()]
-    contact = sided.facets(scene.contact.sides)
-    obstacle = _obstacle(scene, space, contact, x, known)
+    setting = Setting(sided, space, _exact_solution(scene, sided))
+    both = zip(_cell_terms(scene, setting), _facet_terms(scene, setting, parts), strict=True)
+    sources, reactions = (on_cells | on_facets for on_cells, on_facets in both)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a = _diffusion_form(scene, setting, u, v)
+    for c, measure in reactions.values():
+        a += c * u * v * measure
+    loads = [integrand * v * measure for integrand, measure in sources.values()]
+    L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
+    conditions = [condition.dirichlet(setting) for condition in scene.conditions]
     problem = SignoriniProblem(
-        _bilinear_form(scene, space, x),
-        sum(terms[1:], terms[0]) if terms else _zero_form(space),
-        contact=contact,
-        obstacle=obstacle,
-        bcs=_dirichlet_conditions(scene, sided, space, x, known),
+        a,
+        L,
+        contact=sided.facets(scene.contact.sides),
+        obstacle=scene.contact.obstacle(setting),
+        bound=scene.contact.bound,
+        bcs=[bc for bc in conditions if bc is not None],
     )
     return PosedScene(
+        problem=problem,
+        exact=setting.exact,
         scene=scene,
         sided=sided,
-        problem=problem,
-        exact=known,
-        sign=scene.sign,
-        obstacle=obstacle,
+        a=a,
+        L=L,
         sources=sources,
+        reactions=reactions,
+    )
+
+
+def scene_family(scene: Scene) -> Family:
+    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
+
+    Raises:
+        InputError: The scene's mesh is from a file, and is the only one.
+    """
+    domain = scene.domain
+    return Family(
+        name=scene.title or "scene",
+        dimension=domain.dimension,
+        width=domain.at(1).size,
+        make=lambda comm, n: domain.at(n).make(comm),
+        pose=lambda sided, degree: pose(replace(scene, degree=degree), sided.mesh.comm, sided),
     )
 
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
-    """Return the contact conditions that the exact solution of a scene does not satisfy."""
-    if scene.solution is None:
+    """Return the contact conditions that the exact solution of a scene does not satisfy.
+
+    Args:
+        scene: The scene.
+        sided: A mesh of its domain; the call is collective.
+    """
+    exact = _exact_solution(scene, sided)
+    if exact is None:
         return []
-    x = ufl.SpatialCoordinate(sided.mesh)
-    known = _manufacture(scene, sided, x)
-    obstacle = scene.contact.obstacle
-    found = contact_violations(
-        sided.mesh,
-        sided.facets(scene.contact.sides),
-        known.u,
-        known.flux,
-        None if obstacle is None else obstacle.ufl(x),
-        scene.contact.upper,
-    )
+    contact, x = scene.contact, ufl.SpatialCoordinate(sided.mesh)
+    obstacle = None if contact.value is None else contact.value.ufl(x)
+    facets, upper = sided.facets(contact.sides), contact.bound == "upper"
+    found = contact_violations(sided.mesh, facets, exact.u, exact.flux, obstacle, upper)
     return [str(violation) for violation in found]
 
 
-def facets_by_kind(scene: Scene, sided: SidedMesh) -> dict[str, Indices]:
-    """Return the owned boundary facets of each kind of condition; the call is collective.
+def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryCondition], Indices]:
+    """Return the owned boundary facets of each kind of condition; all others are Neumann facets.
+
+    Args:
+        scene: The scene.
+        sided: A mesh of its domain; the call is collective.
 
     Raises:
-        InputError: A facet belongs to the contact boundary and has Dirichlet data or a flux, too.
+        InputError: A facet belongs to conditions of two kinds, or no facet to the contact boundary.
     """
-    boundary = boundary_facets(sided.mesh)
-    names = {
-        "contact": scene.contact.sides,
-        "Dirichlet": sum((part.sides for part in scene.dirichlet), ()),
-        "flux": sum((part.sides for part in scene.neumann), ()),
-    }
-    facets = {
-        kind: np.intersect1d(sided.facets(sides), boundary).astype(np.int32)
-        for kind, sides in names.items()
-    }
-    taken = np.concatenate(list(facets.values()))
-    once = len(np.unique(taken)) == len(taken)
-    require(sided.mesh.comm, once, "sides: some facet belongs to more than one part")
-    taken = np.concatenate((facets["contact"], facets["Dirichlet"]))
-    return {
-        "contact": facets["contact"],
-        "Dirichlet": facets["Dirichlet"],
-        "Neumann": np.setdiff1d(boundary, taken).astype(np.int32),
-    }
+    boundary, comm = boundary_facets(sided.mesh), sided.mesh.comm
+    parts, rest = {}, boundary
+    for kind in CONDITIONS:
+        sides = [c.sides for c in scene.conditions if isinstance(c, kind)]
+        facets = [sided.facets(names) for names in sides] or [np.empty(0, dtype=np.int32)]
+        parts[kind] = np.intersect1d(np.concatenate(facets), boundary).astype(np.int32)
+        once = bool(np.isin(parts[kind], rest).all())
+        require(comm, once, "some facet belongs to more than one part", kind.key)
+        rest = np.setdiff1d(rest, parts[kind]).astype(np.int32)
+    found = comm.allreduce(len(parts[Contact])) > 0
+    require(comm, found, f"there is no facet {scene.contact.on_sides()}", "contact")
+    return parts | {Neumann: np.union1d(parts[Neumann], rest)}
 
 
-def interpolate_near(space: fem.FunctionSpace, formula: Expr, dofs: Indices) -> fem.Function:
-    """Return a function with a formula's values at some dofs; others may be left at 0."""
-    function = fem.Function(space)
-    cells = np.flatnonzero(np.isin(space.dofmap.list, dofs).any(axis=1)).astype(np.int32)
-    points = compat.interpolation_points(space.element)
-    function.interpolate(fem.Expression(formula, points, comm=space.mesh.comm), cells0=cells)
-    return function
+def facets_by_kind(parts: dict[type[BoundaryCondition], Indices]) -> dict[str, Indices]:
+    """Return the facets of `boundary_parts` by what the kinds of condition act like."""
+    names = dict.fromkeys(kind.acts_like for kind in parts)
+    return {n: np.concatenate([f for c, f in parts.items() if c.acts_like == n]) for n in names}
 
 
-def _known_solution(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedSolution | None:
+def _exact_solution(scene: Scene, sided: SidedMesh) -> ManufacturedSolution | None:
     if scene.solution is None:
         return None
-    if scene.manufactured:
-        failing = violations(scene, sided)
-        if failing:
-            raise InputError("solution: " + "; ".join(failing))
-    return _manufacture(scene, sided, x)
-
-
-def _manufacture(scene: Scene, sided: SidedMesh, x: Expr) -> ManufacturedSolution:
-    assert scene.solution is not None
+    x = ufl.SpatialCoordinate(sided.mesh)
     reaction = None if scene.reaction is None else scene.reaction.ufl(x)
     return manufacture(sided.mesh, scene.solution.ufl(x), _diffusion(scene, x), reaction)
 
 
 def _diffusion(scene: Scene, x: Expr) -> Expr | None:
-    k = scene.diffusion
-    if k is None or isinstance(k, Expression):
-        return None if k is None else k.ufl(x)
-    return ufl.as_matrix([[entry.ufl(x) for entry in row] for row in k])
+    rows = [[entry.ufl(x) for entry in row] for row in scene.diffusion]
+    if len(rows) <= 1:
+        return rows[0][0] if rows else None
+    return ufl.as_matrix(rows)
 
 
-def _bilinear_form(scene: Scene, space: fem.FunctionSpace, x: Expr) -> ufl.Form:
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    k = _diffusion(scene, x)
-    entries: Sequence[Expression] = ()
-    if scene.diffusion is not None:
-        tensor = scene.diffusion
-        entries = [tensor] if isinstance(tensor, Expression) else [e for row in tensor for e in row]
-    degree = 2 * (scene.degree - 1)
-    dx = _cells(CELL_RULE if any_variable(entries) else QuadratureRule("default", degree))
+def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
+    k = _diffusion(scene, setting.x)
+    variable = any(entry.constant is None for row in scene.diffusion for entry in row)
+    rule = CELL_RULE if variable else QuadratureRule("default", 2 * (scene.degree - 1))
     current = ufl.grad(u) if k is None else k * ufl.grad(u)
-    a = ufl.inner(current, ufl.grad(v)) * dx
-    if scene.reaction is not None:
-        variable = any_variable([scene.reaction])
-        rule = CELL_RULE if variable else QuadratureRule("default", degree + 2)
-        a += scene.reaction.ufl(x) * u * v * _cells(rule)
-    return a
+    return ufl.inner(current, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
 
 
-def _sources(
-    scene: Scene, sided: SidedMesh, neumann: Indices, x: Expr, known: ManufacturedSolution | None
-) -> dict[str, tuple[Expr, ufl.Measure]]:
-    """Load and fluxes as (integrand, measure), by name."""
-    sources: dict[str, tuple[Expr, ufl.Measure]] = {}
-    dx = ufl.dx(sided.mesh, metadata=CELL_RULE.metadata)
-    if scene.manufactured and known is not None:
-        sources["load"] = (known.load, dx)
-        facets = [neumann] if sided.mesh.comm.allreduce(len(neumann)) else []
-        fluxes = [known.flux for _ in facets]
-    else:
-        if scene.load is not None:
-            sources["load"] = (scene.load.ufl(x), dx)
-        facets = [sided.facets(part.sides) for part in scene.neumann]
-        fluxes = [part.value.ufl(x) for part in scene.neumann if part.value is not None]
-    if fluxes:
-        ds = _facet_measure(sided, facets)
-        for k, flux in enumerate(fluxes):
-            sources["flux" if len(fluxes) == 1 else f"flux {k + 1}"] = (flux, ds(k))
-    return {name: source for name, source in sources.items() if not isinstance(source[0], Zero)}
+def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
+    """Return the load and the reaction of the equation as sources and reactions."""
+    dx, sources, reactions = ufl.Measure("dx", setting.sided.mesh), {}, {}
+    load = None if scene.load is None else scene.load.ufl(setting.x)
+    if scene.manufactured and setting.exact is not None:
+        load = setting.exact.load
+    if load is not None and not isinstance(load, Zero):
+        sources["load"] = (load, dx(metadata=CELL_RULE.metadata))
+    if scene.reaction is not None and scene.reaction.constant != 0.0:
+        variable = scene.reaction.constant is None
+        rule = CELL_RULE if variable else QuadratureRule("default", 2 * scene.degree)
+        reactions["reaction"] = (scene.reaction.ufl(setting.x), dx(metadata=rule.metadata))
+    return sources, reactions
 
 
-def _obstacle(
-    scene: Scene,
-    space: fem.FunctionSpace,
-    contact: Indices,
-    x: Expr,
-    known: ManufacturedSolution | None,
-) -> float | Expr | fem.Function:
-    given = scene.contact.obstacle
-    if given is not None:
-        return scene.sign * (given.ufl(x) if given.constant is None else given.constant)
-    if known is None:
-        raise InputError("contact: an obstacle is made for manufactured solutions only")
-    g = matching_obstacle(space, contact, known.u, known.flux, scene.contact.upper)
-    g.x.array[:] *= scene.sign
-    return g
+def _facet_terms(
+    scene: Scene, setting: Setting, parts: dict[type[BoundaryCondition], Indices]
+) -> tuple[Terms, Terms]:
+    """Return what the conditions of a scene add to its sources and reactions."""
+    sided = setting.sided
+    loads: list[tuple[str, Expr, Indices]] = []
+    coefficients: list[tuple[str, Expr, Indices]] = []
+    if scene.manufactured and setting.exact is not None:
+        free = facets_by_kind(parts)[Neumann.acts_like]
+        if sided.mesh.comm.allreduce(len(free)):
+            loads.append((Neumann.force_name, setting.exact.flux, free))
+    for condition in scene.conditions:
+        facets = sided.facets(condition.sides)
+        load, c = condition.load(setting), condition.coefficient(setting)
+        if load is not None:
+            loads.append((condition.force_name, load, facets))
+        if c is not None:
+            coefficients.append((condition.force_name, c, facets))
+    ds = _facet_measure(sided, [facets for _, _, facets in (*loads, *coefficients)])
+    return _numbered(loads, ds, 0), _numbered(coefficients, ds, len(loads))
 
 
-def _dirichlet_conditions(
-    scene: Scene,
-    sided: SidedMesh,
-    space: fem.FunctionSpace,
-    x: Expr,
-    known: ManufacturedSolution | None,
-) -> list[fem.DirichletBC]:
-    tdim = sided.mesh.topology.dim
-    conditions = []
-    for part in scene.dirichlet:
-        dofs = fem.locate_dofs_topological(space, tdim - 1, sided.facets(part.sides))
-        if part.value is not None and part.value.constant is not None:
-            value = default_scalar_type(scene.sign * part.value.constant)
-            conditions.append(fem.dirichletbc(value, dofs, space))
-            continue
-        if part.value is not None:
-            formula = part.value.ufl(x)
-        elif known is not None:
-            formula = known.u
-        else:
-            raise InputError("dirichlet: data follow from manufactured solutions only")
-        data = interpolate_near(space, scene.sign * formula, dofs)
-        conditions.append(fem.dirichletbc(data, dofs))
-    return conditions
-
-
-def _zero_form(space: fem.FunctionSpace) -> ufl.Form:
-    """A load that integrates over no cell at all."""
-    none = ufl.Measure(
-        "dx",
-        space.mesh,
-        subdomain_data=[(1, np.empty(0, dtype=np.int32))],
-        metadata=QuadratureRule("default", 0).metadata,
-    )
-    return fem.Constant(space.mesh, default_scalar_type(0.0)) * ufl.TestFunction(space) * none(1)
-
-
-def _cells(rule: QuadratureRule) -> ufl.Measure:
-    return ufl.dx(metadata=rule.metadata)
+def _numbered(terms: list[tuple[str, Expr, Indices]], ds: ufl.Measure, first: int) -> Terms:
+    """Return terms on the parts of a measure, from the first part on; equal names are numbered."""
+    names = [name for name, _, _ in terms]
+    result: Terms = {}
+    for k, (name, integrand, _) in enumerate(terms):
+        if names.count(name) > 1:
+            name = f"{name} {names[: k + 1].count(name)}"
+        if not isinstance(integrand, Zero):
+            result[name] = (integrand, ds(first + k))
+    return result
 
 
 def _facet_measure(sided: SidedMesh, parts: Sequence[Indices]) -> ufl.Measure:
-    """A measure on parts of the boundary that are numbered from 0."""
+    """Return a measure on parts of the boundary that are numbered from 0."""
     domain = sided.mesh
     owned = domain.topology.index_map(domain.topology.dim - 1).size_local
     pairs = [
@@ -281,3 +250,15 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[Indices]) -> ufl.Measure:
     ]
     rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
     return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=rule.metadata)
+
+
+def _zero_form(v: Expr) -> ufl.Form:
+    """Return a load that integrates over no cell at all."""
+    domain = v.ufl_function_space().mesh
+    none = ufl.Measure(
+        "dx",
+        domain,
+        subdomain_data=[(1, np.empty(0, dtype=np.int32))],
+        metadata=QuadratureRule("default", 0).metadata,
+    )
+    return fem.Constant(domain, default_scalar_type(0.0)) * v * none(1)

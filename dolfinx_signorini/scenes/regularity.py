@@ -7,9 +7,9 @@ diffusion and smooth data with
     a = pi / (2 w)  where the kind of condition changes.
 
 Between two contact sides the exponent pi / (2 w) would belong to a solution that is positive on one
-of them and in contact with the other, and the signs of gap and pressure there contradict each
-other. For the same reason the exponent at a detachment point inside a straight contact side is 3/2
-and not 1/2. Integer exponents belong to polynomials and cost nothing.
+side and in contact with the other, but the signs of the gap and of the pressure of such a solution
+contradict each other. For the same reason the exponent at a detachment point inside a straight
+contact side is 3/2 and not 1/2. Integer exponents belong to polynomials and cost nothing.
 
 Sources: Grisvard, Elliptic Problems in Nonsmooth Domains (1985), Theorem 4.4.3.7; Christof and
 Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75 (2020) 75.
@@ -23,11 +23,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la, mesh
 
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes import facet_cells, owned_cells
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
 
-KINDS = ("contact", "Dirichlet", "Neumann")
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
 
@@ -35,6 +35,10 @@ STRAIGHT = math.radians(15.0)
 @dataclass(frozen=True)
 class Corner:
     """A boundary point near which the solution is not smooth.
+
+    Corners print themselves in words:
+
+        print(*singular_corners(domain, {"contact": facets}), sep="; ")
 
     Attributes:
         point: Its coordinates.
@@ -57,45 +61,39 @@ class Corner:
 
 
 def exponent(angle: float, kinds: int) -> float:
-    """Return the leading exponent at a corner where this many kinds of condition meet."""
+    """Return the leading exponent at a corner.
+
+    Args:
+        angle: The interior angle, in radians.
+        kinds: How many kinds of condition meet at the corner.
+    """
     return math.pi / angle if kinds == 1 else math.pi / (2.0 * angle)
 
 
 def singular_corners(
-    domain: mesh.Mesh,
-    facets: Mapping[str, npt.NDArray[np.int32]],
-    diffusion: Array | None = None,
+    domain: mesh.Mesh, facets: Mapping[str, Indices], diffusion: Array | None = None
 ) -> list[Corner]:
     """Return the boundary points with a non-integer exponent below 2, worst first.
 
     Args:
         domain: A mesh of straight-sided triangles; the call is collective.
-        facets: The owned boundary facets of each kind in `KINDS`.
+        facets: The owned boundary facets of each kind of condition.
         diffusion: A constant diffusion tensor K, shape (2, 2): the exponents are those of the
             Laplacian on the domain K^{-1/2} x. None for the identity.
     """
     space = fem.functionspace(domain, ("Lagrange", 1))
     angles = _vertex_angles(space)
     seen = angles if diffusion is None else _vertex_angles(space, diffusion)
-    domain.topology.create_connectivity(1, 0)
-    vertices = domain.topology.connectivity(1, 0)
-    counts = np.zeros((len(angles), len(KINDS)))
-    for k, kind in enumerate(KINDS):
-        marks = fem.Function(space)
-        for facet in facets.get(kind, ()):
-            entities = vertices.links(facet)
-            marks.x.array[_vertex_dofs(space, entities)] += 1.0
-        counts[:, k] = _summed(marks)
+    meeting = {kind: _touched(space, facets[kind]) for kind in facets}
     found = []
     x = space.tabulate_dof_coordinates()
-    for i in np.flatnonzero(counts.any(axis=1)):
-        kinds = tuple(kind for k, kind in enumerate(KINDS) if counts[i, k])
+    for i in np.flatnonzero(np.any(list(meeting.values()), axis=0)):
+        kinds = tuple(kind for kind, touched in meeting.items() if touched[i])
         straight = abs(angles[i] - math.pi) < STRAIGHT
         a = exponent(math.pi if straight else seen[i], len(kinds))
         if not (straight and len(kinds) == 1) and a < 2.0 and abs(a - round(a)) > 1e-3:
-            found.append(
-                Corner((float(x[i, 0]), float(x[i, 1])), float(angles[i]), kinds, float(a))
-            )
+            point = float(x[i, 0]), float(x[i, 1])
+            found.append(Corner(point, float(angles[i]), kinds, float(a)))
     everywhere = [c for part in domain.comm.allgather(found) for c in part]
     return sorted(everywhere, key=lambda c: (c.exponent, c.point))
 
@@ -109,26 +107,17 @@ def largest_angle(domain: mesh.Mesh) -> float:
     return float(max(domain.comm.allgather(float(boundary.max(initial=0.0)))))
 
 
-def _vertex_dofs(
-    space: fem.FunctionSpace, vertices: npt.NDArray[np.int32]
-) -> npt.NDArray[np.int32]:
-    """The dofs at vertices of the mesh, in their order, for Lagrange elements of degree 1."""
-    topology = space.mesh.topology
-    topology.create_connectivity(0, topology.dim)
-    cells_of, vertices_of = (
-        topology.connectivity(0, topology.dim),
-        topology.connectivity(topology.dim, 0),
-    )
-    dofs = np.empty(len(vertices), dtype=np.int32)
-    for i, vertex in enumerate(vertices):
-        cell = cells_of.links(vertex)[0]
-        local = int(np.flatnonzero(vertices_of.links(cell) == vertex)[0])
-        dofs[i] = space.dofmap.list[cell, local]
-    return dofs
+def _touched(space: fem.FunctionSpace, facets: Indices) -> npt.NDArray[np.bool_]:
+    """Return whether each owned vertex belongs to one of some facets, on whatever rank."""
+    marks = fem.Function(space)
+    pairs = facet_cells(space.mesh, facets)
+    for k in (1, 2):  # edge k lies opposite vertex k
+        marks.x.array[space.dofmap.list[pairs[:, 0], (pairs[:, 1] + k) % 3]] = 1.0
+    return _summed(marks) > 0.0
 
 
 def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
-    """The sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
+    """Return the sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
     domain = space.mesh
     count = len(owned_cells(domain))
     x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :, :2]
@@ -147,7 +136,7 @@ def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> 
 
 
 def _summed(function: fem.Function) -> Array:
-    """The owned values, after the shares of all ranks were added up."""
+    """Return the owned values, after the shares of all ranks were added up."""
     function.x.scatter_reverse(la.InsertMode.add)
     index_map = function.function_space.dofmap.index_map
     return np.array(function.x.array[: index_map.size_local])

@@ -3,27 +3,33 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.model import Trial
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, expect
-from dolfinx_signorini.scenes.family import scene_family
-from dolfinx_signorini.scenes.posing import PosedScene, interpolate_near, pose
+from dolfinx_signorini.scenes.posing import PosedScene, pose, scene_family
 from dolfinx_signorini.scenes.scene import Scene
-from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.solvers.residual import SolveResult
+from dolfinx_signorini.solvers.cascade import solve_cascade
+from dolfinx_signorini.solvers.result import SolveResult
 
 
 @dataclass(frozen=True)
 class Level:
     """One mesh of the way to the finest.
 
+    The levels of a solved scene tell what the scene took:
+
+        for level in solve_scene(scene).levels:
+            print(level.unknowns, level.seconds)
+
     Attributes:
-        unknowns: Its number of dofs.
-        linear_solves, linear_iterations: What its solve took.
+        unknowns: The number of dofs.
+        linear_solves, linear_iterations: What the solve took.
         seconds: Wall-clock seconds, mesh and assembly included.
     """
 
@@ -37,13 +43,20 @@ class Level:
 class SceneResult:
     """A solved scene.
 
+    For example:
+
+        result = solve_scene(load_scene(Path("scene.toml")))
+        print(result.solve.active_dofs, result.gap.x.array.max())
+        result.destroy()
+
     Attributes:
         posed: The scene on its finest mesh.
         u: The solution.
-        gap: Its distance to the obstacle on the contact boundary, 0 elsewhere.
-        pressure: The density of the contact pressure, 0 away from the contact boundary; it is
-            not negative, and pushes u up from a lower obstacle and down from an upper one.
-        solve: The diagnostics of the last solve; its u is -u where the obstacle is an upper one.
+        gap: The distance from u to the obstacle on the contact boundary, 0 elsewhere.
+        pressure: The density of the contact pressure, 0 away from the contact boundary. The
+            pressure is never negative, and pushes u up from a lower obstacle and down from an upper
+            one.
+        solve: The diagnostics of the last solve.
         seconds: Wall-clock seconds of everything.
         expectation: What was to be expected.
         levels: The meshes, coarsest first, of a scene on its own mesh.
@@ -78,7 +91,7 @@ def solve_scene(
     """Solve a scene.
 
     With an accuracy or a budget, mesh, degree and tolerance are not those of the scene: they are
-    chosen from cheap coarse runs, see `accuracy.solve_to`.
+    chosen from cheap coarse runs, see `accuracy.search.solve_to`.
 
     Args:
         scene: The scene.
@@ -86,8 +99,8 @@ def solve_scene(
         accuracy: The largest error allowed, in the unit of the norm; the scene's by default.
         budget: In place of an accuracy, the seconds that may be spent.
         norm: The norm of the error; the scene's by default.
-        max_unknowns: Limit on the dofs that are chosen.
-        on_trial: Is told of every run of the search when it is done.
+        max_unknowns: The limit on the dofs that are chosen.
+        on_trial: Is told of every run of the search when the run is done.
 
     Raises:
         InputError: The problem has no or more than one solution, some data make no sense, or the
@@ -109,71 +122,64 @@ def solve_scene(
     )
     posed = outcome.run.posed
     assert isinstance(posed, PosedScene)
-    state = posed.problem.contact_state(outcome.run.result.u)
     expectation = expect(posed.scene, posed.sided)
-    return _result(posed, outcome.run.result, state, expectation, outcome.seconds, outcome=outcome)
+    return _result(posed, expectation, outcome.seconds, outcome=outcome)
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:
-    levels: list[Level] = []
-    state: ContactState | None = None
-    posed: PosedScene | None = None
-    expectation: Expectation | None = None
-    try:
-        for current in scene.levels():
-            began = time.perf_counter()
-            if posed is not None:
-                posed.problem.destroy()
-            posed = pose(current, comm)
-            expectation = expectation or expect(scene, posed.sided)
-            solve = posed.problem.solve(coarse=state, rtol=scene.rtol)
-            state = posed.problem.contact_state(solve.u)
-            seconds = time.perf_counter() - began
-            counts = solve.linear_solves, solve.linear_iterations
-            levels.append(Level(posed.problem.unknowns, *counts, seconds))
-    except Exception:
-        if posed is not None:
-            posed.problem.destroy()
-        raise
-    assert posed is not None and state is not None and expectation is not None
-    seconds = sum(level.seconds for level in levels)
-    return _result(posed, solve, state, expectation, seconds, levels=tuple(levels))
+    ascent = _Ascent(scene, comm)
+    solve_cascade(ascent.pose, scene.levels(), rtol=scene.rtol, on_level=ascent.note)
+    seconds = sum(level.seconds for level in ascent.levels)
+    return _result(ascent.posed, ascent.expectation, seconds, levels=tuple(ascent.levels))
+
+
+class _Ascent:
+    """Poses a scene on the meshes of the cascade, and notes what each of them took.
+
+    Args:
+        scene: The scene.
+        comm: The communicator that shares the meshes.
+
+    Attributes:
+        posed: The scene on the last mesh.
+        expectation: What is to be expected of the scene, found on the first mesh.
+        levels: The meshes that the scene has been solved on.
+    """
+
+    posed: PosedScene
+    expectation: Expectation
+
+    def __init__(self, scene: Scene, comm: MPI.Comm):
+        self.scene, self.comm = scene, comm
+        self.levels: list[Level] = []
+        self.began = time.perf_counter()
+
+    def pose(self, level: Scene, coarser: SignoriniProblem | None) -> SignoriniProblem:
+        self.posed = pose(level, self.comm)
+        if coarser is None:
+            self.expectation = expect(self.scene, self.posed.sided)
+        return self.posed.problem
+
+    def note(self, problem: SignoriniProblem) -> None:
+        assert problem.result is not None
+        counts = problem.result.linear_solves, problem.result.linear_iterations
+        now = time.perf_counter()
+        self.levels.append(Level(problem.unknowns, *counts, now - self.began))
+        self.began = now
 
 
 def _result(
-    posed: PosedScene,
-    solve: SolveResult,
-    state: ContactState,
-    expectation: Expectation,
-    seconds: float,
-    *,
-    levels: tuple[Level, ...] = (),
-    outcome: Outcome | None = None,
+    posed: PosedScene, expectation: Expectation, seconds: float, **more: Any
 ) -> SceneResult:
+    problem = posed.problem
+    assert problem.result is not None
     return SceneResult(
         posed=posed,
-        u=posed.solution(solve.u),
-        gap=_gap(posed, solve.u),
-        pressure=state.density,
-        solve=solve,
+        u=problem.u,
+        gap=problem.gap,
+        pressure=problem.pressure,
+        solve=problem.result,
         seconds=seconds,
         expectation=expectation,
-        levels=levels,
-        outcome=outcome,
+        **more,
     )
-
-
-def _gap(posed: PosedScene, solved: fem.Function) -> fem.Function:
-    """The distance to the obstacle on the contact boundary, Dirichlet data included."""
-    space, given = posed.problem.space, posed.obstacle
-    tdim = space.mesh.topology.dim
-    dofs = fem.locate_dofs_topological(space, tdim - 1, posed.problem.contact)
-    gap = fem.Function(space, name="gap")
-    if isinstance(given, fem.Function):
-        gap.x.array[dofs] = given.x.array[dofs]
-    elif isinstance(given, float):
-        gap.x.array[dofs] = given
-    else:
-        gap.x.array[dofs] = interpolate_near(space, given, dofs).x.array[dofs]
-    gap.x.array[dofs] = solved.x.array[dofs] - gap.x.array[dofs]
-    return gap

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.kinds import KINDS
-from dolfinx_signorini.plotting import COLOURS, MARKERS
+from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front
 
 STYLES = dict(zip(KINDS, zip("osD^", COLOURS, strict=False), strict=True))

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
-from dolfinx_signorini.scenes.expressions import number, operation
-from dolfinx_signorini.scenes.grammar import MAX_SIZE, parse
+from dolfinx_signorini.scenes.formulas import OPERATIONS, number
+from dolfinx_signorini.scenes.parsing import MAX_SIZE, parse
 
 numbers = st.floats(0.01, 9.0).map(lambda v: f"{v:.4g}")
 
@@ -53,7 +53,7 @@ def evaluate(node, x):
         return node.value
     if node.op == "coordinate":
         return x[int(node.value)]
-    return operation(node.op)[0](*(evaluate(a, x) for a in node.args))
+    return OPERATIONS[node.op][0](*(evaluate(a, x) for a in node.args))
 
 
 @given(FORMULAS)
@@ -90,6 +90,36 @@ def test_every_function_becomes_the_right_ufl(comm):
 )
 def test_precedence(text, value):
     assert parse(text).constant == value
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "column"),
+    [
+        ("x^2^2 + foo^2", "unknown name 'foo'", 9),
+        ("\n  x +\n y # more", "'#' does not belong in a formula", 11),
+        ("x^2 +", "a number, a name or '(' was expected", 6),
+        ("1 + x^(y - 1) y", "invalid syntax", 15),
+        ("2^(x*x)", "an exponent must be a number", 1),
+        ("where(x < y < 1, 1, 2)", "a number, a name or an operation was expected", 7),
+        ("sin(*x)", "a number, a name or an operation was expected", 5),
+        ("0x1F", "invalid syntax", 2),
+        ("1_000", "invalid syntax", 2),
+        ("x.real", "'.' does not belong", 2),
+        ("lambda", "unknown name 'lambda'", 1),
+        ("y + sin(x,)", "',)' does not belong", 10),
+    ],
+)
+def test_messages_name_the_column(text, message, column):
+    with pytest.raises(InputError) as caught:
+        parse(text)
+    assert str(caught.value).startswith(message)
+    assert f"(column {column} of " in str(caught.value)
+
+
+def test_words_of_python_are_names_like_others():
+    definitions = {"lambda": parse("2"), "if": parse("x"), "None": parse("3")}
+    assert parse("lambda^None", 2, definitions).constant == 8.0
+    assert evaluate(parse("if*lambda", 2, definitions).root, POINT) == 2.0 * POINT[0]
 
 
 def test_definitions_are_written_out_and_limited():

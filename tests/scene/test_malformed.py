@@ -228,6 +228,11 @@ POSED_WRONG = {
         '[equation]\nload = "log(-1 - x)"',
         '[[dirichlet]]\nsides = "top"\nvalue = 0',
     ),
+    "choose other units": (
+        12,
+        "[equation]\nload = 1e300",
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
     "not positive definite": (
         11,
         '[equation]\ndiffusion = "x - 2"',

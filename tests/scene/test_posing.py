@@ -85,12 +85,12 @@ def test_translation_by_an_extension_of_the_obstacle(comm, parse):
     """Christof and Haubner, Section 2.2: u - w solves the problem for 0 and L - a(w, .)."""
     posed = pose(parse(SCENE.format(**LOWER)), comm)
     problem = posed.problem
-    result = problem.solve(rtol=1e-12)
+    u = problem.solve(rtol=1e-12)
     space = problem.space
     w = fem.Function(space)
     w.interpolate(lambda x: (-0.3 + 0.2 * np.cos(6.0 * x[0])) * (1.0 + x[1] * np.sin(x[0])))
     v = ufl.TestFunction(space)
-    load = -ufl.action(problem.a, w)
+    load = -ufl.action(posed.a, w)
     for integrand, measure in posed.sources.values():
         load += integrand * v * measure
     top = fem.locate_dofs_topological(space, 1, posed.sided.sides["top"])
@@ -98,11 +98,11 @@ def test_translation_by_an_extension_of_the_obstacle(comm, parse):
     data.interpolate(lambda x: 0.1 * x[0])
     data.x.array[:] -= w.x.array
     twin = SignoriniProblem(
-        problem.a, load, contact=problem.contact, bcs=[fem.dirichletbc(data, top)]
+        posed.a, load, contact=problem.contact, bcs=[fem.dirichletbc(data, top)]
     )
     translated = twin.solve(rtol=1e-12)
-    difference = result.u.x.array - w.x.array - translated.u.x.array
-    active = result.active_dofs, translated.active_dofs
+    difference = u.x.array - w.x.array - translated.x.array
+    active = problem.result.active_dofs, twin.result.active_dofs
     problem.destroy()
     twin.destroy()
     assert 0 < active[0] == active[1]
@@ -121,14 +121,22 @@ def test_a_scene_assembles_what_it_mentions_and_no_more(comm, parse):
     value = 0
     """
     posed = pose(parse(bare), comm)
-    assert len(posed.problem.a.integrals()) == 1
+    assert len(posed.a.integrals()) == 1
     assert posed.sources == {} and posed.exact is None
     assert comm.allreduce(len(posed.problem.obstacle)) == 5
     posed.problem.destroy()
     full = pose(parse(SCENE.format(**LOWER)), comm)
-    assert len(full.problem.a.integrals()) == 2
+    assert len(full.a.integrals()) == 2
     assert list(full.sources) == ["load", "flux"]
     full.problem.destroy()
+
+
+def test_zeros_are_not_assembled(comm, parse):
+    scene = LOWER | {"reaction": "reaction = 0", "load": "0*x", "flux": "0", "diffusion": "1"}
+    posed = pose(parse(SCENE.format(**scene)), comm)
+    assert len(posed.a.integrals()) == 1
+    assert posed.sources == posed.reactions == {}
+    posed.problem.destroy()
 
 
 def test_a_scalar_diffusion_is_a_multiple_of_the_identity(comm, parse):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dolfinx_signorini.commands.main import main
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.output.boundary import gather_boundary
 from dolfinx_signorini.scenes.output.files import write_fields
 from dolfinx_signorini.scenes.output.summary import summarise
 
@@ -116,7 +116,7 @@ def test_the_record_repeats_the_run(run, comm, parse):
     record = json.loads((out / "record.json").read_text())
     assert set(record["versions"]) >= {"dolfinx", "petsc", "dolfinx_signorini"}
     result = solve_scene(parse(record["scene"]), comm)
-    again = summarise(result, gather_boundary(result))
+    again = summarise(result, gather_contact_boundary(result.posed.problem))
     result.destroy()
     assert record["summary"]["forces"] == pytest.approx(again.forces, rel=1e-9)
     assert record["summary"]["unknowns"] == again.unknowns == 25**2
@@ -243,7 +243,7 @@ def test_an_exact_solution_that_is_none_is_noted(comm, folder, capsys):
 def test_costs_name_the_terms_of_the_scene_and_no_others(run, comm):
     _, printed = run(UPPER, "--outputs", "boundary", "--costs")
     if comm.rank == 0:
-        assert "a: diffusion on cells\n" in printed
+        assert "a: diffusion on cells  " in printed
         assert "Dirichlet dofs and data" in printed
         assert "reaction" not in printed and "exact" not in printed
     _, printed = run(UPPER, "--outputs", "boundary")

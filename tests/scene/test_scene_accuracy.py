@@ -7,9 +7,9 @@ import pytest
 
 from dolfinx_signorini import InputError
 from dolfinx_signorini.commands.main import main
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.output.boundary import gather_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 
 DETACHING = """
@@ -32,7 +32,7 @@ manufactured = true
 def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     result = solve_scene(parse(DETACHING.format(bound=bound, sign=sign)), comm)
     error = error_norms(result.u, result.posed.exact, ["W1_4"])["W1_4"]
-    summary = summarise(result, gather_boundary(result))
+    summary = summarise(result, gather_contact_boundary(result.posed.problem))
     gap = result.gap.x.array.copy()
     assert result.outcome.error == pytest.approx(error, rel=1e-12)
     result.destroy()

@@ -16,7 +16,7 @@ from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.scenes import load_scene
-from dolfinx_signorini.scenes.family import scene_family
+from dolfinx_signorini.scenes.posing import scene_family
 
 SCENES = Path(__file__).parents[2] / "demos" / "scenes"
 

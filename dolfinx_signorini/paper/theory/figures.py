@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.pictures import draw_convergence
 from dolfinx_signorini.paper.theory.evidence import Row, Rows, Value, entry, fine, orders
 from dolfinx_signorini.paper.theory.examples import PLACES
@@ -18,7 +19,6 @@ from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.paper.theory.section3 import FINE, SUPERCLOSE
 from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS, TRANSITION, relative_errors
 from dolfinx_signorini.paper.theory.section5 import TERMS, contact_set, detachment_error
-from dolfinx_signorini.plotting import COLOURS, MARKERS
 
 TERM_NAMES = {
     "interpolation": "$(z - I_h z, w)$",

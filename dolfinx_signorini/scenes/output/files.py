@@ -1,11 +1,10 @@
 """The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report.
 
-They are written to a folder of another name first and moved when all are there, so that no run
-leaves half a result behind.
+All files are written to a folder of another name first, and moved when the last one is complete, so
+that no run leaves half a result behind.
 """
 
 import csv
-import hashlib
 import io
 import json
 import os
@@ -23,16 +22,15 @@ from dolfinx.io import XDMFFile
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
-from dolfinx_signorini import plotting
+from dolfinx_signorini.contact_boundary import ContactBoundary, draw_contact
 from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
+from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.records import on_first, versions, write_file
-from dolfinx_signorini.scenes.domains import MeshFile
-from dolfinx_signorini.scenes.output import pictures
-from dolfinx_signorini.scenes.output.boundary import ContactBoundary
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
+from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
-from dolfinx_signorini.solvers.cascade import DEFAULT_RTOL
 
 FILES = (
     "fields.bp",
@@ -48,12 +46,12 @@ FILES = (
 
 @contextmanager
 def output_folder(comm: MPI.Comm, folder: Path) -> Iterator[Path]:
-    """Give a folder to write to; what is in it is moved to `folder` when all went well.
+    """Give a folder to write to; the files in it are moved to `folder` at the end.
 
     Args:
         comm: The communicator; the call is collective.
         folder: Where the files go, in a folder that exists; earlier results there are replaced,
-            other files stay.
+            and other files stay.
 
     Raises:
         InputError: The folder cannot be written.
@@ -89,17 +87,13 @@ def write_results(
         outputs: Which of `OUTPUTS` to write; the record comes with all of them.
         folder: Where to write.
     """
-    scene, comm = result.posed.scene, result.posed.problem.comm
     if "fields" in outputs:
         write_fields(result, folder)
-    figures: dict[str, Figure] = {}
-    if "pictures" in outputs or "report" in outputs:
-        field = pictures.gather_field(result) if scene.domain.dimension == 2 else None
-        if boundary is not None:
-            figures = _figures(field, boundary, result)
+    drawn = {"pictures", "report"} & set(outputs)
+    figures = draw_scene(result, summary, boundary) if drawn else {}
     if boundary is None:
         return
-    record = make_record(result, summary, comm)
+    record = make_record(result, summary)
     write_file(folder / "record.json", json.dumps(record, indent=1) + "\n")
     if "boundary" in outputs:
         write_file(folder / "boundary.csv", boundary_csv(boundary))
@@ -107,7 +101,6 @@ def write_results(
     for name, figure in figures.items():
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=150)
-        plotting.plt.close(figure)
         images[name] = buffer.getvalue()
         if "pictures" in outputs:
             (folder / f"{name}.png").write_bytes(images[name])
@@ -115,8 +108,37 @@ def write_results(
         write_file(folder / "report.html", write_report(record, summary, images))
 
 
+def draw_scene(
+    result: SceneResult, summary: Summary, boundary: ContactBoundary | None
+) -> dict[str, Figure]:
+    """Return the pictures of a solved scene by name; none on all ranks but 0.
+
+    Args:
+        result: The solved scene; the call is collective.
+        summary: Its numbers.
+        boundary: Its contact boundary, on rank 0.
+    """
+    figures, posed = {}, result.posed
+    if posed.scene.domain.dimension == 2:
+        parts = boundary_parts(posed.scene, posed.sided)
+        field = gather_plane_field(result.u, {kind.name: parts[kind] for kind in parts})
+        if field is not None:
+            styles = {kind.name: kind.style for kind in parts}
+            figures["solution"] = draw_plane_field(
+                field, styles, summary.detachment_points, posed.scene.title
+            )
+    if boundary is not None:
+        figures["contact"] = draw_contact(boundary)
+    return figures
+
+
 def write_fields(result: SceneResult, folder: Path) -> None:
-    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2."""
+    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
+
+    Args:
+        result: The solved scene; the call is collective.
+        folder: Where to write.
+    """
     fields = [result.u, result.gap, result.pressure]
     comm = result.posed.problem.comm
     if dolfinx.has_adios2:
@@ -136,7 +158,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
 
 
 def boundary_csv(boundary: ContactBoundary) -> str:
-    """Return the contact boundary as CSV: coordinates, u, gap, pressure and whether they touch.
+    """Return the contact boundary as CSV: coordinates, u, gap, pressure, and whether in contact.
 
     The pressure is left empty where u has Dirichlet data.
     """
@@ -150,29 +172,31 @@ def boundary_csv(boundary: ContactBoundary) -> str:
     return text.getvalue()
 
 
-def make_record(result: SceneResult, summary: Summary, comm: MPI.Comm) -> dict[str, Any]:
-    """Return everything that is needed to repeat a run; rank 0 only."""
+def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
+    """Return everything that is needed to repeat a run; rank 0 only.
+
+    Args:
+        result: The solved scene.
+        summary: Its numbers.
+    """
     scene = result.posed.scene
-    record: dict[str, Any] = {
+    return {
         "title": scene.title,
         "versions": versions(),
-        "ranks": comm.size,
+        "ranks": result.posed.problem.comm.size,
         "options": _options(result),
         "scene": scene.text,
         "summary": asdict(summary),
         "meshes": _meshes(result),
         "expected_orders": result.expectation.orders,
         "notes": list(result.expectation.notes),
-        "solver": {key: value for key, value in vars(result.solve).items() if key != "u"},
+        "solver": asdict(result.solve),
+        **scene.domain.record(),
     }
-    if isinstance(scene.domain, MeshFile):
-        digest = hashlib.sha256(scene.domain.path.read_bytes()).hexdigest()
-        record["mesh_file"] = {"name": scene.domain.path.name, "sha256": digest}
-    return record
 
 
 def _options(result: SceneResult) -> dict[str, Any]:
-    """What a run was asked for, on the command line or in the scene."""
+    """Return what a run was asked for, on the command line or in the scene."""
     outcome, scene = result.outcome, result.posed.scene
     if outcome is None:
         return {"degree": scene.degree, "rtol": scene.rtol}
@@ -181,7 +205,7 @@ def _options(result: SceneResult) -> dict[str, Any]:
 
 
 def _meshes(result: SceneResult) -> list[dict[str, Any]]:
-    """The levels of the cascade, or the runs of a search, in their order."""
+    """Return the levels of the cascade, or the runs of a search, in their order."""
     if result.outcome is None:
         return [asdict(level) for level in result.levels]
     return [
@@ -196,21 +220,9 @@ def _meshes(result: SceneResult) -> list[dict[str, Any]]:
     ]
 
 
-def _figures(
-    field: pictures.PlaneField | None, boundary: ContactBoundary, result: SceneResult
-) -> dict[str, Figure]:
-    scene = result.posed.scene
-    if field is None:
-        return {"contact": pictures.draw_contact_surface(boundary, scene.contact.upper)}
-    return {
-        "solution": pictures.draw_plane(field, boundary, scene.title),
-        "contact": pictures.draw_contact_line(boundary, scene.contact.upper),
-    }
-
-
 def _prepare(folder: Path, part: Path) -> None:
     if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise InputError(f"output folder {folder}: cannot be written")
+        raise InputError("cannot be written", f"output folder {folder}")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir()
 

@@ -1,4 +1,4 @@
-"""A solved scene as one HTML page that needs nothing else: numbers, pictures, the scene itself."""
+"""A solved scene as one HTML page without references: numbers, pictures, and the scene file."""
 
 import base64
 import html
@@ -55,7 +55,7 @@ def write_report(record: Mapping[str, Any], summary: Summary, pictures: Mapping[
     """Return the page.
 
     Args:
-        record: What `results.make_record` returns.
+        record: The record of the run, see `files.make_record`.
         summary: The numbers of the scene.
         pictures: PNG images by name.
     """

@@ -1,20 +1,20 @@
 """The numbers of a solved scene: size, contact set, forces and their balance, accuracy, time."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.report import outcome_lines
+from dolfinx_signorini.contact_boundary import ContactBoundary
+from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.quadrature import CELL_RULE
-from dolfinx_signorini.scenes.output.boundary import ContactBoundary
 from dolfinx_signorini.scenes.solving import SceneResult
-from dolfinx_signorini.solvers.pressure import multiplier
 
+ROUNDING = 1e-12  # of coordinates
 MAX_POINTS = 8  # detachment points that are listed
 
 
@@ -22,18 +22,23 @@ MAX_POINTS = 8  # detachment points that are listed
 class Summary:
     """The numbers of a solved scene.
 
+    For example:
+
+        summary = summarise(result, gather_contact_boundary(result.posed.problem))
+        print(listing(lines(summary)))
+
     Attributes:
-        cells, unknowns: The size of the finest mesh and of its problem.
-        contact_size: Length or area of the contact set: where the gap is zero.
-        undecided_size: That of what is not in contact, but with a gap that is too small for the
-            mesh to tell.
-        boundary_size: That of the whole contact boundary.
-        detachment_points: The ends of the contact set in the plane where u leaves the obstacle.
-        forces: What acts on u, by name; they add up to zero.
-        imbalance: What they do add up to, relative to the sum of their sizes.
-        natural_residual: Relative to the data.
+        cells, unknowns: The number of cells of the finest mesh, and of the dofs of its problem.
+        contact_size: The length or area of the contact set, where the gap is zero.
+        undecided_size: The length or area of what is not in contact, but has a gap that is too
+            small for the mesh to tell.
+        boundary_size: The length or area of the whole contact boundary.
+        detachment_points: In the plane, the points where contact ends.
+        forces: What acts on u, by name; the sum is zero.
+        imbalance: The size of the computed sum, relative to the sum of the sizes.
+        natural_residual: The natural residual, relative to the data.
         errors: Norms of the error where the solution is known, by name.
-        choice: With an accuracy or a budget what was chosen, predicted and reached, by name.
+        choice: With an accuracy or a budget, what was chosen, predicted and reached, by name.
         seconds: Wall-clock seconds of everything.
     """
 
@@ -58,24 +63,24 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         result: The solved scene.
         boundary: Its contact boundary, on rank 0.
     """
-    domain = result.posed.problem.space.mesh
-    contact_size, undecided_size, boundary_size, points = domain.comm.bcast(
-        None if boundary is None else _contact_set(boundary)
-    )
+    problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
+    domain = problem.space.mesh
+    sizes = None if boundary is None else _contact_sizes(boundary)
+    contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
+    points = detachment_points(problem) if scene.domain.dimension == 2 else []
     forces = _forces(result)
     total = sum(abs(force) for force in forces.values())
-    exact, norms = result.posed.exact, result.posed.scene.norms
     return Summary(
         cells=domain.topology.index_map(domain.topology.dim).size_global,
-        unknowns=result.posed.problem.unknowns,
+        unknowns=problem.unknowns,
         contact_size=contact_size,
         undecided_size=undecided_size,
         boundary_size=boundary_size,
-        detachment_points=points,
+        detachment_points=tuple(sorted(point.position for point in points)),
         forces=forces,
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
-        errors=error_norms(result.u, exact, norms) if exact is not None else {},
+        errors=error_norms(result.u, exact, scene.norms) if exact is not None else {},
         choice={} if result.outcome is None else dict(outcome_lines(result.outcome)),
         seconds=result.seconds,
     )
@@ -92,7 +97,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
         text = f"{s.undecided_size:.4g}: the gap there is too small for the mesh to tell"
         rows.append(("undecided", text))
     if s.detachment_points:
-        points = [f"({', '.join(f'{c:.4g}' for c in p)})" for p in s.detachment_points[:MAX_POINTS]]
+        points = [_place(point) for point in s.detachment_points[:MAX_POINTS]]
         more = len(s.detachment_points) - len(points)
         rows.append(("detachment", ", ".join(points) + (f" and {more} more" if more else "")))
     rows += [(name, f"{force:.6g}") for name, force in s.forces.items()]
@@ -102,51 +107,38 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     return [*s.choice.items(), *rows, ("time", f"{s.seconds:.2f} s")]
 
 
-def _contact_set(
-    boundary: ContactBoundary,
-) -> tuple[float, float, float, tuple[tuple[float, ...], ...]]:
+def listing(rows: Iterable[tuple[str, str]]) -> str:
+    """Return pairs of name and text as lines for a terminal."""
+    return "".join(f"  {name:<20}{text}\n" for name, text in rows)
+
+
+def _place(point: Sequence[float]) -> str:
+    """Return coordinates for people to read, without those that are zero but for rounding."""
+    size = max(map(abs, point))
+    return "(" + ", ".join(f"{c if abs(c) > ROUNDING * size else 0.0:.4g}" for c in point) + ")"
+
+
+def _contact_sizes(boundary: ContactBoundary) -> tuple[float, float, float]:
+    """Return the size of the contact set, of what is undecided, and of the whole boundary."""
     sizes = boundary.sizes
-    plane = boundary.points.shape[1] == 2
-    points = boundary.detachment_points if plane else ()
-    return (
-        float(sizes[boundary.in_contact].sum()),
-        float(sizes[boundary.undecided].sum()),
-        float(sizes.sum()),
-        tuple(tuple(map(float, point)) for point in points),
-    )
+    sets = boundary.in_contact, boundary.undecided, np.ones(len(sizes), dtype=bool)
+    contact, undecided, whole = (float(sizes[pieces].sum()) for pieces in sets)
+    return contact, undecided, whole
 
 
 def _forces(result: SceneResult) -> dict[str, float]:
-    """Load, flux and reaction from integrals, pressure and Dirichlet forces from A u - b."""
+    """Return what acts on u: integrals of sources and reactions, and the forces of conditions."""
     posed, problem = result.posed, result.posed.problem
-    comm = problem.comm
 
     def integral(form: ufl.Form) -> float:
-        return float(comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
+        return float(problem.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
 
-    forces = {
-        name: integral(integrand * measure) for name, (integrand, measure) in posed.sources.items()
-    }
-    if posed.scene.reaction is not None:
-        x = ufl.SpatialCoordinate(problem.space.mesh)
-        dx = ufl.dx(metadata=CELL_RULE.metadata)
-        forces["reaction"] = -integral(posed.scene.reaction.ufl(x) * result.u * dx)
-    pressure = float(multiplier(problem, result.solve.u).sum())
-    forces["contact pressure"] = posed.scene.sign * comm.allreduce(pressure)
-    if posed.scene.dirichlet:
-        forces["Dirichlet sides"] = _dirichlet_force(result)
+    forces = {name: integral(f * measure) for name, (f, measure) in posed.sources.items()}
+    for name, (c, measure) in posed.reactions.items():
+        forces[name] = forces.get(name, 0.0) - integral(c * result.u * measure)
+    residual = ufl.action(posed.a, result.u) - posed.L
+    for kind in dict.fromkeys(type(condition) for condition in posed.scene.conditions):
+        force = kind.force(problem, residual)
+        if force is not None:
+            forces[kind.force_name] = force
     return forces
-
-
-def _dirichlet_force(result: SceneResult) -> float:
-    """The sum over the Dirichlet dofs of a(u, phi) - L(phi)."""
-    posed, problem = result.posed, result.posed.problem
-    v = ufl.TestFunction(problem.space)
-    residual = ufl.action(problem.a, result.u)
-    for integrand, measure in posed.sources.values():
-        residual -= integrand * v * measure
-    vector = fem_petsc.assemble_vector(fem.form(residual))
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    force = float(vector.array_r[problem.fixed_dofs].sum())
-    vector.destroy()
-    return float(problem.comm.allreduce(force))

@@ -1,0 +1,6 @@
+"""The colours and markers of all pictures, which can be told apart with any colour vision."""
+
+# Okabe and Ito's colours.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKERS = "osD^vPX"
+COLOUR_MAP = "cividis"

@@ -1,0 +1,128 @@
+"""Formulas in x, y and z: trees of operations, and what the operations mean in UFL."""
+
+import ast
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import ufl
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.errors import InputError
+
+COORDINATES = ("x", "y", "z")
+CONSTANTS = {"pi": math.pi}
+# For each name: the number of arguments, the function of floats, and the function of UFL.
+FUNCTIONS: dict[str, tuple[int, Callable[..., float], Callable[..., Expr]]] = {
+    name: (1, getattr(math, name), getattr(ufl, name))
+    for name in "sqrt exp sin cos tan asin acos atan sinh cosh tanh".split()  # noqa: SIM905
+} | {
+    "log": (1, math.log, ufl.ln),
+    "abs": (1, abs, abs),
+    "sign": (1, lambda a: math.copysign(1.0, a) if a else 0.0, ufl.sign),
+    "atan2": (2, math.atan2, ufl.atan2),
+    "hypot": (2, math.hypot, lambda a, b: ufl.sqrt(a * a + b * b)),
+    "min": (2, min, ufl.min_value),
+    "max": (2, max, ufl.max_value),
+    "where": (3, lambda c, a, b: a if c else b, ufl.conditional),
+}
+# For each operator of Python's syntax trees: its sign, and the same two functions.
+OPERATORS: dict[type[ast.AST], tuple[str, Callable[..., float], Callable[..., Expr]]] = {
+    ast.USub: ("negative", operator.neg, operator.neg),
+    ast.Add: ("+", operator.add, operator.add),
+    ast.Sub: ("-", operator.sub, operator.sub),
+    ast.Mult: ("*", operator.mul, operator.mul),
+    ast.Div: ("/", operator.truediv, operator.truediv),
+    ast.Pow: ("^", math.pow, operator.pow),
+    ast.Lt: ("<", operator.lt, ufl.lt),
+    ast.LtE: ("<=", operator.le, ufl.le),
+    ast.Gt: (">", operator.gt, ufl.gt),
+    ast.GtE: (">=", operator.ge, ufl.ge),
+}
+OPERATIONS = {name: functions for name, (_, *functions) in FUNCTIONS.items()}
+OPERATIONS |= {sign: functions for sign, *functions in OPERATORS.values()}
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One operation of a formula.
+
+    For example, the product of 2 and the first coordinate:
+
+        Node("*", (Node("number", value=2.0), Node("coordinate", value=0)))
+
+    Attributes:
+        op: "number", "coordinate", or the name of an operator or a function.
+        args: The operands.
+        value: The number, or the index of the coordinate.
+        size: The number of nodes of the tree, shared nodes counted as often as they are used.
+        depth: The number of levels of the tree.
+    """
+
+    op: str
+    args: tuple["Node", ...] = ()
+    value: float = 0.0
+    size: int = field(init=False)
+    depth: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
+        object.__setattr__(self, "depth", 1 + max((a.depth for a in self.args), default=0))
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A formula in the coordinates.
+
+    For example:
+
+        load = parse("sin(pi*x) * y^2")
+        L = load.ufl(ufl.SpatialCoordinate(domain)) * v * ufl.dx
+
+    Attributes:
+        text: The formula as it was written.
+        root: The formula as a tree.
+    """
+
+    text: str
+    root: Node
+
+    @property
+    def constant(self) -> float | None:
+        """The value of a formula that does not depend on the coordinates; None for others."""
+        return self.root.value if self.root.op == "number" else None
+
+    def ufl(self, x: Expr) -> Expr:
+        """Return the formula as a UFL expression of the coordinates x, a UFL vector.
+
+        Raises:
+            InputError: A part of the formula has no value anywhere, for example 1/(0*x).
+        """
+        try:
+            return ufl.as_ufl(_build(self.root, x, {}))
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise InputError(str(error), shortened(self.text)) from None
+
+
+def number(value: float) -> Formula:
+    """Return a constant as a formula."""
+    return Formula(f"{value:.17g}", Node("number", value=float(value)))
+
+
+def shortened(text: str) -> str:
+    """Return a text for a message: in quotes, and cut to 60 characters."""
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _build(node: Node, x: Expr, done: dict[int, Any]) -> Any:
+    """Turn a tree into UFL, a node that is used twice only once."""
+    if id(node) not in done:
+        if node.op == "number":
+            done[id(node)] = node.value
+        elif node.op == "coordinate":
+            done[id(node)] = x[int(node.value)]
+        else:
+            done[id(node)] = OPERATIONS[node.op][1](*(_build(a, x, done) for a in node.args))
+    return done[id(node)]
