@@ -1,4 +1,4 @@
-"""Every argument of the problem against wrong types, objects, ranges and meshes: all are refused."""
+"""Every argument of the problem against wrong types, objects, ranges, meshes: all are refused."""
 
 import numpy as np
 import pytest
