@@ -89,7 +89,7 @@ class Assembly:
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`.
         """
-        made = self._assembled(None, True, True)
+        made = self._assembled(None, self._bounds(), True)
         count, fixed = len(made.contact_dofs), len(made.fixed_dofs)
         made.ledger.add("array", "contact dofs, their obstacle and diagonal", 20 * count)
         if self.comm.allreduce(fixed):
@@ -106,31 +106,33 @@ class Assembly:
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`; the old system is lost then.
         """
+        obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         matrix = self._watch_a.changed(self.comm) or matrix
         load = self._watch_L.changed(self.comm) or matrix
-        return self._assembled(old, matrix, load)
+        moved = bool((data != old.fixed_values).any())
+        if not self.comm.allreduce(load or moved, op=MPI.LOR):
+            return replace(old, obstacle=obstacle)
+        return self._assembled(old, (obstacle, data), matrix)
 
-    def _assembled(self, old: System | None, matrix: bool, load: bool) -> System:
+    def _bounds(self) -> tuple[Array, Array]:
+        """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
         space, fixed = self.layout.space, self.layout.fixed_dofs
         obstacle, data = self.obstacle_at(), dirichlet_values(space, self.bcs, fixed)
         upper = self.sign < 0.0
         checks.check_bounds(space, self.layout.boundary_dofs, obstacle, fixed, data, upper)
-        obstacle, data = self.sign * obstacle[self.layout.free], self.sign * data
-        if old is not None:
-            moved = bool((data != old.fixed_values).any())
-            load = self.comm.allreduce(load or moved, op=MPI.LOR)
-            if not load:
-                return replace(old, obstacle=obstacle)
+        return self.sign * obstacle[self.layout.free], self.sign * data
+
+    def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:
         A = self._matrix(old) if matrix or old is None else old.A
         with self.phases("load"):
-            b = assembled_load(self._L, self._a, self.bcs, fixed, A)
+            b = assembled_load(self._L, self._a, self.bcs, self.layout.fixed_dofs, A)
             b.scale(self.sign)
         self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
         if old is not None:
             old.b.destroy()
         with self.phases("checks"):
             try:
-                return self._checked(A, b, obstacle, data, old, matrix)
+                return self._checked(A, b, bounds, old, matrix)
             except InputError:
                 A.destroy()
                 b.destroy()
@@ -147,8 +149,7 @@ class Assembly:
         self,
         A: PETSc.Mat,
         b: PETSc.Vec,
-        obstacle: Array,
-        data: Array,
+        bounds: tuple[Array, Array],
         old: System | None,
         matrix: bool,
     ) -> System:
@@ -167,9 +168,9 @@ class Assembly:
             layout=self.layout,
             A=A,
             b=b,
-            obstacle=obstacle,
+            obstacle=bounds[0],
             contact_diagonal=diagonal[self.layout.contact_dofs],
-            fixed_values=data,
+            fixed_values=bounds[1],
             singular=singular,
             assembled=assembled,
         )

@@ -237,6 +237,19 @@ def test_values_that_changed_on_one_rank_alone_are_seen_by_all(name, shift, obst
     problem.destroy()
 
 
+def test_data_refused_together_with_a_changed_load_are_seen_when_they_make_sense_again():
+    membrane = Membrane(square())
+    membrane.solve()
+    membrane.change("weight", -4.0)
+    membrane.change("height", 1.0)  # above the Dirichlet data
+    with pytest.raises(InputError, match="obstacle"):
+        membrane.solve()
+    membrane.change("height", -0.08)
+    membrane.solve()
+    equals_a_fresh_problem(membrane, "expression", {"weight": -4.0, "height": -0.08})
+    membrane.problem.destroy()
+
+
 @pytest.mark.parametrize("bound", [1.0, -1.0])
 def test_a_warm_start_searches_and_solves_nothing_again(bound, monkeypatch):
     def no_search(*arguments, **options):
