@@ -80,6 +80,7 @@ class Assembly:
             self._a, self._L = (
                 _compiled(ledger, name, form, options) for name, form in (("a", a), ("L", L))
             )
+            self._obstacle = obstacle
             self.obstacle_at = evaluator(space, obstacle, boundary)
             self._watch_a, self._watch_L = Watch(a), Watch(L)
 
@@ -101,11 +102,16 @@ class Assembly:
 
         Args:
             old: The system so far.
-            matrix: Assemble matrix and load in any case.
+            matrix: Assemble matrix and load in any case, on a mesh that may have moved.
 
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`; the old system is lost then.
         """
+        if matrix:  # the shares of the boundary and the places of the dofs are others
+            self.layout = replace(self.layout)
+            self.obstacle_at = evaluator(
+                self.layout.space, self._obstacle, self.layout.boundary_dofs
+            )
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         matrix = self._watch_a.changed(self.comm) or matrix
         load = self._watch_L.changed(self.comm) or matrix

@@ -27,7 +27,7 @@ from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
-from dolfinx_signorini.system import System
+from dolfinx_signorini.system import Layout, System
 
 # With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
@@ -116,7 +116,6 @@ class SignoriniProblem:
         check_data(obstacle, self.space, "obstacle")
         compilation = form_compiler_options, jit_options
         self._assembly = Assembly(a, L, facets, obstacle, self.sign, bcs, *compilation)
-        self._layout = self._assembly.layout
         self._system = self._assembly.system()
 
     def __repr__(self) -> str:
@@ -158,6 +157,10 @@ class SignoriniProblem:
         if self._system is None:
             raise InputError("its PETSc objects have been destroyed", "problem")
         return self._system
+
+    @property
+    def _layout(self) -> Layout:
+        return self._assembly.layout
 
     @property
     def ledger(self) -> Ledger:

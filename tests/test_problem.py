@@ -250,6 +250,23 @@ def test_data_refused_together_with_a_changed_load_are_seen_when_they_make_sense
     membrane.problem.destroy()
 
 
+@pytest.mark.parametrize("obstacle", ["expression", "callable"])
+def test_a_mesh_that_has_moved_is_seen_by_an_update(obstacle, assemblies):
+    membrane = Membrane(square(), obstacle)
+    first = membrane.solve().x.array.copy()
+    agree(membrane.problem)  # also what the pressure is made of belongs to the old mesh
+    values = {name: membrane.data[name].x.array for name in FUNCTIONS}
+    x = membrane.problem.space.mesh.geometry.x
+    x[:, 0], x[:, 1] = x[:, 0] ** 1.5, x[:, 1] ** 2  # the same square
+    assemblies()
+    membrane.problem.update(matrix=True)
+    assert assemblies() == (1, 1)
+    assert largest(membrane.solve().x.array - first) > 1e-3
+    assert assemblies() == (0, 0)
+    equals_a_fresh_problem(membrane, obstacle, values)
+    membrane.problem.destroy()
+
+
 @pytest.mark.parametrize("bound", [1.0, -1.0])
 def test_a_warm_start_searches_and_solves_nothing_again(bound, monkeypatch):
     def no_search(*arguments, **options):
