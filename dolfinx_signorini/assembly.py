@@ -51,7 +51,7 @@ class Assembly:
 
     Attributes:
         layout: The dofs with a constraint or Dirichlet data.
-        obstacle_at: Evaluates the obstacle at the owned dofs on the contact boundary.
+        obstacle: The obstacle of the last system at the owned dofs on the contact boundary.
         phases: The seconds of the phases so far.
     """
 
@@ -80,8 +80,8 @@ class Assembly:
             self._a, self._L = (
                 _compiled(ledger, name, form, options) for name, form in (("a", a), ("L", L))
             )
-            self._obstacle = obstacle
-            self.obstacle_at = evaluator(space, obstacle, boundary)
+            self._data = obstacle
+            self._obstacle_at = evaluator(space, obstacle, boundary)
             self._watch_a, self._watch_L = Watch(a), Watch(L)
 
     def system(self) -> System:
@@ -109,9 +109,7 @@ class Assembly:
         """
         if matrix:  # the shares of the boundary and the places of the dofs are others
             self.layout = replace(self.layout)
-            self.obstacle_at = evaluator(
-                self.layout.space, self._obstacle, self.layout.boundary_dofs
-            )
+            self._obstacle_at = evaluator(self.layout.space, self._data, self.layout.boundary_dofs)
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         matrix = self._watch_a.changed(self.comm) or matrix
         load = self._watch_L.changed(self.comm) or matrix
@@ -123,9 +121,10 @@ class Assembly:
     def _bounds(self) -> tuple[Array, Array]:
         """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
         space, fixed = self.layout.space, self.layout.fixed_dofs
-        obstacle, data = self.obstacle_at(), dirichlet_values(space, self.bcs, fixed)
+        obstacle, data = self._obstacle_at(), dirichlet_values(space, self.bcs, fixed)
         upper = self.sign < 0.0
         checks.check_bounds(space, self.layout.boundary_dofs, obstacle, fixed, data, upper)
+        self.obstacle = obstacle
         return self.sign * obstacle[self.layout.free], self.sign * data
 
     def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:

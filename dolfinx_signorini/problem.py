@@ -95,7 +95,7 @@ class SignoriniProblem:
     ):
         self._system: System | None = None
         self._solver: HeldSolver | None = None
-        # The last solution of the system; None before the first and after a solve that failed.
+        # The solution of the system, if it has been solved.
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
         self._history = History()
@@ -222,9 +222,7 @@ class SignoriniProblem:
         """
         x, dofs = self._solution(), self._layout.boundary_dofs
         gap = fem.Function(self.space, name="gap")
-        gap.x.array[dofs] = np.maximum(
-            x.array_r[dofs] - self.sign * self._assembly.obstacle_at(), 0.0
-        )
+        gap.x.array[dofs] = np.maximum(x.array_r[dofs] - self.sign * self._assembly.obstacle, 0.0)
         gap.x.scatter_forward()
         return gap
 
@@ -308,7 +306,6 @@ class SignoriniProblem:
             self._history = History()
         start = self.u if warm else start
         x = system.start(None if start is None else self.sign * start.x.array)
-        self._free_solution()
         self.result = None
         try:
             if method == "cascade":
@@ -335,6 +332,8 @@ class SignoriniProblem:
     def update(self, matrix: bool = False) -> None:
         """Assemble again what depends on changed data; `solve` calls this method by itself.
 
+        Gap, pressure and active set are those of the system before, and are gone until `solve`.
+
         Args:
             matrix: Assemble matrix and load in any case, for example because the mesh has moved:
                 changed values in the form a are noticed by themselves.
@@ -349,6 +348,7 @@ class SignoriniProblem:
             if not old.b:  # its vector is gone, and the matrix is another one
                 self._system = None
             raise
+        self._free_solution()
 
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""

@@ -387,6 +387,19 @@ def agree(problem):
     assert total(force) == pytest.approx(total(multiplier), abs=1e-6 * size)
 
 
+def test_gap_is_that_of_the_last_solve_while_data_change():
+    membrane = Membrane(square())
+    problem = membrane.problem
+    membrane.solve()
+    gap, pressure = problem.gap.x.array.copy(), problem.pressure.x.array.copy()
+    membrane.data["bump"].x.array[:] -= 1.0
+    membrane.change("weight", -9.0)
+    agree(problem)
+    assert np.array_equal(problem.gap.x.array, gap)
+    assert np.array_equal(problem.pressure.x.array, pressure)
+    problem.destroy()
+
+
 STATE = ("gap", "pressure", "active")
 
 
@@ -414,6 +427,18 @@ def test_before_a_solve_and_after_one_that_failed_there_is_no_state():
     assert largest(membrane.solve().x.array - expected) <= 1e-9
     agree(problem)
     problem.destroy()
+
+
+def test_an_update_with_other_data_leaves_no_state_of_the_old_ones():
+    membrane = Membrane(square())
+    membrane.solve()
+    membrane.change("weight", -4.0)
+    membrane.problem.update()
+    assert has_no_state(membrane.problem)
+    membrane.solve()
+    agree(membrane.problem)
+    equals_a_fresh_problem(membrane, "expression", {"weight": -4.0})
+    membrane.problem.destroy()
 
 
 def living():
