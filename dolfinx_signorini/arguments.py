@@ -158,8 +158,10 @@ def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
             return nothing, f"tags of dimension {tags.dim}, not of facets, which have {dimension}"
         if tags.topology != domain.topology._cpp_object:
             return nothing, "the tags belong to another mesh"
-        chosen = slice(None) if values is None else np.isin(tags.values, values)
-        return np.asarray(tags.indices[chosen], dtype=np.int32), ""
+        if values is None:
+            return np.asarray(tags.indices, dtype=np.int32), ""
+        wanted = values if np.isscalar(values) else list(values)  # a set, too
+        return np.asarray(tags.indices[np.isin(tags.values, wanted)], dtype=np.int32), ""
     facets = np.asarray(contact)
     if facets.ndim != 1 or (len(facets) and not np.issubdtype(facets.dtype, np.integer)):
         return nothing, "facets are given by an array of their indices, or by MeshTags"

@@ -327,10 +327,12 @@ def test_contact_as_facets_and_as_tags_is_the_same():
     for contact in (
         facets,
         list(facets),
+        tuple(facets),
         both,
         (both, 3),
         (every, (3, 5)),
         (every, [5, 3]),
+        (every, {3, 5}),
         (every, np.array([3, 5])),
     ):
         problem = Membrane(domain, contact=contact, values={"height": -0.2}).problem
