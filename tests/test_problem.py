@@ -279,6 +279,8 @@ def test_a_warm_start_searches_and_solves_nothing_again(bound, monkeypatch):
     result = membrane.problem.result
     assert result.linear_solves <= 1 and result.linear_iterations == 0 and result.iterations == 0
     assert np.array_equal(again.x.array, first)
+    membrane.problem.solve("bqnls", rtol=1e-6)
+    assert membrane.problem.result.iterations == 0
     # A floor that falls a little leaves nothing in contact, but the set in contact is known.
     lower = {"height": CONSTANTS["height"] - 1e-3}
     cold = Membrane(square(24), sign=bound, values=lower)
