@@ -7,13 +7,14 @@ scenes, paper, tradeoff, and commands.
 
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.manufactured import ManufacturedSolution
+from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.references import Reference, interpolated
+from dolfinx_signorini.scenes import Scene, SceneResult, load_scene, solve_scene
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -28,6 +29,8 @@ __all__ = [
     "NotConvergedError",
     "QuadratureRule",
     "Reference",
+    "Scene",
+    "SceneResult",
     "SignoriniProblem",
     "SolveResult",
     "boundary_facets",
@@ -37,7 +40,10 @@ __all__ = [
     "error_norms",
     "friedrichs_keller",
     "interpolated",
+    "load_scene",
+    "manufacture",
     "solve_cascade",
+    "solve_scene",
 ]
 
 __version__ = "0.1.0"

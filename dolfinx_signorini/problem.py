@@ -2,7 +2,8 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -28,6 +29,9 @@ from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
 from dolfinx_signorini.system import Layout, System
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
@@ -252,6 +256,29 @@ class SignoriniProblem:
             InputError: The problem has not been solved.
         """
         return contact_state(self.system, self._solution())
+
+    def plot(self, path: Path | str | None = None) -> "Figure | None":
+        """Draw gap and pressure along the contact boundary; the call is collective.
+
+        Args:
+            path: Where to save the picture, with a suffix that matplotlib knows; not at all by
+                default.
+
+        Returns:
+            The figure on rank 0, which a notebook shows, and None on the other ranks.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        from dolfinx_signorini.contact_boundary import draw_contact, gather_contact_boundary
+
+        boundary = gather_contact_boundary(self)
+        if boundary is None:
+            return None
+        figure = draw_contact(boundary)
+        if path is not None:
+            figure.savefig(path, dpi=150)
+        return figure
 
     def costs(self) -> list[Cost]:
         """Return what was made for this problem so far; the call is collective."""
