@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs
 from dolfinx_signorini.palette import COLOURS
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import interpolant
-from dolfinx_signorini.scenes.domains import Domain
+from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula, number
 from dolfinx_signorini.scenes.toml_table import ALL, TomlTable
 

@@ -4,7 +4,9 @@ gmsh runs on rank 0, and an error there is raised on all ranks. Only what begins
 given to gmsh, because gmsh would run the commands of a script.
 """
 
+import hashlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,24 +20,93 @@ from mpi4py import MPI
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.scenes.domain import Domain
+from dolfinx_signorini.scenes.toml_table import TomlTable
 
 TRIANGLE, TETRAHEDRON = 2, 4  # element types of gmsh
 FLAT = 1e-10  # volume of a cell that is refused, relative to a cube of its size
 MAX_XDMF = 1_000_000  # bytes of the XML part
 
 
-def read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:
-    """Read a mesh with its facet tags from a .msh or .xdmf file.
+@dataclass(frozen=True)
+class MeshFile(Domain):
+    """A domain given by the mesh in a file, which is the only mesh of the domain.
 
-    Args:
-        comm: The communicator that shares the mesh.
+    The sides are the facet tags: their numbers and, in .msh files, the names of physical groups.
+    The file is looked into first:
+
+        plate = MeshFile.open(comm, Path("plate.msh"))
+        print(plate.side_names)
+
+    Attributes:
         path: The file.
-        grid: The name of the mesh in an XDMF file.
-        tags: The name of the facet tags in an XDMF file.
-
-    Raises:
-        InputError: The file is missing, or not such a mesh.
+        dimension: Space dimension.
+        side_names: The facet tags.
+        vertices: The number of vertices.
+        grid, tags: For XDMF: the names of the mesh and of its facet tags.
     """
+
+    path: Path
+    dimension: int
+    side_names: tuple[str, ...]
+    vertices: int
+    grid: str = "mesh"
+    tags: str = "facet_tags"
+    shape = "file"
+
+    @classmethod
+    def open(
+        cls, comm: MPI.Comm, path: Path, grid: str = "mesh", tags: str = "facet_tags"
+    ) -> "MeshFile":
+        """Look into a mesh file.
+
+        Args:
+            comm: The communicator; the call is collective.
+            path: A file that ends in .msh or .xdmf.
+            grid: The name of the mesh in an XDMF file.
+            tags: The name of the facet tags in an XDMF file.
+
+        Raises:
+            InputError: The file cannot be read, or is not a mesh of triangles or tetrahedra with
+                facet tags on its boundary.
+        """
+        sided = _read_mesh(comm, path, grid, tags)
+        count = sided.mesh.topology.index_map(0).size_global
+        return cls(path, sided.mesh.geometry.dim, tuple(sided.sides), count, grid, tags)
+
+    @classmethod
+    def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "MeshFile":
+        path = folder / table.text("file")
+        names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
+        if not sized:
+            raise table.error("file", "a mesh is used as it is: leave 'accuracy' out")
+        try:
+            return cls.open(comm, path, **names)
+        except InputError as error:
+            raise table.error("file", error.message) from None
+        except ValueError as error:  # a name that no file can have
+            raise table.error("file", str(error)) from None
+
+    def at(self, n: int) -> "MeshFile":
+        """Raise an error: the file has one mesh."""
+        message = "a mesh from a file is used as it is; there is nothing to choose"
+        raise InputError(message, "domain")
+
+    def levels(self) -> list[Domain]:
+        """Return the mesh of the file as the only level."""
+        return [self]
+
+    def make(self, comm: MPI.Comm) -> SidedMesh:
+        return _read_mesh(comm, self.path, self.grid, self.tags)
+
+    def record(self) -> dict[str, Any]:
+        """Return the name of the file and a digest of its bytes."""
+        digest = hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return {"mesh_file": {"name": self.path.name, "sha256": digest}}
+
+
+def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:
+    """Read a mesh with its facet tags; refuse what is no such mesh, with the subject "domain"."""
     message = comm.bcast(_refusal(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, "domain")

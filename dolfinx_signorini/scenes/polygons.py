@@ -1,5 +1,8 @@
-"""Simple polygons: what makes one, and its triangulation by gmsh."""
+"""Simple polygons, triangulated by gmsh."""
 
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,38 +11,109 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.mesh_files import with_gmsh
+from dolfinx_signorini.scenes.toml_table import TomlTable
 
 Array = npt.NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]
 
 SHORTEST = 1e-6  # length of an edge, relative to the size of the polygon
 SMALLEST = 1e-6  # area, relative to the square of this size
+MAX_CORNERS = 500
+MAX_COORDINATE = 1e6
 
 
-def polygon_size(corners: Corners) -> float:
+@dataclass(frozen=True)
+class Polygon(Domain):
+    """A simple polygon, triangulated by gmsh.
+
+    The sides are "1", "2", ...: side k goes from vertex k to the next vertex:
+
+        triangle = Polygon(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), width=0.1)
+
+    Attributes:
+        corners: The vertices in order; an angle of pi is allowed and splits a straight side.
+        width: The mesh width.
+
+    Raises:
+        InputError: The vertices are those of no simple polygon, or the width makes no sense.
+    """
+
+    corners: Corners
+    width: float
+    side_names: tuple[str, ...] = field(init=False)
+    vertices: int = field(init=False)
+    shape = "polygon"
+    width_key = "width"
+    dimension = 2
+
+    def __post_init__(self) -> None:
+        _check(self.corners)
+        size = _size(self.corners)
+        if not 0.0 < self.width <= size:
+            raise InputError(
+                f"must lie between 0 and the polygon's size {size:g}, not {self.width:g}", "width"
+            )
+        # As many as in a mesh of equilateral triangles.
+        vertices = math.ceil(self.area / self.width**2 * 2.0 / math.sqrt(3.0)) + len(self.corners)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "side_names", tuple(str(k + 1) for k in range(len(self.corners))))
+
+    @classmethod
+    def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "Polygon":
+        corners = table.items("vertices")
+        if len(corners) > MAX_CORNERS:
+            raise table.error("vertices", f"at most {MAX_CORNERS} are read")
+        for corner in corners:
+            if not isinstance(corner, list) or len(corner) != 2:
+                raise table.error("vertices", "must be a list of [x, y]")
+            if max(abs(table.finite("vertices", c)) for c in corner) > MAX_COORDINATE:
+                raise table.error("vertices", f"a coordinate larger than {MAX_COORDINATE:g}")
+        points = tuple((float(x), float(y)) for x, y in corners)
+        width = table.real("width") if sized else _size(points)
+        try:
+            polygon = cls(points, width)
+        except InputError as error:
+            raise table.error(error.subject, error.message) from None
+        return polygon if sized else polygon.at(cls.coarse_cells)
+
+    @property
+    def area(self) -> float:
+        """The area."""
+        return _area(self.corners)
+
+    @property
+    def size(self) -> float:
+        return math.sqrt(self.area)
+
+    @property
+    def cells_across(self) -> int:
+        return round(self.size / self.width)
+
+    def at(self, n: int) -> "Polygon":
+        return replace(self, width=self.size / n)
+
+    def make(self, comm: MPI.Comm) -> SidedMesh:
+        return _triangulation(comm, self.corners, self.width)
+
+
+def _size(corners: Corners) -> float:
     """Return the larger side of the box around a polygon."""
     return float(np.ptp(np.array(corners), axis=0).max()) if corners else 0.0
 
 
-def polygon_area(corners: Corners) -> float:
+def _area(corners: Corners) -> float:
     """Return the area of a polygon."""
     (x, y), (x1, y1) = np.array(corners).T, np.roll(corners, -1, axis=0).T
     return 0.5 * abs(float(x @ y1 - x1 @ y))
 
 
-def check_polygon(corners: Corners) -> None:
-    """Refuse what is no simple polygon.
-
-    Args:
-        corners: The vertices in order.
-
-    Raises:
-        InputError: The subject is "vertices".
-    """
+def _check(corners: Corners) -> None:
+    """Refuse what is no simple polygon, with the subject "vertices"."""
     if len(corners) < 3:
         raise InputError(f"a polygon has at least three, not {len(corners)}", "vertices")
-    size = polygon_size(corners)
+    size = _size(corners)
     points = np.array(corners)
     lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
     if not lengths.min() > SHORTEST * size:
@@ -48,21 +122,12 @@ def check_polygon(corners: Corners) -> None:
     crossing = _crossing(points)
     if crossing is not None:
         raise InputError("edges {} and {} of the polygon meet".format(*crossing), "vertices")
-    if polygon_area(corners) < SMALLEST * size**2:
+    if _area(corners) < SMALLEST * size**2:
         raise InputError("the polygon has (almost) no area", "vertices")
 
 
-def polygon_mesh(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
-    """Return a triangulation of a simple polygon, and its edges as sides "1", "2", ...
-
-    Args:
-        comm: The communicator that shares the mesh.
-        corners: The vertices in order.
-        width: The mesh width.
-
-    Raises:
-        InputError: gmsh is missing or cannot mesh the polygon.
-    """
+def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
+    """Return a triangulation by gmsh, with the edges as sides."""
     count = len(corners)
 
     def build(gmsh: Any) -> dict[int, str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact
-from dolfinx_signorini.scenes.domains import Domain
+from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula
 
 Tensor = tuple[tuple[Formula, ...], ...]

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_scale, owned_cells
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.domains import Cube, MeshFile, Polygon, Square
+from dolfinx_signorini.scenes.domains import Cube, Square
+from dolfinx_signorini.scenes.mesh_files import MeshFile
+from dolfinx_signorini.scenes.polygons import Polygon
 
 PENTAGON = ((0.0, 0.0), (2.0, 0.0), (2.5, 1.0), (1.0, 2.0), (0.0, 1.0))
 

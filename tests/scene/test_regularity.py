@@ -11,8 +11,9 @@ from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import expected_order, expected_orders
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.domains import Polygon, Square
+from dolfinx_signorini.scenes.domains import Square
 from dolfinx_signorini.scenes.expectations import expect
+from dolfinx_signorini.scenes.polygons import Polygon
 
 # r^{1/2} sin(theta/2) about (1/2, 0): Dirichlet data to the right of it, no flux to the left, and
 # a flux that presses against an obstacle at the top.

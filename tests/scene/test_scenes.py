@@ -9,8 +9,9 @@ from dolfinx import mesh
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.domains import Cube, Polygon, Square
+from dolfinx_signorini.scenes.domains import Cube, Square
 from dolfinx_signorini.scenes.output.summary import summarise
+from dolfinx_signorini.scenes.polygons import Polygon
 
 
 def measured_orders(comm, scene, domains, norms):

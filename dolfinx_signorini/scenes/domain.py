@@ -1,0 +1,80 @@
+"""What a domain of scenes is: its mesh, its meshes of other widths, and its sides.
+
+A side is a named part of the boundary that conditions can be put on. How solutions are drawn
+follows from the dimension of the domain.
+"""
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.scenes.toml_table import TomlTable
+from dolfinx_signorini.solvers.cascade import coarse_levels
+
+
+class Domain(ABC):
+    """A domain with the mesh that a scene asks for, and with its meshes of other widths.
+
+    A scene is posed on the mesh, or on the meshes of the cascade:
+
+        domain = Square(101)
+        coarse = domain.at(13).make(comm)
+        facets = coarse.facets(("left", "right"))
+
+    Attributes:
+        shape: The name of the shape in scene files.
+        width_key: The key of a scene file that says how fine the mesh is; "" for none.
+        coarse_cells: The number of cells across the first mesh where the table names no width.
+        dimension: The space dimension.
+        side_names: The names of the sides.
+        vertices: The number of vertices of the mesh, which may be an estimate.
+    """
+
+    shape: ClassVar[str]
+    width_key: ClassVar[str] = ""
+    coarse_cells: ClassVar[int] = 20
+    dimension: int
+    side_names: tuple[str, ...]
+    vertices: int
+
+    @classmethod
+    @abstractmethod
+    def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "Domain":
+        """Return the domain that a table of a scene file describes.
+
+        Args:
+            table: The table [domain].
+            folder: The folder of the scene file.
+            comm: The communicator that will share the mesh.
+            sized: Whether the table has the `width_key`; else the mesh has `coarse_cells` across.
+        """
+
+    @abstractmethod
+    def at(self, n: int) -> "Domain":
+        """Return the same domain with a mesh of about n cells across."""
+
+    @abstractmethod
+    def make(self, comm: MPI.Comm) -> SidedMesh:
+        """Make the mesh, which the ranks of a communicator share."""
+
+    @property
+    def cells_across(self) -> int:
+        """About the number of cells across the domain."""
+        return round(self.vertices ** (1.0 / self.dimension)) - 1
+
+    @property
+    def size(self) -> float:
+        """The side of a square, or cube, of about the size of the domain."""
+        return 1.0
+
+    def levels(self) -> list["Domain"]:
+        """Return the domain with each mesh of the cascade, coarsest first; the last is this one."""
+        coarse = coarse_levels(self.cells_across, self.dimension)
+        return [*(self.at(n) for n in coarse), self]
+
+    def record(self) -> dict[str, Any]:
+        """Return what a record of a run needs to tell of the domain beside the scene file."""
+        return {}
