@@ -1,6 +1,6 @@
 """Checks of the arguments of a problem: each refusal names the argument, before any long work."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from ufl.domain import extract_domains
 
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.pressure import ContactState
 
 Indices = npt.NDArray[np.int32]
 
@@ -132,6 +134,66 @@ def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
         raise InputError(f"must be a function, not {type(value).__name__}", subject)
     if not same_space(value.function_space, space):
         raise InputError("belongs to another function space than the form a", subject)
+
+
+def check_method(method: Any) -> None:
+    """Refuse what is no name of a solver.
+
+    Raises:
+        InputError: The subject is "method".
+    """
+    if method not in METHODS:
+        raise InputError(f"unknown {method!r}, known are {', '.join(METHODS)}", "method")
+
+
+def check_limits(method: str, limits: Mapping[str, Any]) -> None:
+    """Refuse limits of TAO that are no positive integers, or that are given to the cascade.
+
+    Args:
+        method: The name of the solver.
+        limits: The limits by name.
+
+    Raises:
+        InputError: The subject is the name of the limit.
+    """
+    if method == "cascade" and limits:
+        raise InputError("only for the methods of TAO", ", ".join(limits))
+    for name, limit in limits.items():
+        if isinstance(limit, bool) or not isinstance(limit, int) or limit < 1:
+            raise InputError(f"must be a positive integer, not {limit}", name)
+
+
+def checked_tolerance(rtol: Any, default: float) -> float:
+    """Return a tolerance between 0 and 1, or the default where there is none.
+
+    Args:
+        rtol: The tolerance, or None.
+        default: The default.
+
+    Raises:
+        InputError: The subject is "rtol".
+    """
+    if rtol is None:
+        return default
+    if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
+        raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
+    return float(rtol)
+
+
+def check_coarse(method: str, coarse: Any) -> None:
+    """Refuse what is no contact state, or a contact state for a solver that does not take one.
+
+    Args:
+        method: The name of the solver.
+        coarse: What should be a contact state.
+
+    Raises:
+        InputError: The subject is "coarse".
+    """
+    if method != "cascade":
+        raise InputError("only for the cascade", "coarse")
+    if not isinstance(coarse, ContactState):
+        raise InputError(f"must be a contact state, not {type(coarse).__name__}", "coarse")
 
 
 def same_space(one: Any, other: Any) -> bool:

@@ -12,16 +12,19 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.arguments import (
+    check_coarse,
     check_conditions,
     check_data,
     check_function,
+    check_limits,
+    check_method,
     checked_facets,
     checked_space,
+    checked_tolerance,
 )
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.contact import solve_by_active_sets, solve_by_tao
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.history import History
@@ -320,9 +323,13 @@ class SignoriniProblem:
                 data make no sense.
             NotConvergedError: The residual was not reached.
         """
+        check_method(method)
         limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
         given = {name: limit for name, limit in limits.items() if limit is not None}
-        rtol = self._checked(method, coarse, rtol, given)
+        check_limits(method, given)
+        rtol = checked_tolerance(rtol, DEFAULT_RTOL if method == "cascade" else TAO_RTOL)
+        if coarse is not None:
+            check_coarse(method, coarse)
         if start is not None:
             check_function(start, self.space, "start")
         warm = warm_start and start is None and self.result is not None
@@ -385,27 +392,6 @@ class SignoriniProblem:
             self._system.A.destroy()
             self._system.b.destroy()
         self._system = None
-
-    def _checked(
-        self, method: str, coarse: ContactState | None, rtol: float | None, given: Mapping[str, int]
-    ) -> float:
-        """Refuse arguments of `solve` that make no sense, and return the tolerance."""
-        if method not in METHODS:
-            raise InputError(f"unknown {method!r}, known are {', '.join(METHODS)}", "method")
-        if method == "cascade" and given:
-            raise InputError("only for the methods of TAO", ", ".join(given))
-        if method != "cascade" and coarse is not None:
-            raise InputError("only for the cascade", "coarse")
-        if coarse is not None and not isinstance(coarse, ContactState):
-            raise InputError(f"must be a contact state, not {type(coarse).__name__}", "coarse")
-        if rtol is None:
-            rtol = DEFAULT_RTOL if method == "cascade" else TAO_RTOL
-        if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
-            raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
-        for name, limit in given.items():
-            if isinstance(limit, bool) or not isinstance(limit, int) or limit < 1:
-                raise InputError(f"must be a positive integer, not {limit}", name)
-        return rtol
 
     def _solution(self) -> PETSc.Vec:
         _ = self.system
