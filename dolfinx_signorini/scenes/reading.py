@@ -37,7 +37,7 @@ for _kind in CONDITIONS:
     SUBJECTS.update(_kind.subjects)
 
 
-def load_scene(path: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Scene:
+def load_scene(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> Scene:
     """Read a scene file.
 
     Args:
@@ -48,6 +48,7 @@ def load_scene(path: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Scene:
         InputError: The file cannot be read, or says something that is no scene; the message names
             file, line and key.
     """
+    path = Path(path)
     text, message = comm.bcast(_read(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, str(path))
