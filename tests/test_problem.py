@@ -507,3 +507,21 @@ def test_the_text_of_a_problem_says_what_it_is():
     assert active == problem.result.active_dofs
     assert f"{active:.0f} dofs in contact" in repr(problem)
     problem.destroy()
+
+
+def test_a_plot_shows_gap_and_pressure_along_the_boundary(folder):
+    problem = Membrane(square()).problem
+    with pytest.raises(InputError, match="problem"):
+        problem.plot()
+    problem.solve()
+    figure = problem.plot(folder / "contact.png")
+    assert (figure is None) == (COMM.rank > 0)
+    for function in (problem.gap, problem.pressure):
+        dofs = np.append(problem.contact_dofs, problem.fixed_dofs)
+        size = largest(function.x.array[dofs])
+        if figure is not None:
+            drawn = [line.get_ydata() for axes in figure.axes for line in axes.lines]
+            assert any(len(y) == 13 and np.nanmax(y) == pytest.approx(size) for y in drawn)
+    if figure is not None:
+        assert (folder / "contact.png").read_bytes().startswith(b"\x89PNG")
+    problem.destroy()
