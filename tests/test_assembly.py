@@ -8,7 +8,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
-from dolfinx_signorini.problem import METHODS, SignoriniProblem
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.solvers import METHODS
 
 COMM = MPI.COMM_WORLD
 
