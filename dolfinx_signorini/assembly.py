@@ -180,6 +180,8 @@ class Assembly:
             assembled=assembled,
         )
         checks.check_range(made, diagonal)
+        if made.assembled != (old.assembled if old is not None else 0):
+            checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
         checks.check_held(made)
         return made
 

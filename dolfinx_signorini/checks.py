@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 VANISHING = 1e-12  # relative; what is as small as that is nothing
 DOUBTFUL = 1e-9  # of the trace; row sums below it may be rounding
+HATS = {2: 13, 3: 6}  # for each dimension: nodes along each side of the grid of `check_definite`
+MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
 
 
@@ -178,21 +180,92 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: A
 
 def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
     """The sum of a(x, x) over the coordinates x, in units of the size of the domain."""
-    points = space.tabulate_dof_coordinates()[: A.getLocalSize()[0], : space.mesh.geometry.dim]
-    ends = np.concatenate(
-        [points.max(axis=0, initial=-np.inf), (-points).max(axis=0, initial=-np.inf)]
-    )
-    ends = np.max(space.mesh.comm.allgather(ends), axis=0)
-    size = float((ends[: points.shape[1]] + ends[points.shape[1] :]).max())
+    points, lowest, sizes = _in_box(space)
     x, product = A.createVecRight(), A.createVecLeft()
     total = 0.0
     for k in range(points.shape[1]):
-        x.array_w[:] = (points[:, k] + ends[points.shape[1] + k]) / size
+        x.array_w[:] = (points[:, k] - lowest[k]) / sizes.max()
         A.mult(x, product)
         total += float(x.dot(product))
     x.destroy()
     product.destroy()
     return total
+
+
+def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
+    """The owned nodes, shape (n, dimension), the lowest corner of their box, and its sizes."""
+    count, dimension = space.dofmap.index_map.size_local, space.mesh.geometry.dim
+    points = space.tabulate_dof_coordinates()[:count, :dimension]
+    ends = [points.max(axis=0, initial=-np.inf), (-points).max(axis=0, initial=-np.inf)]
+    highest, negated = np.max(space.mesh.comm.allgather(ends), axis=0)
+    return points, -negated, highest + negated
+
+
+def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diagonal: Array) -> None:
+    """Refuse a form that is negative for some combination of the hat functions of a coarse grid.
+
+    A solver notices an indefinite form only where the free dofs have a negative direction, and
+    contact may hold just these dofs. The hats of a grid on the box around the domain, P, are
+    products of hats in each coordinate, and 0 at Dirichlet dofs. Rounding in a(Pc, Pc) is small
+    beside the sum of c_j^2 r_j, where r is P applied to the diagonal of A, because the rows of P
+    are convex combinations. A form that vanishes on some functions passes.
+
+    Args:
+        A: The matrix.
+        space: The function space; nothing is checked where its dofs are too many.
+        fixed: The owned dofs with Dirichlet data.
+        diagonal: The diagonal of the matrix, the rows of this rank.
+
+    Raises:
+        InputError: The subject is "form a".
+    """
+    if A.getSize()[0] > MOST_UNKNOWNS:
+        return
+    P = _hats(space, fixed)
+    product = A.ptap(P)
+    first, last = product.getOwnershipRange()
+    coarse, weights = np.zeros((product.getSize()[0],) * 2), P.createVecRight()
+    rows, columns, values = product.getValuesCSR()
+    coarse[np.repeat(np.arange(first, last), np.diff(rows)), columns] = values
+    vector = A.createVecLeft()
+    vector.array_w[:] = diagonal
+    P.multTranspose(vector, weights)
+    comm = space.mesh.comm
+    scale = np.concatenate(comm.allgather(weights.array_r.copy()))
+    for item in (P, product, weights, vector):
+        item.destroy()
+    coarse = comm.allreduce(coarse)
+    used = scale > 0.0
+    scale = np.sqrt(scale[used])
+    coarse = coarse[np.ix_(used, used)] / scale[:, None] / scale
+    lowest = np.linalg.eigvalsh(coarse)[0] if len(coarse) else 0.0
+    message = (
+        "not positive definite, a(v, v) is negative for some v that is linear on a coarse grid"
+    )
+    require(comm, lowest >= -VANISHING, message, "form a")
+
+
+def _hats(space: fem.FunctionSpace, fixed: Indices) -> PETSc.Mat:
+    """The values at the nodes of the hat functions of a coarse grid, which are 0 at fixed dofs."""
+    points, lowest, sizes = _in_box(space)
+    count, dimension = points.shape
+    nodes = HATS[dimension]
+    place = (points - lowest) / np.where(sizes > 0.0, sizes, 1.0) * (nodes - 1)
+    cell = np.clip(place.astype(np.int32), 0, nodes - 2)
+    place -= cell
+    columns, values = np.zeros((count, 1), dtype=np.int32), np.ones((count, 1))
+    for k in range(dimension):
+        columns = (columns[:, :, None] * nodes + cell[:, k, None, None] + [0, 1]).reshape(count, -1)
+        ends = np.stack((1.0 - place[:, k], place[:, k]), axis=1)
+        values = (values[:, :, None] * ends[:, None, :]).reshape(count, -1)
+    values[fixed] = 0.0
+    rows = np.arange(count + 1, dtype=np.int32) * columns.shape[1]
+    P = PETSc.Mat().createAIJ(
+        ((count, None), (None, nodes**dimension)),
+        csr=(rows, columns.ravel().astype(np.int32), values.ravel()),
+        comm=space.mesh.comm,
+    )
+    return P
 
 
 def check_held(system: System) -> None:
