@@ -12,7 +12,7 @@ from mpi4py import MPI
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.scenes.domain import Domain
-from dolfinx_signorini.scenes.mesh_files import with_gmsh
+from dolfinx_signorini.scenes.gmsh_meshes import with_gmsh
 from dolfinx_signorini.scenes.toml_table import TomlTable
 
 Array = npt.NDArray[np.float64]

@@ -9,11 +9,19 @@ from dolfinx import mesh
 from dolfinx.io import XDMFFile
 from hypothesis import given
 from hypothesis import strategies as st
+from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_scale, owned_cells
+from dolfinx_signorini.meshes import (
+    SidedMesh,
+    boundary_facets,
+    facet_cells,
+    facet_scale,
+    owned_cells,
+)
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.domains import Cube, Square
+from dolfinx_signorini.scenes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.scenes.mesh_files import MeshFile
 from dolfinx_signorini.scenes.polygons import Polygon
 
@@ -229,6 +237,177 @@ def test_a_damaged_msh_file_is_refused_or_still_a_mesh(kind, comm, demos, folder
             assert 0.0 < area(domain.make(comm).mesh, comm) < 2.0 * total
         comm.barrier()
     assert refused >= (8 if kind == "cut" else 1)
+
+
+def write_msh(path, comm, points, cells, sides):
+    """A plane mesh in gmsh's format 2.2, with one group of cells and one of sides."""
+    elements = [(1, ends) for ends in sides] + [(2, corners) for corners in cells]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(points))]
+    lines += [f"{k} {x!r} {y!r} 0" for k, (x, y) in enumerate(np.asarray(points).tolist(), 1)]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    for k, (kind, nodes) in enumerate(elements, 1):
+        lines.append(f"{k} {kind} 2 1 1 " + " ".join(str(n + 1) for n in nodes))
+    if comm.rank == 0:
+        path.write_text("\n".join([*lines, "$EndElements", ""]))
+    comm.barrier()
+
+
+def grid_of(n):
+    """The vertices, cells and bottom edges of n x n squares, each cut in two."""
+    x = np.array([(i, j) for j in range(n + 1) for i in range(n + 1)], dtype=float) / n
+    low = np.array([i + (n + 1) * j for j in range(n) for i in range(n)])[:, None]
+    cells = np.concatenate((low + np.array([0, 1, n + 2]), low + np.array([0, n + 2, n + 1])))
+    return x, cells, np.array([(i, i + 1) for i in range(n)])
+
+
+def twice(x, cells, sides, moved):
+    """Two bodies, the second one of the moved points."""
+    n = len(x)
+    both = (np.concatenate((part, part + n)) for part in (cells, sides))
+    return np.concatenate((x, moved)), *both
+
+
+def overlapping(kind):
+    x, cells, sides = grid_of(6)
+    if kind == "a vertex in a far cell":
+        x[24] = x[24] + [0.3, 0.22]
+    elif kind == "a corner inside":
+        x[0] = [0.52, 0.45]
+    elif kind == "folded":  # the right half lies on the left one
+        x[:, 0] = 0.5 - abs(x[:, 0] - 0.5)
+    elif kind == "one body twice":
+        return twice(x, cells, sides, x.copy())
+    elif kind == "a body in a body":
+        return twice(x, cells, sides, 0.4 + 0.05 * x)
+    elif kind == "two bodies, a little":
+        return twice(x, cells, sides, x + np.array([0.99, 0.31]))
+    elif kind == "a spiral":  # no fold, but the annulus closes on itself
+        angle, radius = 7.0 * x[:, 0], 1.0 + x[:, 1]
+        x = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=1)
+    return x, cells, sides
+
+
+OVERLAPPING = (
+    "a vertex in a far cell",
+    "a corner inside",
+    "folded",
+    "one body twice",
+    "a body in a body",
+    "two bodies, a little",
+    "a spiral",
+)
+
+
+@pytest.mark.parametrize("kind", OVERLAPPING)
+def test_cells_that_overlap_are_refused(kind, comm, folder):
+    pytest.importorskip("gmsh")
+    write_msh(folder / "a.msh", comm, *overlapping(kind))
+    with pytest.raises(InputError, match=r"a\.msh: cells overlap near"):
+        MeshFile.open(comm, folder / "a.msh")
+
+
+def test_cells_that_overlap_are_refused_in_an_xdmf_file(comm, folder):
+    sided = Square(6).make(comm)
+    sided.mesh.geometry.x[:, 0] = 0.5 - abs(sided.mesh.geometry.x[:, 0] - 0.3)
+    write_xdmf(folder, comm, SidedMesh(sided.mesh, {"1": sided.sides["bottom"]}))
+    with pytest.raises(InputError, match=r"mesh\.xdmf: cells overlap near"):
+        MeshFile.open(comm, folder / "mesh.xdmf", tags="sides")
+
+
+@pytest.mark.parametrize("kind", ["clockwise", "side by side", "a slit", "corner on corner", "far"])
+def test_cells_that_only_touch_are_a_mesh(kind, comm, folder):
+    pytest.importorskip("gmsh")
+    x, cells, sides = grid_of(6)
+    if kind == "clockwise":  # the orientation of a cell does not matter
+        cells[::2] = cells[::2, ::-1]
+    elif kind == "side by side":
+        angle = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+        x, cells, sides = twice(x, cells, sides, x + np.array([1.0, 0.0]))
+        x = 1e3 * x @ angle + 1e5
+    elif kind == "a slit":  # the left and right half have vertices of their own
+        x = np.concatenate((x, x))
+        right = x[cells].mean(axis=1)[:, 0] > 0.5
+        cells[right] += len(x) // 2
+        sides = sides[:3]
+        keep, cells = np.unique(cells, return_inverse=True)
+        x, cells = x[keep], cells.reshape(-1, 3)
+    elif kind == "corner on corner":
+        x, cells, sides = twice(x, cells, sides, x + 1.0)
+    else:
+        x, cells, sides = twice(x, cells, sides, 1e-4 * x + 3.0)
+    write_msh(folder / "a.msh", comm, x, cells, sides)
+    made = MeshFile.open(comm, folder / "a.msh").make(comm)
+    assert made.mesh.topology.index_map(2).size_global == len(cells)
+
+
+def test_tetrahedra_that_overlap():
+    cube = mesh.create_unit_cube(MPI.COMM_SELF, 4, 4, 4)
+    ids, corners = all_cells(cube)
+    assert cell_defect(ids, corners) == ""
+    turned = np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0]
+    for shift, overlap in (([0.99, 0.2, 0.1], True), ([1.0, 0.0, 0.0], False), ([2, 0, 0], False)):
+        both = np.concatenate((corners, corners + shift)) @ turned
+        defect = cell_defect(np.concatenate((ids, ids + ids.max() + 1)), both)
+        assert ("overlap" in defect) == overlap
+    inside = np.flatnonzero((np.abs(corners - 0.5) < 1e-9).all(axis=2).ravel())
+    corners.reshape(-1, 3)[inside] += [0.4, 0.1, 0.05]
+    assert "overlap" in cell_defect(ids, corners)
+
+
+def test_a_file_that_lost_its_end_is_refused(comm, demos, folder):
+    pytest.importorskip("gmsh")
+    content = (demos / "plate.msh").read_bytes()
+    for share in (0.3, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999):
+        if comm.rank == 0:
+            (folder / "cut.msh").write_bytes(content[: int(share * len(content))])
+        comm.barrier()
+        with pytest.raises(InputError, match=r"cut\.msh: .* the file is not complete"):
+            MeshFile.open(comm, folder / "cut.msh")
+        comm.barrier()
+
+
+def test_a_file_with_fewer_cells_than_announced_is_refused(comm, demos, folder):
+    pytest.importorskip("gmsh")
+    lines = (demos / "plate.msh").read_bytes().split(b"\n")
+    place = lines.index(b"$EndElements")
+    del lines[place - 20 : place]
+    if comm.rank == 0:
+        (folder / "few.msh").write_bytes(b"\n".join(lines))
+    comm.barrier()
+    with pytest.raises(InputError, match=r"few\.msh|gmsh"):
+        MeshFile.open(comm, folder / "few.msh")
+
+
+@pytest.mark.parametrize("version", [2.2, 4.0, 4.1])
+@pytest.mark.parametrize("binary", [0, 1])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_gmsh_writes_is_read_and_missing_groups_are_named(
+    version, binary, dimension, comm, folder
+):
+    gmsh = pytest.importorskip("gmsh")
+    if version == 4.0 and binary:
+        pytest.skip("gmsh does not write such files")
+    if comm.rank == 0:
+        gmsh.initialize(readConfigFiles=False)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
+        occ = gmsh.model.occ
+        occ.addRectangle(0, 0, 0, 1, 1) if dimension == 2 else occ.addBox(0, 0, 0, 1, 1, 1)
+        occ.synchronize()
+        parts = [tag for _, tag in gmsh.model.getEntities(dimension - 1)]
+        gmsh.model.addPhysicalGroup(dimension - 1, parts[:2], 1, "ground")
+        gmsh.model.addPhysicalGroup(dimension - 1, parts[1:], 2, "rest")
+        gmsh.model.mesh.generate(dimension)
+        gmsh.write(str(folder / "groupless.msh"))
+        gmsh.model.addPhysicalGroup(dimension, [1], 1, "body")
+        gmsh.write(str(folder / "whole.msh"))
+        gmsh.finalize()
+    comm.barrier()
+    assert "ground" in MeshFile.open(comm, folder / "whole.msh").side_names
+    with pytest.raises(InputError, match="physical group, as the sides have"):
+        MeshFile.open(comm, folder / "groupless.msh")
 
 
 def test_a_mesh_file_has_one_level(demos):
