@@ -255,9 +255,10 @@ def _hats(space: fem.FunctionSpace, fixed: Indices) -> PETSc.Mat:
     place -= cell
     columns, values = np.zeros((count, 1), dtype=np.int32), np.ones((count, 1))
     for k in range(dimension):
-        columns = (columns[:, :, None] * nodes + cell[:, k, None, None] + [0, 1]).reshape(count, -1)
+        shape = count, 2 ** (k + 1)
+        columns = (columns[:, :, None] * nodes + cell[:, k, None, None] + [0, 1]).reshape(shape)
         ends = np.stack((1.0 - place[:, k], place[:, k]), axis=1)
-        values = (values[:, :, None] * ends[:, None, :]).reshape(count, -1)
+        values = (values[:, :, None] * ends[:, None, :]).reshape(shape)
     values[fixed] = 0.0
     rows = np.arange(count + 1, dtype=np.int32) * columns.shape[1]
     P = PETSc.Mat().createAIJ(
