@@ -1,0 +1,96 @@
+"""Linear solves with held dofs: indefinite forms are found, direct methods are set up anew."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.solvers.held import HeldSolver
+
+COMM = MPI.COMM_WORLD
+DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+PLAIN = {"pc_type": "jacobi"}
+
+
+def make(n=16, **options):
+    """A loaded square over an obstacle on its whole boundary, with a coefficient to change."""
+    domain = friedrichs_keller(COMM, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    stiffness, weight = (fem.Constant(domain, 1.0) for _ in range(2))
+    a = (stiffness * ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    L = weight * 40.0 * (0.35 - x[0] + 0.2 * x[1]) * v * ufl.dx
+    problem = SignoriniProblem(a, L, contact=boundary_facets(domain), **options)
+    return problem, stiffness, weight
+
+
+@pytest.mark.parametrize("options", [{}, PLAIN], ids=["multigrid", "Jacobi"])
+def test_an_indefinite_form_is_found_by_conjugate_gradients(options):
+    # All dofs at the boundary are held: between the eigenvalues 19.7 and 49.3 of -Laplace.
+    problem, _, _ = make()
+    system = problem.system
+    u, v = ufl.TrialFunction(problem.space), ufl.TestFunction(problem.space)
+    shift = fem_petsc.assemble_matrix(fem.form(u * v * ufl.dx))
+    shift.assemble()
+    system.A.axpy(-36.0, shift)
+    shift.destroy()
+    solver, x = HeldSolver(system, options=options), system.start()
+    with pytest.raises(InputError, match="form a: not positive definite, found by conjugate"):
+        solver.solve(system, x, np.full(len(system.contact_dofs), True), 1e-12)
+    for item in (solver, x):
+        item.destroy()
+    problem.destroy()
+
+
+def test_a_linear_solve_reaches_the_residual_that_was_asked_for():
+    problem, _, _ = make(40)
+    system = problem.system
+    held = np.arange(len(system.contact_dofs)) % 3 > 0
+    for atol in (1e-3, 1e-6, 1e-10):
+        solver, x = HeldSolver(system), system.start()
+        solver.solve(system, x, held, atol)
+        residual = x.duplicate()
+        system.A.mult(x, residual)
+        residual.axpy(-1.0, system.b)
+        residual.array_w[system.contact_dofs[held]] = 0.0
+        assert residual.norm() <= atol * (1.0 + 1e-6)
+        assert (x.array_r[system.contact_dofs[held]] == system.obstacle[held]).all()
+        for item in (solver, x, residual):
+            item.destroy()
+    problem.destroy()
+
+
+def test_held_dofs_are_at_the_obstacle_wherever_the_start_was():
+    problem, _, _ = make(obstacle=0.25)
+    system = problem.system
+    solver, x = HeldSolver(system), system.A.createVecRight()
+    x.set(9.0)
+    solver.solve(system, x, np.full(len(system.contact_dofs), True), 1e-9)
+    assert (x.array_r[system.contact_dofs] == 0.25).all()
+    for item in (solver, x):
+        item.destroy()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("change", ["nothing", "load", "stiffness"])
+def test_a_direct_method_is_set_up_for_the_present_matrix_and_set(change):
+    problem, stiffness, weight = make(petsc_options=DIRECT)
+    problem.solve(rtol=1e-10)
+    if change == "load":
+        weight.value = 0.9
+    if change == "stiffness":
+        stiffness.value = 3.0
+    u = problem.solve(rtol=1e-10).x.array.copy()
+    # TAO has nothing to mend: each linear solve was exact.
+    assert problem.result.iterations == 0
+    assert problem.result.linear_solves <= 6
+    fresh, other, load = make()
+    other.value, load.value = stiffness.value, weight.value
+    assert u == pytest.approx(fresh.solve(rtol=1e-10).x.array, abs=1e-8)
+    for item in (problem, fresh):
+        item.destroy()
