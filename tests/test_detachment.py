@@ -1,0 +1,77 @@
+"""Detachment points: the extrapolation of an exact gap, and ends of contact that are none."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
+from dolfinx_signorini.detachment import DetachmentPoint, _extrapolated, detachment_points
+from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
+
+COMM = MPI.COMM_WORLD
+H = 0.01
+NODES = np.column_stack([np.arange(101) * H, np.zeros(101)])
+
+
+def extrapolated(place, bend=0.0, end=None, direction=1.0):
+    """The point found from the exact gap behind a detachment point on the x-axis.
+
+    Args:
+        place: Where the gap begins.
+        bend: c of the gap s^{3/2} (1 + c s).
+        end: The last dof in contact, below the place by default.
+        direction: 1 for a gap on the right, -1 for one on the left.
+    """
+    s = np.maximum(direction * (NODES[:, 0] - place), 0.0)
+    gap = s**1.5 * (1.0 + bend * s)
+    inside = round((place - 0.5 * direction * H) / H) if end is None else end
+    outside = inside + round(direction)
+    middle = 0.5 * (NODES[inside] + NODES[outside])
+    edge = DetachmentPoint(tuple(middle), H, 1.0)
+    return _extrapolated(edge, NODES[inside], NODES[outside], NODES, gap)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("place", [0.4111, 0.4149, 0.4188])
+def test_the_zero_of_an_exact_gap_is_found(place, direction):
+    point = extrapolated(place, direction=direction)
+    assert point.position == pytest.approx((place, 0.0), abs=1e-9)
+    assert point.uncertainty <= 1e-8
+    bent = extrapolated(place, bend=0.2, direction=direction)
+    assert abs(bent.position[0] - place) <= bent.uncertainty <= 0.5 * H
+
+
+def test_an_extrapolation_that_leaves_the_edge_is_not_believed():
+    # The gap says 0.40, three edges away from where the discrete contact set ends.
+    point = extrapolated(0.4, end=43)
+    assert point.position == pytest.approx((0.435, 0.0))
+    assert point.uncertainty == pytest.approx(H)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("n", [24, 49])
+def test_the_point_is_as_certain_as_it_claims(n, degree):
+    for place in (0.5, 0.487, 0.5112):
+        exact = christof_haubner(friedrichs_keller(COMM, n), (place, 0.0))
+        problem = paper_problem(exact, degree)
+        problem.solve(rtol=1e-10)
+        (point,) = detachment_points(problem)
+        problem.destroy()
+        assert abs(point.position[0] - place) <= 1.2 * point.uncertainty
+        assert point.uncertainty <= 1.0 / (n * degree) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("n", [41, 53])
+def test_ends_of_contact_without_gap_or_pressure_are_no_detachment_points(n):
+    # Far from the detachment point u and du/dn vanish: the discrete contact set ends anywhere.
+    problem = paper_problem(christof_haubner(friedrichs_keller(COMM, n)))
+    problem.solve(rtol=1e-10)
+    pieces = gather_contact_boundary(problem)
+    points = detachment_points(problem)
+    problem.destroy()
+    if pieces is not None:
+        free = pieces.values[pieces.pieces, 1] > 0.0
+        assert np.count_nonzero(free[:, 0] != free[:, 1]) >= 2
+    assert len(points) == 1
+    assert abs(points[0].position[0] - 0.5) <= 1.2 * points[0].uncertainty
