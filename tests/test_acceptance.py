@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
+from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers.active_set import MAX_STEPS, solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -50,3 +53,24 @@ def test_a_residual_below_rounding_ends_the_iteration_when_a_set_comes_back(n):
     for item in (solver, measure, x):
         item.destroy()
     problem.destroy()
+
+
+def test_the_best_of_two_guesses_is_taken():
+    # After loads of 1 and 2 the guess for the next one is that for 3; the load is still 2.
+    domain = friedrichs_keller(COMM, 20)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    weight = fem.Constant(domain, 1.0)
+    problem = SignoriniProblem(
+        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+        weight * 10.0 * (weight * x[0] - 0.9) * v * ufl.dx,
+        contact=boundary_facets(domain),
+    )
+    counts = []
+    for value in (1.0, 2.0, 2.0):
+        weight.value = value
+        problem.solve(rtol=1e-8)
+        counts.append(problem.result.linear_solves)
+    problem.destroy()
+    assert counts[1] > 0
+    assert counts[2] == 0
