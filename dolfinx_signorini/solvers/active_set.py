@@ -24,9 +24,7 @@ from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
 
-# Of rtol: a residual of 0.9 with linear residuals of 0.3 at free dofs is a projected gradient below
-# 0.95, which TAO accepts without a step.
-ACCEPTED = 0.9
+ACCEPTED = 0.9  # of rtol: the lift of x to the obstacle, which follows, may raise the residual
 LINEAR_FRACTION = 0.3  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change

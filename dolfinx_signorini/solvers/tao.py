@@ -69,8 +69,8 @@ class TaoRounds:
         options: PETSc options without prefix, for example {"tao_bncg_type": "prp"}.
         max_iterations: The limit on the iterations of all rounds.
         max_evaluations: The limit on the evaluations of energy and gradient of all rounds.
-        stop: The norm of the projected gradient at which TAO stops, relative to the residual asked
-            for; the natural residual is not larger than the projected gradient.
+        stop: The norm of the Fischer function of gap and gradient at which TAO stops, relative to
+            the residual asked for.
 
     Attributes:
         iterations, evaluations, linear_iterations: The counts of all rounds so far.

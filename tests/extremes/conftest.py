@@ -27,6 +27,7 @@ TOPICS = {
     "rounding": "Errors at rounding level: an exact solution in V_h",
     "singular": "Evaluation within 1e-300 of the singular point",
     "tolerances": "Tolerances 0, 1e-16, 0.5",
+    "stop": "One stop for the active set method and TAO",
     "ranks": "More ranks than cells",
 }
 
