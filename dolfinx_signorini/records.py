@@ -6,8 +6,10 @@ A run that was killed leaves at most one unfinished line at the end of the file;
 the same file drops this line and goes on behind the last finished row.
 """
 
+import argparse
 import json
 import os
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -114,9 +116,25 @@ def write_file(path: Path, content: str) -> None:
         path: The file.
         content: The whole text of the file.
     """
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(content)
-    temporary.replace(path)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+    try:
+        with temporary.open("x", encoding="utf-8") as file:
+            file.write(content)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def folder_name(text: str) -> Path:
+    """Return the folder that a text of the command line names.
+
+    Raises:
+        argparse.ArgumentTypeError: The text is empty, or no name that a folder can have.
+    """
+    if not text.strip() or "\0" in text:
+        raise argparse.ArgumentTypeError("must name a folder, '.' for this one")
+    return Path(text)
 
 
 def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dict[str, Any]]:

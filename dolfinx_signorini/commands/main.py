@@ -6,7 +6,9 @@ rank 0 speaks; an unexpected error on one rank ends all of them.
 
 import argparse
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from typing import NoReturn
@@ -14,6 +16,7 @@ from typing import NoReturn
 from mpi4py import MPI
 
 from dolfinx_signorini.commands import check, reproduce, solve, theory, tradeoff
+from dolfinx_signorini.commands.printing import Guarded
 from dolfinx_signorini.errors import InputError, NotConvergedError
 
 JOBS = {
@@ -52,12 +55,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    comm = MPI.COMM_WORLD
+    comm, stdout = MPI.COMM_WORLD, sys.stdout
     if comm.rank:  # --help and the like print on one rank only
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+        stdout = open(os.devnull, "w")  # noqa: SIM115
+    if threading.current_thread() is threading.main_thread():
+        # PETSc would abort where a reader has gone.
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    sys.stdout = guarded = Guarded(stdout)  # type: ignore[assignment]
     try:
         args = _parser().parse_args(argv)
-        return int(JOBS[args.job][0].run(args))
+        code = int(JOBS[args.job][0].run(args))
+        guarded.flush()
+        if guarded.failure:
+            raise InputError(f"cannot be written: {guarded.failure}", "standard output")
+        return code
     except InputError as error:
         return _fail(comm, error, 2)
     except NotConvergedError as error:
@@ -71,6 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.flush()
         comm.Abort(1)
         raise
+    finally:
+        sys.stdout = stdout
 
 
 def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:

@@ -15,7 +15,7 @@ from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.records import on_first, versions, write_file
+from dolfinx_signorini.records import folder_name, on_first, versions, write_file
 from dolfinx_signorini.solvers import METHODS
 
 FIRST, STEP, LARGEST = 101, 100, 5001
@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=folder_name,
         default=Path("results"),
         metavar="DIR",
         help="folder for rows, tables and pictures; a run that was stopped goes on from what it "

@@ -13,7 +13,9 @@ from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.scenes.output.files import output_folder, write_results
+from dolfinx_signorini.records import folder_name
+from dolfinx_signorini.scenes.output.files import write_results
+from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
@@ -25,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
     parser.add_argument(
         "--out",
-        type=Path,
+        type=folder_name,
         metavar="DIR",
         help="folder for the results (default: the scene's name with -results, here)",
     )
@@ -76,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")
-    with output_folder(comm, folder) if outputs else nullcontext() as part:
+    with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:
         with naming_the_file(args.scene, scene):
             result = solve_scene(scene, comm, **asked, on_trial=_progress)
         try:

@@ -20,7 +20,7 @@ from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approxi
 from dolfinx_signorini.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
 from dolfinx_signorini.plotting import save
-from dolfinx_signorini.records import on_first, write_file
+from dolfinx_signorini.records import folder_name, on_first, write_file
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
 PICTURE_CELLS = 31
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=folder_name,
         default=Path("results/theory"),
         metavar="DIR",
         help="folder for rows, document and pictures; a run that was stopped goes on from what it "

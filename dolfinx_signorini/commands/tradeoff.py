@@ -11,7 +11,7 @@ from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.records import Records, on_first
+from dolfinx_signorini.records import Records, folder_name, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.posing import scene_family
 from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=folder_name,
         default=Path("results/tradeoff"),
         metavar="DIR",
         help="folder for rows, tables and diagrams; a run that was stopped goes on from what it "

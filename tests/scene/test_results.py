@@ -12,7 +12,7 @@ import pytest
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.output.files import write_fields
+from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.summary import summarise
 
 FILES = ["boundary.csv", "contact.png", "fields.bp", "record.json", "report.html", "solution.png"]

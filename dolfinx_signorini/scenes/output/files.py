@@ -1,74 +1,26 @@
-"""The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report.
-
-All files are written to a folder of another name first, and moved when the last one is complete, so
-that no run leaves half a result behind.
-"""
+"""The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report."""
 
 import csv
 import io
 import json
-import os
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import dolfinx
 import numpy as np
-from dolfinx import fem
-from dolfinx.io import XDMFFile
 from matplotlib.figure import Figure
-from mpi4py import MPI
 
 from dolfinx_signorini.contact_boundary import ContactBoundary, draw_contact
-from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
 from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.records import on_first, versions, write_file
+from dolfinx_signorini.scenes.output.fields import write_fields
+from dolfinx_signorini.scenes.output.folder import RECORD
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
 from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
-
-FILES = (
-    "fields.bp",
-    "fields.xdmf",
-    "fields.h5",
-    "boundary.csv",
-    "solution.png",
-    "contact.png",
-    "record.json",
-    "report.html",
-)
-
-
-@contextmanager
-def output_folder(comm: MPI.Comm, folder: Path) -> Iterator[Path]:
-    """Give a folder to write to; the files in it are moved to `folder` at the end.
-
-    Args:
-        comm: The communicator; the call is collective.
-        folder: Where the files go, in a folder that exists; earlier results there are replaced,
-            and other files stay.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    part = folder.with_name(folder.name + ".part")
-    on_first(comm, folder, lambda: _prepare(folder, part))
-    try:
-        yield part
-        comm.barrier()
-        on_first(comm, folder, lambda: _move(part, folder))
-    except (InputError, NotConvergedError):  # raised on all ranks
-        on_first(comm, folder, lambda: shutil.rmtree(part, ignore_errors=True))
-        raise
-    except BaseException:
-        if comm.rank == 0:
-            shutil.rmtree(part, ignore_errors=True)
-        raise
 
 
 def write_results(
@@ -87,25 +39,17 @@ def write_results(
         outputs: Which of `OUTPUTS` to write; the record comes with all of them.
         folder: Where to write.
     """
+    comm = result.posed.problem.comm
     if "fields" in outputs:
         write_fields(result, folder)
     drawn = {"pictures", "report"} & set(outputs)
     figures = draw_scene(result, summary, boundary) if drawn else {}
-    if boundary is None:
-        return
-    record = make_record(result, summary)
-    write_file(folder / "record.json", json.dumps(record, indent=1) + "\n")
-    if "boundary" in outputs:
-        write_file(folder / "boundary.csv", boundary_csv(boundary))
-    images = {}
-    for name, figure in figures.items():
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=150)
-        images[name] = buffer.getvalue()
-        if "pictures" in outputs:
-            (folder / f"{name}.png").write_bytes(images[name])
-    if "report" in outputs:
-        write_file(folder / "report.html", write_report(record, summary, images))
+
+    def write() -> None:
+        assert boundary is not None  # rank 0 has the boundary
+        _write_small_files(result, summary, boundary, figures, outputs, folder)
+
+    on_first(comm, folder.parent, write)
 
 
 def draw_scene(
@@ -130,31 +74,6 @@ def draw_scene(
     if boundary is not None:
         figures["contact"] = draw_contact(boundary)
     return figures
-
-
-def write_fields(result: SceneResult, folder: Path) -> None:
-    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
-
-    Args:
-        result: The solved scene; the call is collective.
-        folder: Where to write.
-    """
-    fields = [result.u, result.gap, result.pressure]
-    comm = result.posed.problem.comm
-    if dolfinx.has_adios2:
-        from dolfinx.io import VTXWriter
-
-        with VTXWriter(comm, str(folder / "fields.bp"), fields) as writer:
-            writer.write(0.0)
-        return
-    domain = result.posed.problem.space.mesh
-    linear = fem.functionspace(domain, ("Lagrange", 1))
-    with XDMFFile(comm, str(folder / "fields.xdmf"), "w") as file:
-        file.write_mesh(domain)
-        for field in fields:
-            values = fem.Function(linear, name=field.name)
-            values.interpolate(field)
-            file.write_function(values)
 
 
 def boundary_csv(boundary: ContactBoundary) -> str:
@@ -220,21 +139,26 @@ def _meshes(result: SceneResult) -> list[dict[str, Any]]:
     ]
 
 
-def _prepare(folder: Path, part: Path) -> None:
-    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise InputError("cannot be written", f"output folder {folder}")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir()
-
-
-def _move(part: Path, folder: Path) -> None:
-    folder.mkdir(exist_ok=True)
-    for name in FILES:
-        old = folder / name
-        if old.is_dir():
-            shutil.rmtree(old)
-        else:
-            old.unlink(missing_ok=True)
-    for path in part.iterdir():
-        path.rename(folder / path.name)
-    part.rmdir()
+def _write_small_files(
+    result: SceneResult,
+    summary: Summary,
+    boundary: ContactBoundary,
+    figures: dict[str, Figure],
+    outputs: Sequence[str],
+    folder: Path,
+) -> None:
+    """Write all outputs but the fields; rank 0 only."""
+    record = make_record(result, summary)
+    if "boundary" in outputs:
+        write_file(folder / "boundary.csv", boundary_csv(boundary))
+    images = {}
+    for name, figure in figures.items():
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=150)
+        images[name] = buffer.getvalue()
+        if "pictures" in outputs:
+            (folder / f"{name}.png").write_bytes(images[name])
+    if "report" in outputs:
+        write_file(folder / "report.html", write_report(record, summary, images))
+    record["files"] = sorted([RECORD, *(path.name for path in folder.iterdir())])
+    write_file(folder / RECORD, json.dumps(record, indent=1) + "\n")

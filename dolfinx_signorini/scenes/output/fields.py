@@ -1,0 +1,86 @@
+"""The fields of a solved scene for ParaView: u, gap and pressure, and where they are defined."""
+
+import ctypes
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import dolfinx
+from dolfinx import fem
+from dolfinx.io import XDMFFile
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.records import on_first
+from dolfinx_signorini.scenes.output.folder import reserve
+from dolfinx_signorini.scenes.solving import SceneResult
+
+BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
+
+
+def write_fields(result: SceneResult, folder: Path) -> None:
+    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
+
+    Gap and pressure are defined where `contact_boundary` is 1: at the contact dofs. Elsewhere all
+    but u are 0. Where `in_contact` is 1 the solution touches the obstacle.
+
+    Args:
+        result: The solved scene; the call is collective.
+        folder: Where to write.
+
+    Raises:
+        InputError: The files do not fit on the disk.
+    """
+    fields = [result.u, result.gap, result.pressure, *_masks(result)]
+    comm = result.posed.problem.comm
+    size = _size(fields)
+    on_first(comm, folder.parent, lambda: reserve(folder, size))
+    if dolfinx.has_adios2:
+        _write_vtx(comm, folder, fields)
+        return
+    domain = result.posed.problem.space.mesh
+    linear = fem.functionspace(domain, ("Lagrange", 1))
+    with XDMFFile(comm, str(folder / "fields.xdmf"), "w") as file:
+        file.write_mesh(domain)
+        for field in fields:
+            values = fem.Function(linear, name=field.name)
+            values.interpolate(field)
+            file.write_function(values)
+
+
+def _masks(result: SceneResult) -> list[fem.Function]:
+    """Return functions that are 1 at the contact dofs, and at those in contact, and 0 elsewhere."""
+    problem = result.posed.problem
+    masks = []
+    for name, dofs in (("contact_boundary", problem.contact_dofs), ("in_contact", problem.active)):
+        mask = fem.Function(problem.space, name=name)
+        mask.x.array[dofs] = 1.0
+        mask.x.scatter_forward()
+        masks.append(mask)
+    return masks
+
+
+def _size(fields: Sequence[fem.Function]) -> int:
+    """Return the bytes that fields with their mesh need at most; the call is collective."""
+    space = fields[0].function_space
+    domain, dofmap = space.mesh, space.dofmap
+    points = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+    own = points * (3 + 2 + len(fields)) + dofmap.list.size + len(dofmap.list)
+    factor, more = BYTES
+    return int(factor * 8 * domain.comm.allreduce(own)) + more
+
+
+def _write_vtx(comm: MPI.Comm, folder: Path, fields: Sequence[fem.Function]) -> None:
+    from dolfinx.io import VTXWriter
+
+    writer, message = None, ""
+    try:
+        writer = VTXWriter(comm, str(folder / "fields.bp"), list(fields))
+        writer.write(0.0)
+        writer.close()
+    except RuntimeError as error:  # of ADIOS2: the disk is full
+        reason = re.search(r"errno = \d+: ([\w ]+)", str(error))
+        message = f"cannot be written: {reason[1] if reason else error}"
+        if writer is not None:  # its destructor would fail again, and abort the process
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer._cpp_object))
+    require(comm, not message, message, f"output folder {folder.parent}")

@@ -1,0 +1,129 @@
+"""The output folder of a scene: results appear there when all of them are complete.
+
+All files are written to a temporary folder inside the output folder first, and moved when the last
+one is complete, so that no run leaves half a result behind. The record lists the files of its run:
+a later run replaces these files, and no others.
+"""
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.records import on_first
+
+RECORD = "record.json"
+# The files of each of the `OUTPUTS`, of which a run writes some; the record comes with all of them.
+FILES = {
+    "fields": ("fields.bp", "fields.xdmf", "fields.h5"),
+    "boundary": ("boundary.csv",),
+    "pictures": ("solution.png", "contact.png"),
+    "report": ("report.html",),
+}
+PROBE = 65_536  # bytes that must fit before a run begins
+
+
+@contextmanager
+def output_folder(comm: MPI.Comm, folder: Path, outputs: Sequence[str]) -> Iterator[Path]:
+    """Give a temporary folder to write to; the files in it are moved to `folder` at the end.
+
+    Args:
+        comm: The communicator; the call is collective.
+        folder: Where the files go, in a folder that exists; results of earlier runs there are
+            replaced, and other files stay.
+        outputs: Which of `OUTPUTS` will be written.
+
+    Raises:
+        InputError: The folder cannot be written, or has other files of the same names.
+    """
+    part, made = on_first(comm, folder, lambda: _prepare(folder, outputs))
+    try:
+        yield part
+        comm.barrier()
+        on_first(comm, folder, lambda: _move(part, folder))
+    except (InputError, NotConvergedError):  # raised on all ranks
+        on_first(comm, folder, lambda: _discard(part, folder, made))
+        raise
+    except BaseException:
+        if comm.rank == 0:
+            _discard(part, folder, made)
+        raise
+
+
+def reserve(folder: Path, size: int) -> None:
+    """Raise an OSError unless some bytes fit into a folder.
+
+    Args:
+        folder: The folder.
+        size: The number of bytes.
+    """
+    with tempfile.TemporaryFile(dir=folder) as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise
+
+
+def _prepare(folder: Path, outputs: Sequence[str]) -> tuple[Path, bool]:
+    """Return a new temporary folder, and whether the folder around it is new, too."""
+    subject = f"output folder {folder}"
+    made = not folder.exists()
+    if not made and not folder.is_dir():
+        raise InputError("cannot be written, it is no folder", subject)
+    own = _own_files(folder)
+    for name in (RECORD, *(name for output in outputs for name in FILES[output])):
+        if os.path.lexists(folder / name) and name not in own:
+            raise InputError(
+                f"has a {name} that is no result of this program; choose another --out", subject
+            )
+    folder.mkdir(exist_ok=True)
+    part = folder
+    try:
+        part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+        reserve(part, PROBE)
+    except OSError:
+        _discard(part, folder, made)
+        raise
+    return part, made
+
+
+def _own_files(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier run has written to a folder."""
+    known = {RECORD, *(name for names in FILES.values() for name in names)}
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+        ours = "dolfinx_signorini" in record["versions"]
+        named = known & set(record.get("files", known)) if ours else set()
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return set()
+    return {name for name in named if name == "fields.bp" or not (folder / name).is_dir()}
+
+
+def _move(part: Path, folder: Path) -> None:
+    """Replace the files of an earlier run by those in the temporary folder, the record first."""
+    for name in _own_files(folder) - {RECORD}:
+        old = folder / name
+        if old.is_dir() and not old.is_symlink():
+            shutil.rmtree(old)
+        else:
+            old.unlink(missing_ok=True)
+    for path in sorted(part.iterdir(), key=lambda path: path.name != RECORD):
+        path.replace(folder / path.name)
+    part.rmdir()
+
+
+def _discard(part: Path, folder: Path, made: bool) -> None:
+    """Delete the temporary folder, and the folder around it if that is new and empty."""
+    if part != folder:
+        shutil.rmtree(part, ignore_errors=True)
+    if made:
+        with suppress(OSError):
+            folder.rmdir()
