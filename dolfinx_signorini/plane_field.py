@@ -1,5 +1,6 @@
 """A plane solution with parts of the boundary, gathered on rank 0 and drawn."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ Indices = npt.NDArray[np.int64]
 
 # How a triangle of degree 2 is drawn: its dofs are the vertices, then the midpoints opposite them.
 SUBTRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]}
+TITLE = 180  # characters of a title that are drawn
 ENDS = np.array([[1, 2], [0, 2], [0, 1]])  # edge k lies opposite vertex k
 
 
@@ -120,7 +122,9 @@ def draw_plane_field(
             zorder=4,
             label="detachment point",
         )
-    axes.set(title=title, xlabel="$x$", ylabel="$y$", aspect="equal")
+    axes.set(xlabel="$x$", ylabel="$y$", aspect="equal")
+    shown = textwrap.fill(textwrap.shorten(title, TITLE, placeholder=" ..."), TITLE // 3)
+    axes.set_title(shown, parse_math=False)
     axes.margins(0.04)
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure

@@ -83,7 +83,10 @@ class Model:
         below = [trial for trial in self.trials if trial.error <= error]
         near = below[0] if below else self.trials[-1]
         edge = near.configuration.n * (1.0 - 1e-9 if below else 1.0 + 1e-9)
-        return near.configuration.n * (near.error / error) ** (1.0 / self.order(edge))
+        try:
+            return near.configuration.n * (near.error / error) ** (1.0 / self.order(edge))
+        except OverflowError:
+            return math.inf
 
     def unknowns(self, n: float) -> float:
         """Return the number of dofs predicted for n cells across."""

@@ -22,6 +22,7 @@ SHORTEST = 1e-6  # length of an edge, relative to the size of the polygon
 SMALLEST = 1e-6  # area, relative to the square of this size
 MAX_CORNERS = 500
 MAX_COORDINATE = 1e6
+MIN_SIZE = 1e-60  # of a polygon; the product of two areas is still a normal number
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,9 @@ class Polygon(Domain):
                 f"must lie between 0 and the polygon's size {size:g}, not {self.width:g}", "width"
             )
         # As many as in a mesh of equilateral triangles.
-        vertices = math.ceil(self.area / self.width**2 * 2.0 / math.sqrt(3.0)) + len(self.corners)
+        across = self.size / self.width
+        count = min(across * across * 2.0 / math.sqrt(3.0), 1e18)
+        vertices = math.ceil(count) + len(self.corners)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "side_names", tuple(str(k + 1) for k in range(len(self.corners))))
 
@@ -71,6 +74,8 @@ class Polygon(Domain):
             if max(abs(table.finite("vertices", c)) for c in corner) > MAX_COORDINATE:
                 raise table.error("vertices", f"a coordinate larger than {MAX_COORDINATE:g}")
         points = tuple((float(x), float(y)) for x, y in corners)
+        if len(points) > 2 and _size(points) < MIN_SIZE:
+            raise table.error("vertices", f"a polygon smaller than {MIN_SIZE:g}")
         width = table.real("width") if sized else _size(points)
         try:
             polygon = cls(points, width)

@@ -8,6 +8,7 @@ from typing import Any
 
 import basix.ufl
 import ufl
+from ufl.constantvalue import ScalarValue, Zero
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes.formulas import Formula, number
@@ -166,9 +167,11 @@ class TomlTable:
             return number(self.finite(key, value))
         try:
             formula = parse(value, self.file.dimension, self.file.definitions)
-            formula.ufl(_coordinates(self.file.dimension))  # refuses what has no value
+            expression = formula.ufl(_coordinates(self.file.dimension))  # refuses what has no value
         except InputError as error:
             raise self.error(key, str(error)) from None
+        if isinstance(expression, ScalarValue | Zero):  # "0*x + 1" is constant, too
+            return Formula(formula.text, number(float(expression)).root)
         return formula
 
     def optional_formula(self, key: str) -> Formula | None:

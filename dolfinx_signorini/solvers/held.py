@@ -71,7 +71,7 @@ class HeldSolver:
         self.ledger.add("vector", "correction with held dofs", self._correction)
         self._ksp = PETSc.KSP().create(self.comm)
         self._ksp.setOptionsPrefix(prefix)
-        with options_set(prefix, DEFAULT_OPTIONS | dict(options or {})):
+        with options_set(prefix, options or {}, DEFAULT_OPTIONS, others=("tao_",)):
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
         self._projected = Projected(system.A, self._pc)

@@ -50,6 +50,16 @@ REASONS = {
     PETSc.TAO.Reason.DIVERGED_USER: "a user's test asked to stop",
 }
 
+# How the names of options for one method begin.
+OPTION_FAMILIES = {
+    "bncg": "tao_bncg_",
+    "bqnls": "tao_bqnls_",
+    "blmvm": "tao_blmvm_",
+    "bntr": "tao_bnk_",
+    "bnls": "tao_bnk_",
+    "tron": "tao_tron_",
+}
+
 
 class TaoRounds:
     """Rounds of a TAO solver on one system, with the limits and the counts that they share.
@@ -201,6 +211,11 @@ class TaoRounds:
         upper.array_w[self.system.fixed_dofs] = 0.0
         return lower, upper
 
+    def _others(self) -> tuple[str, ...]:
+        """Return how options begin that this method does not read, but another one does."""
+        families = {family for name, family in OPTION_FAMILIES.items() if name != self.method}
+        return "ksp_", "pc_", *(families - {OPTION_FAMILIES[self.method]})
+
     def _count_linear(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
         self.linear_iterations += iteration > 0
 
@@ -237,5 +252,5 @@ class TaoRounds:
             tao.getKSP().getPC().setType("hypre")
             tao.getKSP().setMonitor(self._count_linear)
         tao.setOptionsPrefix(self.prefix)
-        with options_set(self.prefix, self.options):
+        with options_set(self.prefix, self.options, others=self._others()):
             tao.setFromOptions()

@@ -136,7 +136,9 @@ def _forces(result: SceneResult) -> dict[str, float]:
     forces = {name: integral(f * measure) for name, (f, measure) in posed.sources.items()}
     for name, (c, measure) in posed.reactions.items():
         forces[name] = forces.get(name, 0.0) - integral(c * result.u * measure)
-    residual = ufl.action(posed.a, result.u) - posed.L
+    residual = ufl.action(posed.a, result.u)
+    if posed.sources:
+        residual -= posed.L
     for kind in dict.fromkeys(type(condition) for condition in posed.scene.conditions):
         force = kind.force(problem, residual)
         if force is not None:
