@@ -123,9 +123,21 @@ class Assembly:
         space, fixed = self.layout.space, self.layout.fixed_dofs
         obstacle, data = self._obstacle_at(), dirichlet_values(space, self.bcs, fixed)
         upper = self.sign < 0.0
-        checks.check_bounds(space, self.layout.boundary_dofs, obstacle, fixed, data, upper)
+        dofs = self.layout.boundary_dofs
+        obstacle = checks.check_bounds(space, dofs, obstacle, fixed, data, upper, self._reach)
         self.obstacle = obstacle
         return self.sign * obstacle[self.layout.free], self.sign * data
+
+    def _reach(self) -> float:
+        """Return about how large the solution is without any bounds, up to a power of the size."""
+        A, b = fem_petsc.assemble_matrix(self._a), fem_petsc.assemble_vector(self._L)
+        A.assemble()
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        diagonal = A.getDiagonal()
+        reach = float(b.norm(PETSc.NormType.NORM_1)) / _size(diagonal)
+        for item in (A, b, diagonal):
+            item.destroy()
+        return reach
 
     def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:
         A = self._matrix(old) if matrix or old is None else old.A

@@ -1,5 +1,7 @@
 """Checks of an assembled problem: what makes no sense is refused before anything is solved."""
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -16,6 +18,7 @@ Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
 
 SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
+ROUNDING = 1e-12  # relative; data that differ by so little are the same
 VANISHING = 1e-12  # relative; what is as small as that is nothing
 DOUBTFUL = 1e-9  # of the trace; row sums below it may be rounding
 HATS = {2: 13, 3: 6}  # for each dimension: nodes along each side of the grid of `check_definite`
@@ -30,8 +33,12 @@ def check_bounds(
     fixed: Indices,
     data: Array,
     upper: bool = False,
-) -> None:
+    reach: Callable[[], float] = lambda: 0.0,
+) -> Array:
     """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
+
+    Data may lie beyond the obstacle by as much as rounding: 1e-12 of the largest datum, or of the
+    size of the solution.
 
     Args:
         space: The function space.
@@ -40,6 +47,10 @@ def check_bounds(
         fixed: The owned dofs with Dirichlet data.
         data: The Dirichlet data at these dofs.
         upper: Whether the obstacle is an upper one.
+        reach: Tells about the size of the solution; asked for only where data lie beyond.
+
+    Returns:
+        The obstacle, moved to those data that lie beyond.
 
     Raises:
         InputError: The subject is "obstacle" or "Dirichlet data".
@@ -53,14 +64,21 @@ def check_bounds(
         message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
         require(comm, not message, message, subject)
     common, i, j = np.intersect1d(dofs, fixed, return_indices=True)
-    beyond = obstacle[i] < data[j] if upper else obstacle[i] > data[j]
+    beyond = (data[j] - obstacle[i]) if upper else (obstacle[i] - data[j])
+    if not comm.allreduce(bool((beyond > 0.0).any()), op=MPI.LOR):
+        return obstacle
+    sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
+    size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())
     message = ""
-    for k in np.flatnonzero(beyond)[:1]:
+    for k in np.flatnonzero(beyond > ROUNDING * size)[:1]:
         message = (
             f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
             f"{data[j[k]]:.6g} at {_place(space, common[k])}"
         )
     require(comm, not message, message, "obstacle")
+    clamped = obstacle.copy()
+    clamped[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
+    return clamped
 
 
 def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:

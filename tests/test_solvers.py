@@ -310,7 +310,7 @@ def test_the_options_of_the_database_are_the_users(method):
 def test_options_do_not_leak_from_a_failure(problem, method, options):
     before = PETSc.Options().getAll()
     wrong = paper(9, petsc_options=options)
-    with pytest.raises(PETSc.Error):
+    with pytest.raises(InputError, match="petsc_options: "):
         wrong.solve(method)
     assert PETSc.Options().getAll() == before
     problem.solve(method)
@@ -359,3 +359,39 @@ def test_wrong_arguments_are_named(problem):
     ):
         with pytest.raises(InputError, match=name):
             problem.solve(method, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "name"),
+    [
+        ("cascade", {"ksp_typ": "cg"}, "'ksp_typ' is no option that the solver reads; did you"),
+        ("cascade", {"pc_type": "bjacobi", "sub_pc_type": "ilu"}, "'sub_pc_type'"),
+        ("cascade", {"nonsense": 1}, "'nonsense'"),
+        ("cascade", {"ksp_rtol": "tight"}, "ksp_rtol"),
+        ("cascade", {"ksp_type": "nonsense"}, "ksp_type"),
+        ("bncg", {"tao_bncg_typ": "prp"}, "'tao_bncg_typ'"),
+        ("bntr", {"tao_bnk_ksp_typ": "cg"}, "'tao_bnk_ksp_typ'"),
+        ("tron", {"kps_type": "cg"}, "'kps_type'"),
+    ],
+)
+def test_options_that_nobody_reads_are_refused(method, options, name):
+    problem = bumpy(9, petsc_options=options)
+    with pytest.raises(InputError, match=name) as caught:
+        problem.solve(method)
+    assert caught.value.subject == "petsc_options"
+    problem.destroy()
+    assert not PETSc.Options().hasName(next(iter(options)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_options_may_be_for_several_methods(method):
+    options = {
+        "ksp_max_it": 300,
+        "pc_hypre_boomeramg_strong_threshold": 0.4,
+        "tao_max_it": 5000,
+        "tao_bncg_type": "prp",
+        "tao_bnk_ksp_max_it": 300,
+    }
+    problem = bumpy(9, petsc_options=options)
+    problem.solve(method)
+    problem.destroy()

@@ -5,7 +5,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.scenes.expectations import Expectation, cost, expect, terms, unknowns
+from dolfinx_signorini.scenes.expectations import (
+    Expectation,
+    check_solution,
+    cost,
+    expect,
+    terms,
+    unknowns,
+)
 from dolfinx_signorini.scenes.output.summary import listing
 from dolfinx_signorini.scenes.posing import pose
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
@@ -29,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
         posed = pose(scene.levels()[0], comm)
         try:
             expectation = expect(scene, posed.sided)
+            check_solution(posed, scene.norms)
         finally:
             posed.problem.destroy()
     if comm.rank == 0:

@@ -1,14 +1,17 @@
 """What to expect of a scene before it is solved: terms, orders of convergence, cost."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders
 from dolfinx_signorini.scenes.conditions import CONDITIONS
-from dolfinx_signorini.scenes.posing import boundary_parts, facets_by_kind, violations
+from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import largest_angle, singular_corners
 from dolfinx_signorini.scenes.scene import Scene
 
@@ -16,6 +19,7 @@ from dolfinx_signorini.scenes.scene import Scene
 BYTES = {(2, 1): 1.3e3, (2, 2): 1.3e3, (3, 1): 2.8e3, (3, 2): 3.2e3}
 SECONDS = {(2, 1): 1e-5, (2, 2): 2e-5, (3, 1): 3e-5, (3, 2): 6e-5}
 PROGRAM_BYTES = 1.5e8
+MAX_CHECKED = 20_000  # unknowns of a mesh that an exact solution is looked at on
 MAX_CORNERS = 4  # corners that a note lists
 
 
@@ -57,6 +61,25 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     if not scene.manufactured:
         notes += [f"exact solution: {violation}" for violation in violations(scene, sided)]
     return Expectation(expected_orders(scene.degree, worst), tuple(notes))
+
+
+def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
+    """Refuse an exact solution without finite values where its errors are to be measured.
+
+    Args:
+        posed: A scene on a coarse mesh; the call is collective. A large mesh is not looked at.
+        norms: The norms of the errors.
+
+    Raises:
+        InputError: The subject is "solution".
+    """
+    if posed.exact is None or posed.problem.unknowns > MAX_CHECKED:
+        return
+    try:
+        error_norms(posed.problem.u, posed.exact, norms)
+    except FloatingPointError:
+        message = "has no finite value at some point where its error is measured"
+        raise InputError(message, "solution") from None
 
 
 def terms(scene: Scene) -> list[str]:

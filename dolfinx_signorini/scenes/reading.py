@@ -1,6 +1,7 @@
 """Scene files: a problem written as TOML. The format is described in docs/scenes.md."""
 
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ from dolfinx_signorini.scenes.toml_table import MAX_BYTES, Key, TomlFile, TomlTa
 
 MAX_DEFINITIONS = 50
 SMALLEST_RTOL = 1e-13
+ROUNDING = 1e-12  # by which entries of a symmetric tensor may differ
 
 # For each subject of an error the key of a scene file that the error is about.
 SUBJECTS: dict[str, Key] = {
@@ -121,9 +123,12 @@ def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
 def _read(path: Path) -> tuple[str, str]:
     """Return the text of a file, or what is wrong with the file."""
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # nobody may ever write to a pipe
+            return "", "not a regular file"
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
-        return data.decode("utf-8"), ""
+        return data.decode("utf-8-sig"), ""
     except OSError as error:
         return "", str(error.strerror)
     except ValueError:
@@ -159,8 +164,10 @@ def _diffusion(table: TomlTable, dimension: int) -> Tensor:
         [[np.nan if e.constant is None else e.constant for e in r] for r in tensor]
     )
     if np.isfinite(constants).all():
-        if (constants != constants.T).any():
+        if np.abs(constants - constants.T).max() > ROUNDING * np.abs(constants).max():
             raise table.error("diffusion", "the tensor is not symmetric")
+        pairs = [[(min(i, j), max(i, j)) for j in range(dimension)] for i in range(dimension)]
+        tensor = tuple(tuple(tensor[i][j] for i, j in row) for row in pairs)
         if not np.linalg.eigvalsh(constants).min() > 0.0:
             raise table.error("diffusion", "the tensor is not positive definite")
     return tensor

@@ -1,7 +1,7 @@
 """Solving a scene: on its own mesh by the cascade, or on the mesh that an accuracy needs."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.model import Trial
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.scenes.expectations import Expectation, expect
+from dolfinx_signorini.scenes.expectations import Expectation, check_solution, expect
 from dolfinx_signorini.scenes.posing import PosedScene, pose, scene_family
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
@@ -111,10 +111,13 @@ def solve_scene(
         accuracy = scene.accuracy
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm)
+    norm = scene.norm if norm is None else norm
+    if scene.solution is not None:
+        _look_at_solution(scene, comm, (norm, *scene.norms))
     outcome = solve_to(
         comm,
         scene_family(scene),
-        scene.norm if norm is None else norm,
+        norm,
         accuracy=accuracy,
         budget=budget,
         max_unknowns=max_unknowns,
@@ -124,6 +127,15 @@ def solve_scene(
     assert isinstance(posed, PosedScene)
     expectation = expect(posed.scene, posed.sided)
     return _result(posed, expectation, outcome.seconds, outcome=outcome)
+
+
+def _look_at_solution(scene: Scene, comm: MPI.Comm, norms: Sequence[str]) -> None:
+    """Refuse an exact solution without finite values before anything is solved."""
+    posed = pose(scene.levels()[0], comm)
+    try:
+        check_solution(posed, norms)
+    finally:
+        posed.problem.destroy()
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:
@@ -158,6 +170,7 @@ class _Ascent:
         self.posed = pose(level, self.comm)
         if coarser is None:
             self.expectation = expect(self.scene, self.posed.sided)
+            check_solution(self.posed, self.scene.norms)
         return self.posed.problem
 
     def note(self, problem: SignoriniProblem) -> None:

@@ -1,5 +1,6 @@
 """The tables of a scene file, read key by key, with errors that name file, line and key."""
 
+import difflib
 import math
 import re
 import tomllib
@@ -65,6 +66,9 @@ class TomlTable:
             wanted: The type in words, for the message.
         """
         if not self.has(key):
+            others = [other for other in self.data if other not in self.asked]
+            for near in difflib.get_close_matches(key, others, n=1):
+                raise self.error(near, f"unknown key; did you mean {key!r}?")
             raise self.error(None, f"{key!r} is missing")
         value = self.data[key]
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
@@ -132,6 +136,8 @@ class TomlTable:
         names = value if isinstance(value, list) else [value]
         if names == list(ALL):
             return ALL
+        if ALL[0] in names and ALL[0] not in known:
+            raise self.error("sides", "'all' stands for every side, and goes with no other name")
         if not names:
             raise self.error("sides", "names no side")
         for name in names:
@@ -144,14 +150,17 @@ class TomlTable:
 
     def table(self, key: str) -> "TomlTable":
         """Return a table; an empty one where the table does not have the key."""
-        data = self.value(key, dict, "a table") if self.has(key) else {}
+        data = self.value(key, dict, f"one table, written as [{key}]") if self.has(key) else {}
         return TomlTable(data, self.file, (*self.key, key))
 
     def tables(self, key: str) -> list["TomlTable"]:
         """Return the tables written as [[key]]."""
+        wanted = f"must be tables, each written as [[{key}]]"
+        if self.has(key) and isinstance(self.data[key], dict):
+            raise self.error(key, wanted)
         entries = self.items(key) if self.has(key) else []
         if not all(isinstance(entry, dict) for entry in entries):
-            raise self.error(key, f"must be tables, written as [[{key}]]")
+            raise self.error(key, wanted)
         return [TomlTable(e, self.file, (*self.key, key, k)) for k, e in enumerate(entries)]
 
     def formula(self, key: str, value: Any = None) -> Formula:

@@ -145,8 +145,9 @@ class TaoRounds:
             residual: The relative natural residual that was reached.
             rtol: The one that was asked for.
         """
+        limits = "" if name == "cascade" else "raise max_iterations, "
         advice = (
-            "raise max_iterations, loosen rtol, or start from a coarser solution"
+            f"{limits}loosen rtol, or start from a coarser solution"
             if self.exhausted
             else "a further round hardly lowers it: loosen rtol, or look for thin cells and "
             "for coefficients far apart, whose rounding allows no less"

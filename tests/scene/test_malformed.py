@@ -1,5 +1,7 @@
 """Malformed scene files: 500 generated ones, and each kind of problem that has no solution."""
 
+import json
+import os
 import time
 
 import pytest
@@ -67,12 +69,13 @@ BROKEN_DOMAINS = st.sampled_from(
             "[[0, 0], [1, 0], [2, 0]]",
             "[[0, 0], [1, 0], [1]]", "[[0, 0], [0, 0], [1, 1]]", '[["0", 0], [1, 0], [0, 1]]',
             "[[0, 0], [nan, 0], [0, 1]]", "[[0, 0], [1e300, 0], [0, 1]]", "[0, 1, 2]",
-            "[[0, 0], [2, 0], [1, 0], [1, 1]]",
+            "[[0, 0], [2, 0], [1, 0], [1, 1]]", "[[0, 0], [1e-300, 0], [0, 1e-300]]",
+            "[[0, 0], [1e-159, 0], [0, 1e-159]]",
         )
     ]
     + [
         {"shape": '"polygon"', "vertices": "[[0, 0], [1, 0], [0, 1]]", "width": value}
-        for value in ("0", "-1", "5", "1e-9", "nan", "true", '"0.1"')
+        for value in ("0", "-1", "5", "1e-9", "1e-160", "1e-300", "5e-324", "nan", "true", '"0.1"')
     ]
     + [{"shape": '"file"', "file": v} for v in ('"none.msh"', '"/etc/passwd"', '"."', '""', "1")]
 )  # fmt: skip
@@ -238,7 +241,32 @@ POSED_WRONG = {
         '[equation]\ndiffusion = "x - 2"',
         '[[dirichlet]]\nsides = "top"\nvalue = 0',
     ),
-    "not symmetric": (
+    "has no finite value at some point where its error is measured": (
+        12,
+        '[solution]\nu = "log(x)"',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "must be positive": (
+        12,
+        '[equation]\ndiffusion = "0*x"',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "the tensor is not positive definite": (
+        12,
+        '[equation]\ndiffusion = [["0*x", 0], [0, "0*y"]]',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "the tensor is not symmetric": (
+        12,
+        '[equation]\ndiffusion = [[1, 0.3], ["0.1 + 0.2 + 1e-9", 1]]',
+        '[[dirichlet]]\nsides = "top"\nvalue = 0',
+    ),
+    "0 lies above the Dirichlet data -1e-09": (
+        7,
+        "[equation]\nload = -1",
+        '[[dirichlet]]\nsides = "left"\nvalue = -1e-9',
+    ),
+    "not symmetric, so": (
         11,
         '[equation]\ndiffusion = [[2, "x"], [0, 1]]',
         '[[dirichlet]]\nsides = "top"\nvalue = 0',
@@ -295,6 +323,23 @@ sides = "bottom"
             "line 3: domain.cels: unknown key; did you mean 'cells'",
         ),
         (
+            "[domain]\nshape = 'square'\ncell = 8",
+            "line 3: domain.cell: unknown key; did you mean 'cells'",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncells = 8\n[contact]\nsides = ['all', 'bottom']",
+            "line 5: contact.sides: 'all' stands for every side, and goes with no other name",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncells = 8\n[contact]\nsides = 'top'\n"
+            "[dirichlet]\nsides = 'left'\nvalue = 1",
+            "line 6: dirichlet: must be tables, each written as [[dirichlet]]",
+        ),
+        (
+            "[domain]\nshape = 'square'\ncells = 8\n[[contact]]\nsides = 'top'",
+            "line 4: contact: must be one table, written as [contact]",
+        ),
+        (
             "[domain]\nshape = 'square'\ncells = 8\n[contact]\nsides = 'botom'",
             "line 5: contact.sides: unknown side 'botom'; did you mean 'bottom'",
         ),
@@ -308,3 +353,124 @@ sides = "bottom"
 def test_messages_name_file_line_key_and_the_nearest_name(text, wanted, comm, folder, capsys):
     message = solve(comm, folder, capsys, text)
     assert comm.rank or f"error: malformed.toml, {wanted}" in message
+
+
+GOOD = """
+[domain]
+shape = "square"
+cells = 8
+[contact]
+sides = "bottom"
+{contact}
+[[dirichlet]]
+sides = "{side}"
+value = {value}
+[equation]
+{equation}
+"""
+
+
+def solved(comm, folder, text, *arguments):
+    """Solve a scene file that is to be solved, and return the summary of its record."""
+    if comm.rank == 0:
+        (folder / "good.toml").write_text(text, encoding="utf-8")
+    comm.barrier()
+    out = folder / "results"
+    assert main(["solve", str(folder / "good.toml"), "--out", str(out), *arguments]) == 0
+    comm.barrier()
+    return json.loads((out / "record.json").read_text())["summary"]
+
+
+def good(contact="", side="top", value="0", equation="load = -1"):
+    return GOOD.format(contact=contact, side=side, value=value, equation=equation)
+
+
+@pytest.mark.parametrize(
+    "equation",
+    [
+        "load = -1\nreaction = 0",
+        "reaction = 0\n[solution]\nu = 0",
+        'reaction = "0*x"\nload = "0*y"\n[solution]\nu = "0*x + 1"',
+        'load = 0\n[[neumann]]\nsides = "left"\nflux = "0*x"',
+        'load = -1\ndiffusion = "0*x + 1"',
+        'load = -1\ndiffusion = [["1 + 0*x", "0*x"], [0, "x^0"]]',
+        '[solution]\nu = "abs(x) - x"',
+    ],
+)
+def test_constants_and_zeros_are_data_like_others(equation, comm, folder):
+    summary = solved(comm, folder, good(equation=equation), "--report")
+    assert summary["imbalance"] <= 1e-8
+
+
+def test_a_manufactured_constant(comm, folder):
+    text = good(equation="[solution]\nu = 5\nmanufactured = true").replace("value = 0\n", "")
+    summary = solved(comm, folder, text, "--outputs", "boundary")
+    assert max(summary["errors"].values()) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        good(side="left", value='"-4e-17"'),
+        good(side="left", value='"0.3 - 0.1 - 0.2"'),
+        good(side="right", value='"-sin(pi*x)"'),
+        good('bound = "upper"', "right", '"sin(pi*x)"', "load = 1"),
+        good("obstacle = 0.3", "right", '"0.1 + 0.2 - 1e-16"'),
+        good(equation='load = -1\ndiffusion = [[1, 0.3], ["0.1 + 0.2", 1]]'),
+    ],
+)
+def test_rounding_is_no_contradiction(scene, comm, folder):
+    summary = solved(comm, folder, scene, "--outputs", "boundary")
+    assert summary["imbalance"] <= 1e-8
+    gaps = [row.split(",")[3] for row in (folder / "results" / "boundary.csv").read_text().split()]
+    assert min(map(float, gaps[1:])) >= 0.0
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "costs $5, and $x_{",
+        "$\\\\frac{$",
+        "a\\nb\\u0000",
+        "x" * 5000,
+        "",
+        "\u65e5\u672c \U0001f600",
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_any_title_is_drawn(title, comm, folder):
+    solved(comm, folder, f'title = "{title}"\n{good()}', "--report")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_scene(comm, folder):
+    solved(comm, folder, "\ufeff" + good(), "--outputs", "boundary")
+
+
+def test_a_pipe_is_no_scene_file(comm, folder, capsys):
+    if comm.rank == 0:
+        os.mkfifo(folder / "pipe.toml")
+    comm.barrier()
+    for job in ("solve", "check"):
+        assert main([job, str(folder / "pipe.toml")]) == 2
+    assert comm.rank or "pipe.toml: not a regular file" in capsys.readouterr().err
+
+
+def test_an_accuracy_beyond_all_numbers_is_refused(comm, folder, capsys):
+    text = good().replace("cells = 8\n", "")
+    solve_text = f"accuracy = 1e-300\n{text}"
+    if comm.rank == 0:
+        (folder / "scene.toml").write_text(solve_text)
+    comm.barrier()
+    assert main(["solve", str(folder / "scene.toml")]) == 2
+    assert comm.rank or "scene.toml, line 1: accuracy: " in capsys.readouterr().err
+
+
+def test_a_solution_without_finite_values_is_refused_before_a_search(comm, folder, capsys):
+    text = good(equation='[solution]\nu = "log(x)"')
+    if comm.rank == 0:
+        (folder / "scene.toml").write_text(text)
+    comm.barrier()
+    assert main(["solve", str(folder / "scene.toml"), "--accuracy", "1e-3"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert comm.rank or "solution.u: has no finite value" in printed.err

@@ -1,5 +1,6 @@
 """The numbers of a solved scene: size, contact set, forces and their balance, accuracy, time."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from dolfinx_signorini.accuracy.report import outcome_lines
 from dolfinx_signorini.contact_boundary import ContactBoundary
 from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.references import Reference
 from dolfinx_signorini.scenes.solving import SceneResult
 
 ROUNDING = 1e-12  # of coordinates
@@ -80,7 +82,7 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         forces=forces,
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
-        errors=error_norms(result.u, exact, scene.norms) if exact is not None else {},
+        errors={} if exact is None else _errors(result.u, exact, scene.norms),
         choice={} if result.outcome is None else dict(outcome_lines(result.outcome)),
         seconds=result.seconds,
     )
@@ -116,6 +118,20 @@ def _place(point: Sequence[float]) -> str:
     """Return coordinates for people to read, without those that are zero but for rounding."""
     size = max(map(abs, point))
     return "(" + ", ".join(f"{c if abs(c) > ROUNDING * size else 0.0:.4g}" for c in point) + ")"
+
+
+def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str, float]:
+    """Return norms of the error; infinity where the exact solution has no finite value."""
+    errors: dict[str, float] = {}
+    try:
+        return error_norms(u, exact, norms)
+    except FloatingPointError:
+        for norm in norms:
+            try:
+                errors |= error_norms(u, exact, [norm])
+            except FloatingPointError:
+                errors[norm] = math.inf
+    return errors
 
 
 def _contact_sizes(boundary: ContactBoundary) -> tuple[float, float, float]:
