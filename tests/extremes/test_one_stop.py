@@ -1,4 +1,4 @@
-"""TAO accepts what the active set method has accepted: one stop, at any tolerance and on any ranks."""
+"""TAO accepts what the active set method has accepted: one stop, on any ranks."""
 
 import json
 import subprocess
