@@ -47,8 +47,11 @@ def test_an_indefinite_form_is_found_by_conjugate_gradients(options):
     problem.destroy()
 
 
-def test_a_linear_solve_reaches_the_residual_that_was_asked_for():
-    problem, _, _ = make(40)
+@pytest.mark.parametrize("size", [1.0, 1e5])
+def test_a_linear_solve_reaches_the_residual_that_was_asked_for(size):
+    problem, stiffness, _ = make(40)
+    stiffness.value = size
+    problem.update()
     system = problem.system
     held = np.arange(len(system.contact_dofs)) % 3 > 0
     for atol in (1e-3, 1e-6, 1e-10):
@@ -94,3 +97,22 @@ def test_a_direct_method_is_set_up_for_the_present_matrix_and_set(change):
     assert u == pytest.approx(fresh.solve(rtol=1e-10).x.array, abs=1e-8)
     for item in (problem, fresh):
         item.destroy()
+
+
+def test_a_set_that_differs_a_little_costs_hardly_an_iteration_more():
+    problem, _, _ = make(60)
+    system, counts = problem.system, []
+    held = np.full(len(system.contact_dofs), True)
+    released = held.copy()
+    released[:: max(len(held) // (8 // COMM.size), 1)] = False
+    for first in (held, released):
+        solver, x = HeldSolver(system), system.start()
+        solver.solve(system, x, first, 1e-8)
+        before, _ = solver.iterations, x.set(0.0)
+        solver.solve(system, x, released, 1e-8)
+        assert solver.setups == 1
+        counts.append(solver.iterations - before)
+        for item in (solver, x):
+            item.destroy()
+    problem.destroy()
+    assert counts[0] <= counts[1] + 2
