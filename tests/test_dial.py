@@ -8,7 +8,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2
 from dolfinx_signorini.accuracy.model import Model, Trial
 from dolfinx_signorini.accuracy.runs import Configuration, exact_solution
-from dolfinx_signorini.accuracy.search import solve_to
+from dolfinx_signorini.accuracy.search import _choice
 from dolfinx_signorini.accuracy.trials import Trials
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner, paper_family
@@ -16,11 +16,13 @@ from dolfinx_signorini.paper.solution import christof_haubner, paper_family
 COMM = MPI.COMM_WORLD
 
 
-@pytest.mark.parametrize(("norm", "accuracy"), [("L4", 2e-3), ("W1_4", 0.15)])
-def test_what_is_chosen_is_predicted_to_lie_well_inside_of_the_target(norm, accuracy):
-    outcome = solve_to(COMM, paper_family(), norm, accuracy=accuracy)
-    outcome.run.destroy()
-    assert 0.5 * accuracy <= outcome.predicted.error <= 0.95 * accuracy
+@pytest.mark.parametrize("kind", [UNIFORM_P1, UNIFORM_P2], ids=str)
+@pytest.mark.parametrize("accuracy", [1e-4, 3e-5, 1e-5])
+def test_an_untried_mesh_is_chosen_well_inside_of_the_target(kind, accuracy):
+    trials = [Trial(Configuration(kind, n), n * n, 1e-5 * n * n, n**-2.0) for n in (10, 16, 26)]
+    choice = _choice(Model(tuple(trials), 2), accuracy)
+    assert 0.6 * accuracy <= choice.error <= 0.85 * accuracy
+    assert choice.error == pytest.approx(choice.configuration.n**-2.0)
 
 
 @pytest.mark.parametrize("kind", [GRADED_P2, UNIFORM_P2], ids=str)
