@@ -1,6 +1,6 @@
 """From a scene to a discrete problem, with the forms and data that the scene mentions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,8 @@ from dolfinx_signorini.scenes.conditions import (
     Neumann,
     Setting,
 )
+from dolfinx_signorini.scenes.formulas import Formula
+from dolfinx_signorini.scenes.jumps import integrable
 from dolfinx_signorini.scenes.scene import Scene
 
 Indices = npt.NDArray[np.int32]
@@ -174,20 +176,22 @@ def _exact_solution(scene: Scene, sided: SidedMesh) -> ManufacturedSolution | No
         return None
     x = ufl.SpatialCoordinate(sided.mesh)
     reaction = None if scene.reaction is None else scene.reaction.ufl(x)
-    return manufacture(sided.mesh, scene.solution.ufl(x), _diffusion(scene, x), reaction)
+    diffusion = _diffusion(scene, lambda entry: entry.ufl(x))
+    return manufacture(sided.mesh, scene.solution.ufl(x), diffusion, reaction)
 
 
-def _diffusion(scene: Scene, x: Expr) -> Expr | None:
-    rows = [[entry.ufl(x) for entry in row] for row in scene.diffusion]
+def _diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
+    rows = [[value(entry) for entry in row] for row in scene.diffusion]
     if len(rows) <= 1:
         return rows[0][0] if rows else None
     return ufl.as_matrix(rows)
 
 
 def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
-    k = _diffusion(scene, setting.x)
+    degree = 2 * (scene.degree - 1)
+    k = _diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
     variable = any(entry.constant is None for row in scene.diffusion for entry in row)
-    rule = CELL_RULE if variable else QuadratureRule("default", 2 * (scene.degree - 1))
+    rule = CELL_RULE if variable else QuadratureRule("default", degree)
     current = ufl.grad(u) if k is None else k * ufl.grad(u)
     return ufl.inner(current, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
 
@@ -195,15 +199,18 @@ def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.For
 def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     """Return the load and the reaction of the equation as sources and reactions."""
     dx, sources, reactions = ufl.Measure("dx", setting.sided.mesh), {}, {}
-    load = None if scene.load is None else scene.load.ufl(setting.x)
+    domain, load = setting.sided.mesh, None
     if scene.manufactured and setting.exact is not None:
         load = setting.exact.load
+    elif scene.load is not None:
+        load = integrable(scene.load, domain, scene.degree)
     if load is not None and not isinstance(load, Zero):
         sources["load"] = (load, dx(metadata=CELL_RULE.metadata))
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         variable = scene.reaction.constant is None
         rule = CELL_RULE if variable else QuadratureRule("default", 2 * scene.degree)
-        reactions["reaction"] = (scene.reaction.ufl(setting.x), dx(metadata=rule.metadata))
+        c = integrable(scene.reaction, domain, 2 * scene.degree)  # of u v
+        reactions["reaction"] = (c, dx(metadata=rule.metadata))
     return sources, reactions
 
 

@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.scenes import pose, solve_scene
+from dolfinx_signorini.quadrature import CELL_RULE
+from dolfinx_signorini.scenes import parsing, pose, solve_scene
+from dolfinx_signorini.scenes.jumps import integrable
 
 SCENE = """
 rtol = 1e-11
@@ -183,3 +186,97 @@ def test_a_scene_of_higher_degree_is_more_accurate(comm, parse):
         errors.append(error_norms(result.u, result.posed.exact, ["L2"])["L2"])
         result.destroy()
     assert errors[1] < 0.25 * errors[0]
+
+
+JUMPS = """
+rtol = 1e-12
+degree = {degree}
+[domain]
+shape = "square"
+cells = {cells}
+[equation]
+load = "{load}"
+reaction = "{reaction}"
+[contact]
+sides = "bottom"
+obstacle = -10
+[[dirichlet]]
+sides = ["left", "right"]
+value = 0
+[solution]
+u = "{u}"
+"""
+A_JUMP = 0.37  # no mesh line
+
+
+@pytest.mark.parametrize("cells", [9, 20])
+@pytest.mark.parametrize(
+    ("formula", "exact"),
+    [
+        ("where(x < 0.37, 1, 0)", A_JUMP),
+        ("1 + sign(y - 0.37)", 2.0 * (1.0 - A_JUMP)),
+        ("where(x + y < 0.8, 2, 0)", 2.0 * 0.32),
+        ("where((x - 0.4)^2 + (y - 0.5)^2 < 0.09, 2, 0)", 0.18 * np.pi),
+        ("where(x < 0.37, 1, 0) * where(y < 0.37, 1, 0)", A_JUMP**2),
+        ("abs(x - 0.37)", 0.5 * (A_JUMP**2 + (1.0 - A_JUMP) ** 2)),
+        ("max(min(9*(x - 0.37), 1), 0)", 1.0 - A_JUMP - 0.5 / 9.0),
+        ("where(x > 0.37, log(x - 0.37), 0)", 0.63 * (np.log(0.63) - 1.0)),
+    ],
+)
+def test_a_jump_inside_cells_is_integrated(formula, exact, cells, comm):
+    """The integrals with all linear functions are those of the formula: so is the first moment."""
+    domain = friedrichs_keller(comm, cells)
+    f = integrable(parsing.parse(formula), domain, 1)
+    measure = ufl.dx(metadata=CELL_RULE.metadata)
+    found = comm.allreduce(fem.assemble_scalar(fem.form(f * measure)))
+    assert found == pytest.approx(exact, abs=3e-4 if "^2" in formula or "log" in formula else 1e-4)
+
+
+def test_a_jump_inside_tetrahedra_is_integrated(comm):
+    domain = mesh.create_unit_cube(comm, 5, 5, 5)
+    measure = ufl.dx(metadata=CELL_RULE.metadata)
+    for text, exact in (("where(z < 0.37, 1, 0)", A_JUMP), ("where(x+y+z < 1, 6, 0)", 1.0)):
+        f = integrable(parsing.parse(text, 3), domain, 1)
+        found = comm.allreduce(fem.assemble_scalar(fem.form(f * measure)))
+        assert found == pytest.approx(exact, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    "formula", ["where(x < 0.5, 1, 0)", "abs(x - 0.25)", "sign(x - y)", "sin(x)", "where(x<2,1,0)"]
+)
+def test_a_jump_on_mesh_lines_costs_nothing(formula, comm):
+    f = integrable(parsing.parse(formula), friedrichs_keller(comm, 8), 1)
+    assert not ufl.algorithms.extract_coefficients(f)
+
+
+@pytest.mark.parametrize(("degree", "order"), [(1, 1.8), (2, 2.2)])
+def test_errors_decrease_where_the_load_jumps_inside_cells(degree, order, comm, parse):
+    """-u'' = f with f = 1 on x < a, and 0 beyond."""
+    c = A_JUMP - 0.5 * A_JUMP**2
+    u = f"where(x < 0.37, {c!r}*x - x^2/2, {c - A_JUMP!r}*x + {0.5 * A_JUMP**2!r})"
+    data = {"degree": degree, "load": "where(x < 0.37, 1, 0)", "reaction": "0", "u": u}
+    errors = []
+    for cells in (4, 8, 16, 32):
+        result = solve_scene(parse(JUMPS.format(cells=cells, **data)), comm)
+        errors.append(error_norms(result.u, result.posed.exact, ["L2"])["L2"])
+        result.destroy()
+    assert np.log2(errors[0] / errors[-1]) / 3.0 >= order
+    assert max(np.array(errors[1:]) / errors[:-1]) < 0.5  # each step better than order 1
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_reaction_and_a_diffusion_that_jump_are_those_of_the_forms(degree, comm, parse):
+    """The energies of polynomials of the degree are the integrals of the exact coefficients."""
+    data = {"degree": degree, "load": "1", "reaction": "where(x < 0.37, 5, 1)", "u": "0"}
+    text = JUMPS.format(cells=7, **data) + '[define]\nk = "where(x < 0.37, 1, 9)"'
+    text = text.replace("[equation]", '[equation]\ndiffusion = "k"')
+    posed = pose(parse(text), comm)
+    w = fem.Function(posed.problem.space)
+    w.interpolate(lambda x: x[0] ** degree)
+    energy = comm.allreduce(fem.assemble_scalar(fem.form(ufl.action(ufl.action(posed.a, w), w))))
+    power = 2 * degree - 1
+    exact = degree**2 / power * (A_JUMP**power + 9.0 * (1.0 - A_JUMP**power))
+    power = 2 * degree + 1
+    exact += (5.0 * A_JUMP**power + 1.0 - A_JUMP**power) / power
+    posed.problem.destroy()
+    assert energy == pytest.approx(exact, rel=2e-4)

@@ -1,0 +1,208 @@
+"""Data that are not smooth inside cells: formulas with where, abs, sign, min and max.
+
+A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump.
+In such cells the formula is replaced by its L2 projection on polynomials, cell by cell, which has
+the same integrals with the basis functions. The integrals of the projection are over pieces of the
+cell, which are divided again and again where the formula is not smooth.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.scenes.formulas import Formula, Node
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+SMOOTH = 1e-6  # of the largest value: two rules that differ less integrate well enough
+WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
+MOST_PIECES = 30_000  # on a rank that are divided once more
+NAMES = {
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "atan2": "arctan2",
+    "min": "minimum",
+    "max": "maximum",
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "^": "power",
+    "<": "less",
+    "<=": "less_equal",
+    ">": "greater",
+    ">=": "greater_equal",
+}  # of operations in NumPy, where they differ
+# The children of a triangle and of a tetrahedron: vertex ij is the middle of vertices i and j.
+CHILDREN = {
+    2: "00 01 02, 11 01 12, 22 02 12, 01 12 02",
+    3: "00 01 02 03, 11 01 12 13, 22 02 12 23, 33 03 13 23, "
+    "01 02 03 13, 01 02 12 13, 02 03 13 23, 02 12 13 23",
+}
+
+
+def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
+    """Return a formula as an expression that quadrature rules integrate well.
+
+    Args:
+        formula: The formula.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        degree: The degree of the polynomials with which the formula is going to be integrated.
+
+    Returns:
+        The formula itself, or where it is not smooth inside a cell, its projection on polynomials
+        of the degree.
+    """
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
+    switches = list(_switches(formula.root, set()))
+    if not switches:
+        return smooth
+    space = fem.functionspace(domain, ("DG", degree))
+    cells, values = _Projection(formula, switches, space).coefficients()
+    if not domain.comm.allreduce(len(cells)):
+        return smooth
+    marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
+    marks.x.array[marks.function_space.dofmap.list[cells, 0]] = 1.0
+    projection = fem.Function(space)
+    projection.x.array[space.dofmap.list[cells]] = values
+    for function in (marks, projection):
+        function.x.scatter_forward()
+    return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
+
+
+class _Projection:
+    """The projection of a formula on polynomials in the cells where the formula is not smooth.
+
+    A piece of a cell is given by its vertices, with the coordinates in the reference cell and in
+    space side by side, shape (dimension + 1, 2 dimension), and by the number of the cell.
+    """
+
+    def __init__(self, formula: Formula, switches: list[Node], space: fem.FunctionSpace):
+        domain = space.mesh
+        self.formula, self.switches, self.comm = formula, switches, domain.comm
+        self.dimension = domain.topology.dim
+        self.element = space.element.basix_element
+        rule = QuadratureRule("default", self.element.degree + 4)
+        self.points, self.weights = rule.points(self.element.cell_type)
+        halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
+        self.lattice = np.array(halves) / 2.0
+        x = domain.geometry.x[:, : self.dimension]
+        corners = x[domain.geometry.dofmap[owned_cells(domain)]]
+        unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
+        self.whole = np.concatenate((np.broadcast_to(unit, corners.shape), corners), axis=2)
+        ends = [x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)]
+        self.size = float(np.max(domain.comm.allgather(ends), axis=0).sum(axis=0).max())
+
+    def coefficients(self) -> tuple[Indices, Array]:
+        """Return cells, and in each of them the values of the basis of the polynomials."""
+        cells = np.flatnonzero(self._broken(self.whole))
+        coarse, height = self._moments(self.whole[cells], cells)
+        finer, _ = self._moments(*_divided(self.whole[cells], cells))
+        height = max(self.comm.allgather(height))
+        defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
+        cells = cells[defect > SMOOTH * height * self.weights.sum()]
+        moments = np.zeros_like(coarse)
+        for pieces, owners in self._pieces(cells):
+            moments += self._moments(pieces, owners)[0]
+        basis = self._basis(self.points)
+        mass = basis.T @ (self.weights[:, None] * basis)
+        values = np.linalg.solve(mass, moments[cells].T).T
+        finite = np.isfinite(values).all(axis=1)
+        return cells[finite], values[finite]
+
+    def _pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
+        """Divide cells into pieces in which the formula is smooth, and small ones."""
+        pieces = self.whole[cells]
+        edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
+        width = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+        order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
+        target = self.size * min(WIDTH, (width / self.size) ** order)
+        while width > target and len(cells) <= MOST_PIECES:
+            pieces, cells = _divided(pieces, cells)
+            broken = self._broken(pieces)
+            yield pieces[~broken], cells[~broken]
+            pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
+        yield pieces, cells
+
+    def _moments(self, pieces: Array, cells: Indices) -> tuple[Array, float]:
+        """The integrals of the formula with the basis for each cell, and the largest value."""
+        edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
+        points = _inside(pieces, self.points)
+        values = self._values(self.formula.root, points)
+        weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
+        basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
+        owners, count = np.tile(cells, len(self.weights)), len(self.whole)
+        moments = np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
+        return moments, float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+
+    def _broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
+        """Whether one of the switches changes its sign in a piece."""
+        points = _inside(pieces, self.lattice)
+        broken = np.zeros(len(pieces), dtype=bool)
+        for switch in self.switches:
+            values = self._values(switch, points)
+            rounding = 1e-10 * np.abs(values).max(axis=0)
+            broken |= (values.min(axis=0) < -rounding) & (values.max(axis=0) > rounding)
+        return broken
+
+    def _values(self, node: Node, points: Array) -> Array:
+        """The values of a formula at points of pieces, shape (points, pieces)."""
+        with np.errstate(all="ignore"):
+            values = _evaluated(node, points[..., self.dimension :], {})
+        return np.array(np.broadcast_to(values, points.shape[:2]), dtype=np.float64)
+
+    def _basis(self, points: Array) -> Array:
+        """The basis of the polynomials at points of the reference cell, shape (points, basis)."""
+        return np.asarray(self.element.tabulate(0, np.ascontiguousarray(points))[0, :, :, 0])
+
+
+def _inside(pieces: Array, points: Array) -> Array:
+    """Points of the reference cell in each piece, shape (points, pieces, coordinates)."""
+    shares = np.column_stack((1.0 - points.sum(axis=1), points))
+    return np.tensordot(shares, pieces, axes=(1, 1))
+
+
+def _divided(pieces: Array, cells: Indices) -> tuple[Array, Indices]:
+    """Divide each piece into 4 triangles or 8 tetrahedra."""
+    children = [
+        np.stack([0.5 * (pieces[:, int(i)] + pieces[:, int(j)]) for i, j in child.split()], axis=1)
+        for child in CHILDREN[pieces.shape[1] - 1].split(", ")
+    ]
+    return np.concatenate(children), np.tile(cells, len(children))
+
+
+def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
+    """The parts of a formula at whose zeros the formula may jump or have a kink."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    if node.op in ("abs", "sign"):
+        yield node.args[0]
+    elif node.op in ("min", "max"):
+        yield Node("-", node.args)
+    elif node.op == "where":
+        yield Node("-", node.args[0].args)
+    for argument in node.args:
+        yield from _switches(argument, seen)
+
+
+def _evaluated(node: Node, x: Array, done: dict[int, Any]) -> Any:
+    """The value of a formula at points x, shape (..., dimension)."""
+    if id(node) not in done:
+        if node.op == "number":
+            done[id(node)] = node.value
+        elif node.op == "coordinate":
+            done[id(node)] = x[..., int(node.value)]
+        else:
+            function: Callable[..., Any] = getattr(np, NAMES.get(node.op, node.op))
+            done[id(node)] = function(*(_evaluated(a, x, done) for a in node.args))
+    return done[id(node)]
