@@ -42,11 +42,20 @@ NAMES = {
     ">": "greater",
     ">=": "greater_equal",
 }  # of operations in NumPy, where they differ
-# The children of a triangle and of a tetrahedron: vertex ij is the middle of vertices i and j.
+# The children of a triangle and of a tetrahedron: vertex 10 i + j is the middle of
+# vertices i and j.
 CHILDREN = {
-    2: "00 01 02, 11 01 12, 22 02 12, 01 12 02",
-    3: "00 01 02 03, 11 01 12 13, 22 02 12 23, 33 03 13 23, "
-    "01 02 03 13, 01 02 12 13, 02 03 13 23, 02 12 13 23",
+    2: [[0, 1, 2], [11, 1, 12], [22, 2, 12], [1, 12, 2]],
+    3: [
+        [0, 1, 2, 3],
+        [11, 1, 12, 13],
+        [22, 2, 12, 23],
+        [33, 3, 13, 23],
+        [1, 2, 3, 13],
+        [1, 2, 12, 13],
+        [2, 3, 13, 23],
+        [2, 12, 13, 23],
+    ],
 }
 
 
@@ -98,7 +107,8 @@ class _Projection:
         x = domain.geometry.x[:, : self.dimension]
         corners = x[domain.geometry.dofmap[owned_cells(domain)]]
         unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
-        self.whole = np.concatenate((np.broadcast_to(unit, corners.shape), corners), axis=2)
+        reference = np.broadcast_to(unit, corners.shape)
+        self.whole: Array = np.concatenate((reference, corners), axis=2, dtype=np.float64)
         ends = [x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)]
         self.size = float(np.max(domain.comm.allgather(ends), axis=0).sum(axis=0).max())
 
@@ -173,10 +183,8 @@ def _inside(pieces: Array, points: Array) -> Array:
 
 def _divided(pieces: Array, cells: Indices) -> tuple[Array, Indices]:
     """Divide each piece into 4 triangles or 8 tetrahedra."""
-    children = [
-        np.stack([0.5 * (pieces[:, int(i)] + pieces[:, int(j)]) for i, j in child.split()], axis=1)
-        for child in CHILDREN[pieces.shape[1] - 1].split(", ")
-    ]
+    middles = 0.5 * (pieces[:, :, None] + pieces[:, None])
+    children = [middles[:, *np.divmod(c, 10)] for c in CHILDREN[pieces.shape[1] - 1]]
     return np.concatenate(children), np.tile(cells, len(children))
 
 
