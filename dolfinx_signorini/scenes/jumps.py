@@ -22,7 +22,7 @@ from dolfinx_signorini.scenes.formulas import Formula, Node
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-SMOOTH = 1e-6  # of the largest value: two rules that differ less integrate well enough
+SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more
 NAMES = {
@@ -115,14 +115,13 @@ class _Projection:
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = np.flatnonzero(self._broken(self.whole))
-        coarse, height = self._moments(self.whole[cells], cells)
-        finer, _ = self._moments(*_divided(self.whole[cells], cells))
-        height = max(self.comm.allgather(height))
+        coarse = self._moments(self.whole[cells], cells)
+        finer = self._moments(*_divided(self.whole[cells], cells))
         defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[defect > SMOOTH * height * self.weights.sum()]
+        cells = cells[defect > SMOOTH * self._mean() * self.weights.sum()]
         moments = np.zeros_like(coarse)
         for pieces, owners in self._pieces(cells):
-            moments += self._moments(pieces, owners)[0]
+            moments += self._moments(pieces, owners)
         basis = self._basis(self.points)
         mass = basis.T @ (self.weights[:, None] * basis)
         values = np.linalg.solve(mass, moments[cells].T).T
@@ -143,16 +142,22 @@ class _Projection:
             pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
         yield pieces, cells
 
-    def _moments(self, pieces: Array, cells: Indices) -> tuple[Array, float]:
-        """The integrals of the formula with the basis for each cell, and the largest value."""
+    def _mean(self) -> float:
+        """The mean size of the formula at the vertices of all cells."""
+        values = self._values(self.formula.root, self.whole.transpose(1, 0, 2))
+        sizes = np.abs(values[np.isfinite(values)])
+        total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
+        return float(total / max(count, 1.0))
+
+    def _moments(self, pieces: Array, cells: Indices) -> Array:
+        """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
         edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
         points = _inside(pieces, self.points)
         values = self._values(self.formula.root, points)
         weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
         basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
         owners, count = np.tile(cells, len(self.weights)), len(self.whole)
-        moments = np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
-        return moments, float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
 
     def _broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
         """Whether one of the switches changes its sign in a piece."""
