@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -13,7 +12,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 
 Array = npt.NDArray[np.float64]
 Where = Callable[[Array], npt.NDArray[np.bool_]]
@@ -33,6 +32,7 @@ class Large:
             whole boundary by default.
         degree: Of the elements.
         fixed: As `where`, for u = 0.
+        options: PETSc options.
     """
 
     domain: mesh.Mesh
@@ -43,6 +43,7 @@ class Large:
     where: Where | None = None
     degree: int = 1
     fixed: Where | None = None
+    options: dict[str, Any] | None = None
 
     def problem(self) -> SignoriniProblem:
         """Assemble it with the package."""
@@ -62,7 +63,14 @@ class Large:
             held = mesh.locate_entities_boundary(self.domain, tdim - 1, self.fixed)
             dofs = fem.locate_dofs_topological(space, tdim - 1, held)
             bcs = [fem.dirichletbc(0.0, dofs, space)]
-        return SignoriniProblem(a, f * v * ufl.dx, contact=facets, obstacle=self.obstacle, bcs=bcs)
+        return SignoriniProblem(
+            a,
+            f * v * ufl.dx,
+            contact=facets,
+            obstacle=self.obstacle,
+            bcs=bcs,
+            petsc_options=self.options,
+        )
 
     def _coefficient(self, value: Any) -> Any:
         if callable(value):
@@ -82,15 +90,6 @@ def digits_against(comm: MPI.Comm, values: Array, others: Array) -> float:
     local = [float(np.abs(v).max(initial=0.0)) for v in (values - others, others)]
     error, size = np.max(comm.allgather(local), axis=0)
     return digits_of(error, size)
-
-
-def mesh_of(points: Array, cells: npt.NDArray[np.int64]) -> mesh.Mesh:
-    """Return the mesh of triangles that rank 0 gives; the others may give the same."""
-    comm = MPI.COMM_WORLD
-    if comm.rank > 0:
-        points, cells = points[:0], cells[:0]
-    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    return mesh.create_mesh(comm, cells, x=points, e=element)
 
 
 def posed(problem: SignoriniProblem, w: Data, force: Data) -> Array:
@@ -115,9 +114,10 @@ def posed(problem: SignoriniProblem, w: Data, force: Data) -> Array:
     return values
 
 
-def unit_square(n: int) -> mesh.Mesh:
-    """Return the unit square with n cells per side, on all ranks."""
-    return friedrichs_keller(MPI.COMM_WORLD, n)
+def rotated(small: float, angle: float = np.pi / 6.0) -> tuple[tuple[float, ...], ...]:
+    """Return the matrix with eigenvalues 1, in the direction of an angle, and a small one."""
+    c, s, d = np.cos(angle), np.sin(angle), 1.0 - small
+    return ((c * c + small * s * s, d * c * s), (d * c * s, s * s + small * c * c))
 
 
 def checkerboard(contrast: float, squares: int = 8) -> Data:

@@ -13,7 +13,8 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 
 import numpy as np  # noqa: E402
-from large import Large, checkerboard, posed, unit_square  # noqa: E402
+from large import Large, checkerboard, posed  # noqa: E402
+from large_meshes import unit_square  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 
 from dolfinx_signorini import NotConvergedError, SignoriniProblem  # noqa: E402
