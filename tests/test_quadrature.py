@@ -1,6 +1,8 @@
 """A rule has the degree that its name says: in forms and as points, no more and no less."""
 
 import basix
+import basix.ufl
+import dolfinx
 import numpy as np
 import pytest
 import ufl
@@ -8,7 +10,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.references import Reference
 
 COMM = MPI.COMM_WORLD
 
@@ -35,3 +39,34 @@ def test_the_rules_of_the_package():
     assert len(weights) == 16
     # The square of the root of the distance to a point, in the norm of a gradient.
     assert np.sqrt(points[:, 0]) @ weights == pytest.approx(2.0 / 3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("corners", [[(0, 0), (1, 0), (0, 1)], [(0.2, 0.1), (2, 0.5), (0.9, 3)]])
+def test_a_cell_that_is_numbered_the_other_way_round_has_the_same_points(corners):
+    # The norm of a root is not integrated exactly: each point of the rule shows in the digits.
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    values = []
+    for order in ((0, 1, 2), (2, 1, 0)):
+        cells, x = np.array([order], dtype=np.int64), np.array(corners, dtype=np.float64)
+        domain = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, x=x, e=element)
+        zero = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
+        y = ufl.SpatialCoordinate(domain)
+        root = Reference(domain, ufl.sqrt(abs(y[0] - 0.3)), (0.0 * y[0], 0.0 * y[0]))
+        values.append(error_norms(zero, root, ["L1"])["L1"])
+    assert values[0] == pytest.approx(values[1], rel=1e-13)
+
+
+def test_the_points_of_a_counterclockwise_cell_are_those_of_the_rule():
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    cells, x = np.array([[0, 1, 2]]), np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    domain = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, x=x, e=element)
+    zero, y = (
+        fem.Function(fem.functionspace(domain, ("Lagrange", 1))),
+        ufl.SpatialCoordinate(domain),
+    )
+    root = Reference(domain, ufl.sqrt(y[1]), (0.0 * y[0], 0.0 * y[0]))
+    points, weights = CELL_RULE.points(basix.CellType.triangle)
+    expected = np.sqrt(points[:, 1]) @ weights
+    assert error_norms(zero, root, ["L1"], CELL_RULE)["L1"] == pytest.approx(expected, rel=1e-13)
+    turned, _ = CELL_RULE.points(basix.CellType.triangle, reverse=True)
+    assert abs(np.sqrt(turned[:, 1]) @ weights - expected) > 1e-6 * expected
