@@ -65,11 +65,17 @@ def test_two_points_share_the_way_between_them():
     assert (sizes <= TOLERANCE * wanted * (1.0 + 1e-9)).all()
     outside = distance > 0.12
     assert sizes[outside] == pytest.approx(WIDTH, rel=1e-9)
-    close = [DetachmentPoint((x, 0.0), 1e-9, 1.0) for x in (0.48, 0.52)]
-    middles, sizes = cells(graded_mesh(friedrichs_keller(COMM, 40), close, WIDTH, 0.5))
-    distance = np.abs(middles - (0.5, 0.0)).max(axis=1)
-    # Of a radius of 0.125 the cells of a region of twice its size would be halved.
-    assert sizes[distance > 0.08] == pytest.approx(WIDTH, rel=1e-9)
+
+
+def test_points_close_to_each_other_do_not_refine_further_than_half_way():
+    # With mu = 1/2 cells are cut where 1.5 (r / R)^{1/2} < 1: up to 0.44 R, and the cells next to
+    # these. R is half the distance of the points, 0.05; the whole distance would reach 0.044.
+    places, width = [(0.45, 0.0), (0.55, 0.0)], 1.0 / 160
+    points = [DetachmentPoint(place, 1e-9, 1.0) for place in places]
+    middles, sizes = cells(graded_mesh(friedrichs_keller(COMM, 160), points, width, 0.5))
+    distance = np.min([np.linalg.norm(middles - place, axis=1) for place in places], axis=0)
+    assert sizes[distance > 0.033] == pytest.approx(width, rel=1e-9)
+    assert sizes[distance < 0.02].max() < 0.8 * width
 
 
 def test_all_facets_of_a_side_are_found_again():
