@@ -70,7 +70,7 @@ class BoundaryCondition(ABC):
         name: The name in messages and pictures.
         acts_like: "Dirichlet", "Neumann" or "contact": the condition that decides how smooth the
             solution is at the ends of the sides.
-        force_name: The name of the force that the conditions exert.
+        force_name: The name of the force that the conditions exert, after "force of".
         style: How matplotlib draws the sides.
     """
 
@@ -162,7 +162,7 @@ class Contact(BoundaryCondition):
     value_key = "obstacle"
     subjects: ClassVar = {"obstacle": ("contact", "obstacle"), "bound": ("contact", "bound")}
     name = acts_like = "contact"
-    force_name = "contact pressure"
+    force_name = "contact"
     style: ClassVar = {"color": COLOURS[1], "linewidth": 4.0}
 
     @classmethod

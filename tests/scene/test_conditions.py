@@ -72,7 +72,7 @@ def test_a_new_kind_of_condition_is_one_class(bound, sign, value, comm, parse, m
     assert result.expectation.notes == ()  # near corners springs are like any other flux
     assert summary.errors["Linf"] <= 1e-9
     force = np.sign(value)
-    wanted = {"springs": force, "contact pressure": -force}
+    wanted = {"springs": force, "contact": -force}
     assert summary.forces == pytest.approx(wanted, abs=1e-9)
     if comm.rank == 0:
         legend = pictures["solution"].legends[0].get_texts()

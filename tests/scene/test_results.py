@@ -12,6 +12,7 @@ import pytest
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
+from dolfinx_signorini.scenes.output import fields
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.summary import summarise
 
@@ -101,14 +102,45 @@ def test_csv_and_record_fit_together(run, comm, parse):
     assert gap.min() >= 0.0
     known = np.isfinite(pressure)
     assert np.count_nonzero(~known) == 1  # the lower end of the right side has Dirichlet data
-    assert pressure[known].min() >= -1e-6 * np.nanmax(pressure)
+    assert pressure[known].min() >= 0.0
     assert np.abs(pressure[known & ~touching]).max() <= 1e-6 * np.nanmax(pressure)
     assert touching.any() and not touching.all()
     forces = record["summary"]["forces"]
     assert forces["load"] == pytest.approx(4.5)
-    assert forces["contact pressure"] < 0.0 and forces["Dirichlet sides"] < 0.0
+    assert forces["contact"] < 0.0 and forces["Dirichlet sides"] < 0.0
     assert sum(forces.values()) == pytest.approx(0.0, abs=1e-6)
     assert record["summary"]["boundary_size"] == pytest.approx(2.0)
+
+
+def test_forces_are_named_as_forces_and_points_have_an_uncertainty(run, comm):
+    out, printed = run(UPPER, "--outputs", "boundary")
+    summary = json.loads((out / "record.json").read_text())["summary"]
+    assert set(summary["forces"]) == {"load", "contact", "Dirichlet sides"}
+    assert len(summary["uncertainties"]) == len(summary["detachment_points"]) > 0
+    if comm.rank == 0:
+        assert re.search(r"force of contact +-\d", printed) and "pressure" not in printed
+        assert re.search(r"detachment +\([-\d.]+, [-\d.]+\) \+- \d", printed)
+
+
+@pytest.mark.skipif(not dolfinx.has_adios2, reason="ADIOS2 is missing")
+def test_fields_say_where_gap_and_pressure_are_defined(run, comm, parse):
+    result = solve_scene(parse(UPPER), comm)
+    masks = {mask.name: mask.x.array for mask in fields.masks(result)}
+    problem, gap, pressure = result.posed.problem, result.gap.x.array, result.pressure.x.array
+    inside = np.ones(len(gap), dtype=bool)
+    inside[problem.contact_dofs] = False
+    owned = slice(0, problem.space.dofmap.index_map.size_local)
+    assert (masks["contact_boundary"][owned] == ~inside[owned]).all()
+    touching = (masks["in_contact"] == 1.0)[owned]
+    assert (touching <= ~inside[owned]).all()
+    assert (gap[owned][touching] == 0.0).all() and pressure.min() >= 0.0
+    assert (pressure[owned][~touching] == 0.0).all()
+    assert comm.allreduce(int(touching.sum())) == result.solve.active_dofs > 0
+    result.destroy()
+    out, _ = run(UPPER, "--outputs", "fields")
+    if comm.rank == 0:
+        written = b"".join(path.read_bytes() for path in (out / "fields.bp").iterdir())
+        assert b"contact_boundary" in written and b"in_contact" in written
 
 
 def test_the_record_repeats_the_run(run, comm, parse):

@@ -46,7 +46,7 @@ def test_contact_set_and_detachment_point_are_found_to_a_cell(n, comm, demos):
     assert len(summary.detachment_points) == 1
     assert summary.detachment_points[0] == pytest.approx((0.5, 0.0), abs=1.0 / n)
     # The pressure is 3/2 x^{1/2} at the distance x from the detachment point.
-    assert summary.forces["contact pressure"] == pytest.approx(0.5**1.5, abs=1.0 / n)
+    assert summary.forces["contact"] == pytest.approx(0.5**1.5, abs=1.0 / n)
 
 
 def test_the_paper_scene_has_the_errors_of_its_table(comm, demos):

@@ -31,7 +31,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Raises:
         InputError: The files do not fit on the disk.
     """
-    fields = [result.u, result.gap, result.pressure, *_masks(result)]
+    fields = [result.u, result.gap, result.pressure, *masks(result)]
     comm = result.posed.problem.comm
     size = _size(fields)
     on_first(comm, folder.parent, lambda: reserve(folder, size))
@@ -48,16 +48,20 @@ def write_fields(result: SceneResult, folder: Path) -> None:
             file.write_function(values)
 
 
-def _masks(result: SceneResult) -> list[fem.Function]:
-    """Return functions that are 1 at the contact dofs, and at those in contact, and 0 elsewhere."""
+def masks(result: SceneResult) -> list[fem.Function]:
+    """Return functions that are 1 at the contact dofs, and at those in contact, and 0 elsewhere.
+
+    Args:
+        result: The solved scene; the call is collective.
+    """
     problem = result.posed.problem
-    masks = []
+    found = []
     for name, dofs in (("contact_boundary", problem.contact_dofs), ("in_contact", problem.active)):
         mask = fem.Function(problem.space, name=name)
         mask.x.array[dofs] = 1.0
         mask.x.scatter_forward()
-        masks.append(mask)
-    return masks
+        found.append(mask)
+    return found
 
 
 def _size(fields: Sequence[fem.Function]) -> int:

@@ -11,12 +11,13 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.report import outcome_lines
 from dolfinx_signorini.contact_boundary import ContactBoundary
-from dolfinx_signorini.detachment import detachment_points
+from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
 from dolfinx_signorini.scenes.solving import SceneResult
 
 ROUNDING = 1e-12  # of coordinates
+MAX_DIGITS = 8  # of a coordinate
 MAX_POINTS = 8  # detachment points that are listed
 
 
@@ -36,6 +37,7 @@ class Summary:
             small for the mesh to tell.
         boundary_size: The length or area of the whole contact boundary.
         detachment_points: In the plane, the points where contact ends.
+        uncertainties: How far off each of these points may be.
         forces: What acts on u, by name; the sum is zero.
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
@@ -50,6 +52,7 @@ class Summary:
     undecided_size: float
     boundary_size: float
     detachment_points: tuple[tuple[float, ...], ...]
+    uncertainties: tuple[float, ...]
     forces: dict[str, float]
     imbalance: float
     natural_residual: float
@@ -69,7 +72,7 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
     domain = problem.space.mesh
     sizes = None if boundary is None else _contact_sizes(boundary)
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
-    points = detachment_points(problem) if scene.domain.dimension == 2 else []
+    points = _points(result) if scene.domain.dimension == 2 else []
     forces = _forces(result)
     total = sum(abs(force) for force in forces.values())
     return Summary(
@@ -78,7 +81,8 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         contact_size=contact_size,
         undecided_size=undecided_size,
         boundary_size=boundary_size,
-        detachment_points=tuple(sorted(point.position for point in points)),
+        detachment_points=tuple(point.position for point in points),
+        uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
@@ -99,10 +103,11 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
         text = f"{s.undecided_size:.4g}: the gap there is too small for the mesh to tell"
         rows.append(("undecided", text))
     if s.detachment_points:
-        points = [_place(point) for point in s.detachment_points[:MAX_POINTS]]
+        both = zip(s.detachment_points, s.uncertainties, strict=True)
+        points = [_place(*point) for point in both][:MAX_POINTS]
         more = len(s.detachment_points) - len(points)
         rows.append(("detachment", ", ".join(points) + (f" and {more} more" if more else "")))
-    rows += [(name, f"{force:.6g}") for name, force in s.forces.items()]
+    rows += [(f"force of {name}", f"{force:.6g}") for name, force in s.forces.items()]
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
@@ -111,13 +116,38 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
 
 def listing(rows: Iterable[tuple[str, str]]) -> str:
     """Return pairs of name and text as lines for a terminal."""
-    return "".join(f"  {name:<20}{text}\n" for name, text in rows)
+    return "".join(f"  {name:<25}{text}\n" for name, text in rows)
 
 
-def _place(point: Sequence[float]) -> str:
-    """Return coordinates for people to read, without those that are zero but for rounding."""
+def _place(point: Sequence[float], uncertainty: float) -> str:
+    """Return coordinates with as many digits as are known, without those that are only rounding."""
     size = max(map(abs, point))
-    return "(" + ", ".join(f"{c if abs(c) > ROUNDING * size else 0.0:.4g}" for c in point) + ")"
+    digits = 4
+    if 0.0 < uncertainty < size:
+        digits = min(max(2, math.ceil(math.log10(size / uncertainty))), MAX_DIGITS)
+    numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
+    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)}) +- {uncertainty:.1g}"
+
+
+def _points(result: SceneResult) -> list[DetachmentPoint]:
+    """Return the detachment points by their place, each as precisely as the run knows them.
+
+    A graded mesh is made from the points of a coarser one, some of which may be missing on the
+    mesh itself, or be known less precisely.
+    """
+    points = detachment_points(result.posed.problem)
+    for known in () if result.outcome is None else result.outcome.run.points:
+        same = [
+            k
+            for k, point in enumerate(points)
+            if math.dist(point.position, known.position)
+            <= 2.0 * (point.uncertainty + known.uncertainty)
+        ]
+        if not same:
+            points.append(known)
+        elif known.uncertainty < points[same[0]].uncertainty:
+            points[same[0]] = known
+    return sorted(points, key=lambda point: point.position)
 
 
 def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str, float]:
