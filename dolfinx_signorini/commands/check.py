@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
+    check_norms,
     check_solution,
     cost,
     expect,
@@ -36,6 +37,10 @@ def run(args: argparse.Namespace) -> int:
         posed = pose(scene.levels()[0], comm)
         try:
             expectation = expect(scene, posed.sided)
+            if scene.accuracy is not None:
+                check_norms([scene.norm], expectation, "norm")
+            if scene.solution is not None:
+                check_norms(scene.norms, expectation, "norms")
             check_solution(posed, scene.norms)
         finally:
             posed.problem.destroy()

@@ -13,6 +13,7 @@ from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, folder_name, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
+from dolfinx_signorini.scenes.expectations import check_norms, expect
 from dolfinx_signorini.scenes.posing import scene_family
 from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
 from dolfinx_signorini.tradeoff.measuring import is_known, measure_grid
@@ -68,6 +69,9 @@ def run(args: argparse.Namespace) -> int:
     norms = _norms(args)
     paper = args.scene == "paper"
     scene = None if paper else load_scene(Path(args.scene), comm)
+    if scene is not None:
+        coarsest = scene.levels()[0].domain
+        check_norms(norms, expect(scene, coarsest.make(comm)), "--norms")
     make_family = _families(scene)
     family = make_family(PAPER_RULE.degree)
     items = grid(args.max_unknowns, family.dimension, sweeps=paper)

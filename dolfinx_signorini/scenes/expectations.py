@@ -8,11 +8,16 @@ import numpy as np
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders
+from dolfinx_signorini.norms import error_norms, parse_norm
+from dolfinx_signorini.orders import DETACHMENT_EXPONENT, approximation_order, expected_orders
 from dolfinx_signorini.scenes.conditions import CONDITIONS
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
-from dolfinx_signorini.scenes.regularity import largest_angle, singular_corners
+from dolfinx_signorini.scenes.regularity import (
+    Corner,
+    known_corner,
+    largest_angle,
+    singular_corners,
+)
 from dolfinx_signorini.scenes.scene import Scene
 
 # Per unknown, for (dimension, degree): bytes as measured, and the order of magnitude of seconds.
@@ -35,10 +40,13 @@ class Expectation:
     Attributes:
         orders: The orders of convergence by norm.
         notes: What limits the orders, and which assumptions of the theory the scene does not meet.
+        worst: The point where the solution is least smooth, if it is less smooth there than at a
+            detachment point; of an exact solution that is known, as its formula says.
     """
 
     orders: dict[str, float]
     notes: tuple[str, ...]
+    worst: Corner | None = None
 
     def __str__(self) -> str:
         orders = (f"{name} {order:.3g}" for name, order in self.orders.items())
@@ -53,14 +61,39 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
         sided: Any mesh of its domain; the call is collective.
     """
     notes: list[str] = []
-    worst = DETACHMENT_EXPONENT
+    corners: list[Corner] = []
     if scene.domain.dimension == 2:
-        worst = _note_corners(scene, sided, notes)
+        corners = _note_corners(scene, sided, notes)
     else:
         notes.append("the orders are those of plane problems without singular edges and corners")
     if not scene.manufactured:
         notes += [f"exact solution: {violation}" for violation in violations(scene, sided)]
-    return Expectation(expected_orders(scene.degree, worst), tuple(notes))
+    exponent = corners[0].exponent if corners else DETACHMENT_EXPONENT
+    if scene.solution is not None:
+        corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
+    worst = min(corners, key=lambda corner: corner.exponent, default=None)
+    return Expectation(expected_orders(scene.degree, exponent), tuple(notes), worst)
+
+
+def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) -> None:
+    """Refuse norms that are infinite for the solution of a scene.
+
+    Args:
+        norms: Names of norms.
+        expectation: What is to be expected of the scene.
+        subject: The subject of the error.
+
+    Raises:
+        InputError: A norm is infinite, or no norm.
+    """
+    worst = expectation.worst
+    for norm in norms:
+        try:
+            parse_norm(norm)
+        except ValueError as error:
+            raise InputError(str(error), subject) from None
+        if worst is not None and approximation_order(norm, exponent=worst.exponent) <= 0.0:
+            raise InputError(f"{norm} of the solution is infinite near {worst}", subject)
 
 
 def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
@@ -116,8 +149,8 @@ def cost(scene: Scene) -> tuple[float, float]:
     return PROGRAM_BYTES + BYTES[kind] * count, SECONDS[kind] * count
 
 
-def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> float:
-    """Add what is to be said of the corners of a plane domain; return the worst exponent."""
+def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:
+    """Add what is to be said of the corners of a plane domain; return those that limit orders."""
     diffusion = _constant_diffusion(scene)
     facets = facets_by_kind(boundary_parts(scene, sided))
     corners = singular_corners(sided.mesh, facets, diffusion)
@@ -137,7 +170,7 @@ def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> float:
         )
     if scene.diffusion and diffusion is None:
         notes.append("the exponents are those of constant diffusion")
-    return limiting[0].exponent if limiting else DETACHMENT_EXPONENT
+    return limiting
 
 
 def _constant_diffusion(scene: Scene) -> np.ndarray | None:

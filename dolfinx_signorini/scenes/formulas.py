@@ -3,7 +3,7 @@
 import ast
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -94,6 +94,13 @@ class Formula:
         """The value of a formula that does not depend on the coordinates; None for others."""
         return self.root.value if self.root.op == "number" else None
 
+    def value(self, point: Sequence[float]) -> float:
+        """Return the value at a point; NaN where there is none."""
+        try:
+            return float(_value(self.root, point))
+        except (ArithmeticError, ValueError):
+            return math.nan
+
     def ufl(self, x: Expr) -> Expr:
         """Return the formula as a UFL expression of the coordinates x, a UFL vector.
 
@@ -114,6 +121,16 @@ def number(value: float) -> Formula:
 def shortened(text: str) -> str:
     """Return a text for a message: in quotes, and cut to 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _value(node: Node, point: Sequence[float]) -> Any:
+    if node.op == "number":
+        return node.value
+    if node.op == "coordinate":
+        return point[int(node.value)]
+    if node.op == "where":
+        return _value(node.args[1 if _value(node.args[0], point) else 2], point)
+    return OPERATIONS[node.op][0](*(_value(a, point) for a in node.args))
 
 
 def _build(node: Node, x: Expr, done: dict[int, Any]) -> Any:

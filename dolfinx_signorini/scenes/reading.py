@@ -31,6 +31,7 @@ SUBJECTS: dict[str, Key] = {
     "load": ("equation", "load"),
     "load and obstacle": ("equation", "load"),
     "norm": ("norm",),
+    "norms": ("solution", "norms"),
     "rtol": ("rtol",),
     "solution": ("solution", "u"),
 }

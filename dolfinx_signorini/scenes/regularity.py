@@ -17,19 +17,22 @@ Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75 (2020) 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la, mesh
 
 from dolfinx_signorini.meshes import facet_cells, owned_cells
+from dolfinx_signorini.scenes.formulas import Formula
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
+RATIOS = 1e-4, 1e-6  # of a cell, at which a known solution is looked at near a corner
+SMOOTH = 0.99  # an exponent of a known solution that is not less is that of a smooth one
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,34 @@ def singular_corners(
             found.append(Corner(point, float(angles[i]), kinds, float(a)))
     everywhere = [c for part in domain.comm.allgather(found) for c in part]
     return sorted(everywhere, key=lambda c: (c.exponent, c.point))
+
+
+def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner:
+    """Return a corner with the exponent of a known solution, which may be smoother there.
+
+    On points at the distance r the solution varies by about r^a, or by r where it is smooth.
+
+    Args:
+        solution: The solution.
+        corner: The corner.
+        domain: A mesh that has the corner as a vertex; the call is collective.
+    """
+    count = len(owned_cells(domain))
+    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :3, :2]
+    offset = x - np.array(corner.point)
+    distances = np.hypot(offset[:, :, 0], offset[:, :, 1])
+    edges = offset[(distances <= 1e-9 * distances.max(axis=1, keepdims=True)).any(axis=1)]
+    middles = edges.mean(axis=1)
+    towards = np.concatenate([middles, *(edges[:, k] + middles for k in range(3))])
+    variation = []
+    for ratio in RATIOS:
+        values = [solution.value(np.array(corner.point) + ratio * v) for v in towards]
+        found = [v for part in domain.comm.allgather(values) for v in part if math.isfinite(v)]
+        variation.append(max(found) - min(found) if found else 0.0)
+    if min(variation) <= 0.0:
+        return replace(corner, exponent=math.inf)
+    slope = math.log(variation[1] / variation[0]) / math.log(RATIOS[1] / RATIOS[0])
+    return replace(corner, exponent=slope if slope < SMOOTH else math.inf)
 
 
 def largest_angle(domain: mesh.Mesh) -> float:

@@ -1,7 +1,7 @@
 """Solving a scene: on its own mesh by the cascade, or on the mesh that an accuracy needs."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.model import Trial
 from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.scenes.expectations import Expectation, check_solution, expect
+from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.posing import PosedScene, pose, scene_family
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
@@ -112,8 +112,7 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm)
     norm = scene.norm if norm is None else norm
-    if scene.solution is not None:
-        _look_at_solution(scene, comm, (norm, *scene.norms))
+    _look_at_solution(scene, comm, norm)
     outcome = solve_to(
         comm,
         scene_family(scene),
@@ -129,11 +128,18 @@ def solve_scene(
     return _result(posed, expectation, outcome.seconds, outcome=outcome)
 
 
-def _look_at_solution(scene: Scene, comm: MPI.Comm, norms: Sequence[str]) -> None:
-    """Refuse an exact solution without finite values before anything is solved."""
-    posed = pose(scene.levels()[0], comm)
+def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> None:
+    """Refuse a solution without finite values or norms before anything is solved."""
+    coarsest = scene.levels()[0]
+    sided = coarsest.domain.make(comm)
+    expectation = expect(scene, sided)
+    check_norms([norm], expectation, "norm")
+    if scene.solution is None:
+        return
+    check_norms(scene.norms, expectation, "norms")
+    posed = pose(coarsest, comm, sided)
     try:
-        check_solution(posed, norms)
+        check_solution(posed, [norm, *scene.norms])
     finally:
         posed.problem.destroy()
 
@@ -170,6 +176,8 @@ class _Ascent:
         self.posed = pose(level, self.comm)
         if coarser is None:
             self.expectation = expect(self.scene, self.posed.sided)
+            if self.scene.solution is not None:
+                check_norms(self.scene.norms, self.expectation, "norms")
             check_solution(self.posed, self.scene.norms)
         return self.posed.problem
 

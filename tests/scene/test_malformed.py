@@ -474,3 +474,72 @@ def test_a_solution_without_finite_values_is_refused_before_a_search(comm, folde
     printed = capsys.readouterr()
     assert printed.out == ""
     assert comm.rank or "solution.u: has no finite value" in printed.err
+
+
+MIXED = """
+[domain]
+shape = "polygon"
+vertices = [[0, 0], [0.5, 0], [1, 0], [1, 1], [0, 1]]
+width = 0.2
+[contact]
+sides = 4
+[[dirichlet]]
+sides = 1
+value = {value}
+{solution}
+"""
+ROOT = '"hypot(x - 0.5, y)^0.5 * cos(0.5*atan2(y, x - 0.5))"'  # 0 on the first side
+
+
+@pytest.mark.parametrize(
+    ("value", "solution", "top", "arguments", "wanted"),
+    [
+        ("0", f"[solution]\nu = {ROOT}\nnorms = ['L2', 'W1_4']", "", [], "solution.norms: W1_4 of"),
+        ("0", f"[solution]\nu = {ROOT}\nnorms = ['W1_inf']", "", [], "solution.norms: W1_inf of"),
+        ("0", "", "", ["--accuracy", "1", "--norm", "W1_4"], "norm: W1_4 of the solution is inf"),
+        ("0", "", "accuracy = 1\nnorm = 'W1_inf'", [], "norm: W1_inf of the solution is infinite"),
+    ],
+)
+def test_infinite_norms_are_refused(value, solution, top, arguments, wanted, comm, folder, capsys):
+    pytest.importorskip("gmsh")
+    text = f"{top}\n{MIXED.format(value=value, solution=solution)}"
+    if top:
+        text = text.replace("width = 0.2\n", "")
+    if comm.rank == 0:
+        (folder / "scene.toml").write_text(text)
+    comm.barrier()
+    jobs = [["solve", str(folder / "scene.toml"), *arguments]]
+    if not arguments:
+        jobs.append(["check", str(folder / "scene.toml")])
+    for job in jobs:
+        assert main(job) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        if comm.rank == 0:
+            assert wanted in printed.err
+            assert (
+                "near (0.5, 0), angle 180 degrees, Dirichlet meets Neumann: u ~ r^0.5"
+                in printed.err
+            )
+
+
+def test_finite_norms_are_measured(comm, folder):
+    pytest.importorskip("gmsh")
+    for formula, norms in ((ROOT, "['L2', 'W1_3', 'H1']"), ('"1 - y + x^2"', "['W1_inf', 'W1_4']")):
+        solution = f"[solution]\nu = {formula}\nnorms = {norms}"
+        value = 0 if formula == ROOT else '"1 + x^2"'
+        if comm.rank == 0:
+            (folder / "scene.toml").write_text(MIXED.format(value=value, solution=solution))
+        comm.barrier()
+        assert main(["check", str(folder / "scene.toml")]) == 0
+
+
+def test_infinite_norms_are_not_compared(comm, folder, capsys):
+    pytest.importorskip("gmsh")
+    if comm.rank == 0:
+        (folder / "scene.toml").write_text(MIXED.format(value=0, solution=""))
+    comm.barrier()
+    arguments = ["--norms", "L4,W1_4", "--out", str(folder / "out")]
+    assert main(["tradeoff", str(folder / "scene.toml"), *arguments]) == 2
+    assert comm.rank or "--norms: W1_4 of the solution is infinite" in capsys.readouterr().err
+    assert not (folder / "out").exists()
