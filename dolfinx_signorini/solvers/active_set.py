@@ -25,7 +25,7 @@ from dolfinx_signorini.system import System
 Mask = npt.NDArray[np.bool_]
 
 ACCEPTED = 0.9  # of rtol: the lift of x to the obstacle, which follows, may raise the residual
-LINEAR_FRACTION = 0.3  # of rtol is left to the linear solver
+LINEAR_FRACTION = 0.1  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change
 TRUST = 1e-3  # relative residual from which on a set corrected locally is solved for to the end
