@@ -1,5 +1,6 @@
 """Checks of the arguments of a problem: each refusal names the argument, before any long work."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -178,6 +179,21 @@ def checked_tolerance(rtol: Any, default: float) -> float:
     if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
         raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
     return float(rtol)
+
+
+def check_positive(value: Any, subject: str) -> None:
+    """Refuse what is not a positive number.
+
+    Args:
+        value: The value.
+        subject: The subject of the error.
+
+    Raises:
+        InputError: The value is no finite positive number.
+    """
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and math.isfinite(value) and value > 0.0):
+        raise InputError(f"must be a positive number, not {value}", subject)
 
 
 def check_coarse(method: str, coarse: Any) -> None:

@@ -77,3 +77,22 @@ def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     local = np.take_along_axis(vertices[facets[:, 0]], ends, axis=1)
     numbers = domain.topology.index_map(0).local_to_global(local.ravel()).reshape(local.shape)
     return np.asarray(numbers[:, 0] > numbers[:, 1])
+
+
+def refine(
+    domain: mesh.Mesh, edges: npt.NDArray[np.int32] | None
+) -> tuple[mesh.Mesh, npt.NDArray[np.int32], npt.NDArray[np.int8]]:
+    """Bisect edges of a mesh, all of them by default; child cells stay on the rank of their parent.
+
+    dolfinx numbers parent cells and facets by the cells before their reordering.
+
+    Returns:
+        The mesh, the parent of each owned cell, and for each facet of each owned cell the local
+        facet of the parent, -1 for none, shape (cells, facets).
+    """
+    option = mesh.RefinementOption.parent_cell_and_facet
+    fine, parents, facets = mesh.refine(domain, edges, partitioner=None, option=option)
+    count = len(parents)
+    offset = domain.comm.exscan(count) or 0  # None on rank 0
+    order = np.asarray(fine.topology.original_cell_index[:count]) - offset
+    return fine, parents[order], facets.reshape(count, -1)[order]

@@ -2,12 +2,14 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -75,6 +77,7 @@ class SignoriniProblem:
     Attributes:
         u: The solution, after `solve`.
         result: The diagnostics of the last solve; None before.
+        a: The bilinear form.
         space: The function space.
         system: What the solvers see; for an upper obstacle that is the problem for -u.
         sign: 1 for a lower obstacle, -1 for an upper one.
@@ -106,7 +109,7 @@ class SignoriniProblem:
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
         self._history = History()
-        self.space = checked_space(a, L)
+        self.a, self.space = a, checked_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
         check_function(self.u, self.space, "u")
         if bound not in ("lower", "upper"):
@@ -282,6 +285,37 @@ class SignoriniProblem:
         if path is not None:
             figure.savefig(path, dpi=150)
         return figure
+
+    def solve_linearised(self, load: ufl.Form, rtol: float = 1e-3) -> fem.Function:
+        """Solve the linear problem with the present contact set: the derivative of the solution.
+
+        Find z with a(z, v) = load(v), where z and v vanish at the dofs in contact and at those with
+        Dirichlet data.
+
+        Args:
+            load: A linear form on the space of the problem.
+            rtol: The residual to reach, relative to the load.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        system, held = self.system, self.system.touching(self._solution())
+        if self._solver is None:
+            self._solver = HeldSolver(system, self._prefix, self._options)
+        b = fem_petsc.assemble_vector(fem.form(load))
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        b.array_w[system.fixed_dofs] = 0.0
+        zero = 0.0 * system.obstacle, 0.0 * system.fixed_values
+        linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
+        x = system.A.createVecRight()
+        x.set(0.0)
+        self._solver.solve(linear, x, held, rtol * b.norm())
+        z = fem.Function(self.space)
+        z.x.array[: x.getLocalSize()] = x.array_r
+        z.x.scatter_forward()
+        for item in (x, b):
+            item.destroy()
+        return z
 
     def costs(self) -> list[Cost]:
         """Return what was made for this problem so far; the call is collective."""

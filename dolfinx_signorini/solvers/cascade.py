@@ -5,8 +5,8 @@ and TAO accepts the result. `solve_cascade` is the driver of all computations on
 `coarse_levels` is the rule for these meshes.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
 
 from dolfinx import fem
 
@@ -63,6 +63,42 @@ def coarse_levels(
     return levels
 
 
+def ascend(
+    make_problem: Callable[[Level, Problem | None], Problem],
+    levels: Iterable[tuple[Level, Mapping[str, Any]]],
+    coarse: ContactState | None = None,
+) -> Iterator[Problem]:
+    """Solve a problem on one mesh after the other, and yield each problem when solved.
+
+    Each level starts from the contact state of the level before, whose problem is destroyed when
+    the problem of the next level has been posed. The meshes need not be nested.
+
+    Args:
+        make_problem: See `solve_cascade`.
+        levels: The levels, each with the keywords of its solve. An iterator may decide on a level
+            when the level before has been solved.
+        coarse: A contact state to start the first level from.
+
+    Raises:
+        InputError: A problem is refused.
+        NotConvergedError: A level did not converge.
+    """
+    problem: Problem | None = None
+    try:
+        for level, keywords in levels:
+            coarser, problem = problem, make_problem(level, problem)
+            if coarser is not None:
+                coarse = coarser.contact_state()
+                coarser.destroy()
+            known = coarse if keywords.get("method", "cascade") == "cascade" else None
+            problem.solve(coarse=known, **keywords)
+            yield problem
+    except BaseException:
+        if problem is not None:
+            problem.destroy()
+        raise
+
+
 def solve_cascade(
     make_problem: Callable[[Level, Problem | None], Problem],
     levels: Sequence[Level],
@@ -94,30 +130,9 @@ def solve_cascade(
     """
     if not levels:
         raise InputError("a cascade needs at least one", "levels")
-    problem: Problem | None = None
-    try:
-        for level in levels[:-1]:
-            problem = _next(make_problem, level, problem)
-            tolerance = rtol if coarse_rtol is None else coarse_rtol
-            problem.solve(coarse=coarse, rtol=tolerance)
-            on_level(problem)
-            coarse = problem.contact_state()
-        problem = _next(make_problem, levels[-1], problem)
-        problem.solve(method, coarse=coarse if method == "cascade" else None, rtol=rtol)
+    loose = {"rtol": rtol if coarse_rtol is None else coarse_rtol}
+    steps: list[tuple[Level, dict[str, Any]]] = [(level, loose) for level in levels[:-1]]
+    steps.append((levels[-1], {"method": method, "rtol": rtol}))
+    for problem in ascend(make_problem, steps, coarse):
         on_level(problem)
-    except BaseException:
-        if problem is not None:
-            problem.destroy()
-        raise
-    return problem
-
-
-def _next(
-    make_problem: Callable[[Level, Problem | None], Problem],
-    level: Level,
-    coarser: Problem | None,
-) -> Problem:
-    problem = make_problem(level, coarser)
-    if coarser is not None:
-        coarser.destroy()
     return problem

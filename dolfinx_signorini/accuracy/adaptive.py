@@ -1,0 +1,288 @@
+"""The adaptive loop: solve, estimate, mark, refine, until the solution is as accurate as asked.
+
+Each step solves the problem on a mesh and on the mesh with every cell divided. The difference of
+the two solutions, with the measured rates of convergence, estimates the error of the second one,
+which is the one that is handed out. The cells that leave most of this error are divided for the
+next step. The first mesh is divided everywhere: no estimate of the first step is believed.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_signorini.accuracy.cells import Array, total
+from dolfinx_signorini.accuracy.indicators import Indicators, indicators
+from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, mark_all
+from dolfinx_signorini.accuracy.rates import Rates
+from dolfinx_signorini.accuracy.targets import Functional, Target, target
+from dolfinx_signorini.arguments import check_positive
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.refinement import Refinement, refined
+from dolfinx_signorini.solvers.cascade import ascend
+
+MAX_UNKNOWNS = 1_000_000
+SAFETY = 1.3  # the estimate over what the measured rates say
+AIM = 0.75  # estimate aimed at, over the accuracy
+SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
+RESERVE = 1.2  # how much longer than predicted a step may take
+STANDING = 0.98  # estimate over that of the step before: less is no progress
+PATIENCE = 4  # steps without progress
+
+Pose = Callable[[SidedMesh], SignoriniProblem]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the adaptive loop:
+
+        print(step.unknowns, step.estimate, step.seconds)
+
+    Attributes:
+        unknowns: The number of dofs of the better solution.
+        estimate: The estimated error of this solution.
+        seconds: Wall-clock seconds since the loop began.
+    """
+
+    unknowns: int
+    estimate: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the loop is asked for:
+
+        Request(target("L4"), accuracy=1e-3)
+
+    Attributes:
+        target: What is to be accurate.
+        accuracy: The largest error allowed; None for no such limit.
+        budget: The seconds that may be spent; None for no such limit.
+        max_unknowns: The limit on the dofs of a mesh.
+    """
+
+    target: Target
+    accuracy: float | None = None
+    budget: float | None = None
+    max_unknowns: int = MAX_UNKNOWNS
+
+
+@dataclass(frozen=True)
+class AdaptiveSolution:
+    """What the adaptive loop found.
+
+    For example:
+
+        found = solve_adaptively(pose, sided, norm="Linf", accuracy=1e-3)
+        print(found.problem.u, found.estimate, found.reached)
+
+    Attributes:
+        problem: The solved problem of the last step, on the finest mesh.
+        sided: This mesh with its sides.
+        request: What was asked for.
+        stopped: Why the loop ended, in words.
+        steps: The steps.
+        cells: For each owned cell what the coarse cell around the cell leaves in the error.
+    """
+
+    problem: SignoriniProblem
+    sided: SidedMesh
+    request: Request
+    stopped: str
+    steps: tuple[Step, ...]
+    cells: Array
+
+    @property
+    def estimate(self) -> float:
+        """The estimated error of the solution."""
+        return self.steps[-1].estimate
+
+    @property
+    def reached(self) -> bool:
+        """Whether the estimate is at most the accuracy; True where none was asked for."""
+        return self.request.accuracy is None or self.estimate <= self.request.accuracy
+
+    @property
+    def seconds(self) -> float:
+        """Wall-clock seconds of the whole loop."""
+        return self.steps[-1].seconds
+
+
+def solve_adaptively(
+    pose: Pose,
+    sided: SidedMesh,
+    *,
+    norm: str | Functional = "H1",
+    accuracy: float | None = None,
+    budget: float | None = None,
+    max_unknowns: int = MAX_UNKNOWNS,
+    on_step: Callable[[Step], None] = lambda step: None,
+) -> AdaptiveSolution:
+    """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
+
+    Args:
+        pose: Poses the problem on a mesh. Each mesh is a refinement of the first one.
+        sided: The first mesh, which should be coarse, with the sides that `pose` needs.
+        norm: The norm of the error, see `norms.parse_norm`; or a functional of the solution, given
+            as a function that returns the UFL form of its argument.
+        accuracy: The largest error allowed, in the unit of the norm.
+        budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
+        max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
+        on_step: Is told of each step when the step has been done.
+
+    Returns:
+        The best solution that was computed. `reached` tells whether the accuracy was reached.
+
+    Raises:
+        InputError: An argument makes no sense, the first mesh has too many unknowns, or the problem
+            is refused.
+        NotConvergedError: A solve failed.
+    """
+    if accuracy is None and budget is None:
+        raise InputError("give an accuracy or a budget", "accuracy")
+    limits = {"accuracy": accuracy, "budget": budget, "max_unknowns": max_unknowns}
+    for name, limit in limits.items():
+        if limit is not None:
+            check_positive(limit, name)
+    request = Request(target(norm), accuracy, budget, max_unknowns)
+    loop = _Loop(sided, request, on_step)
+    for problem in ascend(lambda level, _: pose(level), loop.levels()):
+        loop.problem = problem
+    return AdaptiveSolution(
+        problem=loop.problem,
+        sided=loop.division.sided,
+        request=request,
+        stopped=loop.stopped,
+        steps=tuple(loop.steps),
+        cells=loop.outlook.remaining[loop.division.parents],
+    )
+
+
+class _Loop:
+    """The loop between the solves: it decides on the next mesh when the last one is solved on.
+
+    Args:
+        sided: The first mesh.
+        request: What is asked for.
+        on_step: Is told of each step.
+
+    Attributes:
+        problem: The problem that was solved last.
+        division: The division of the present mesh.
+        outlook: What the cells of the present mesh leave in the error.
+        steps: The steps so far.
+        stopped: Why the loop ended.
+    """
+
+    problem: SignoriniProblem
+    division: Refinement
+    outlook: Outlook
+
+    def __init__(self, sided: SidedMesh, request: Request, on_step: Callable[[Step], None]):
+        self.sided, self.request, self.on_step = sided, request, on_step
+        self.comm, self.began = sided.mesh.comm, time.perf_counter()
+        self.steps: list[Step] = []
+        self.stopped = ""
+
+    def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
+        """Yield the meshes to solve on: a mesh and its division in turn."""
+        self.division = refined(self.sided)
+        yield self.sided, {}
+        space = self.problem.space
+        degree, dimension = space.element.basix_element.degree, space.mesh.topology.dim
+        self._require_room(space)
+        order, power = self.request.target.order(degree), self.request.target.power
+        self.rates = Rates(order, power, len(owned_cells(space.mesh)), dimension)
+        while True:
+            u = self.problem.u
+            yield self.division.sided, {}
+            found = indicators(u, self.problem, self.division.parents, self.request.target)
+            if self.steps:
+                self.rates.measure(found.cells)
+            self._note(found)
+            divided = self._next_mesh(found)
+            if divided is None:
+                return
+            if len(self.steps) > 1:  # else the mesh is the one just solved on
+                yield divided.sided, {}
+
+    def _require_room(self, space: fem.FunctionSpace) -> None:
+        needed = _unknowns(self.division.sided, space)
+        if needed > self.request.max_unknowns:
+            message = f"the coarsest meshes need {needed}, not {self.request.max_unknowns}"
+            raise InputError(message, "max_unknowns")
+
+    def _note(self, found: Indicators) -> None:
+        """Estimate the error of the last solution, and note the step."""
+        self.outlook = self.rates.outlook(found.cells)
+        power = self.rates.power
+        whole = total(found.cells, power, self.comm)
+        share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
+        seconds = self.comm.bcast(time.perf_counter() - self.began)
+        step = Step(self.problem.unknowns, SAFETY * found.difference * share, seconds)
+        self.steps.append(step)
+        self.on_step(step)
+
+    def _next_mesh(self, found: Indicators) -> Divided | None:
+        """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
+        accuracy, estimate = self.request.accuracy, self.steps[-1].estimate
+        if len(self.steps) == 1:
+            marks = mark_all(self.sided)
+            parents, ones = self.division.parents, np.ones(len(self.division.parents))
+            divided = Divided(self.division.sided, parents, ones, ones < 0.0)
+        else:
+            if accuracy is not None and estimate <= accuracy:
+                self.stopped = "the accuracy is reached"
+                return None
+            if self._standing():
+                self.stopped = "rounding: the estimate does not fall any more"
+                return None
+            goal = 0.0 if accuracy is None else AIM * accuracy / estimate
+            growth = self._affordable()
+            if growth < SMALLEST_GROWTH:
+                return None
+            marks = mark(self.sided, self.outlook, goal, min(growth, GROWTH))
+            divided = marks.apply(self.sided)
+        division = refined(divided.sided)
+        if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
+            self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
+            return None
+        self.rates.refine(found.cells, marks, divided)
+        self.sided, self.division = divided.sided, division
+        return divided
+
+    def _standing(self) -> bool:
+        """Whether the estimate has not fallen in the last steps."""
+        estimates = [step.estimate for step in self.steps]
+        return len(estimates) > PATIENCE and min(estimates[-PATIENCE:]) > STANDING * min(
+            estimates[:-PATIENCE]
+        )
+
+    def _affordable(self) -> float:
+        """By how much the mesh may grow; where that is too little, note why."""
+        last, request = self.steps[-1], self.request
+        growth = request.max_unknowns / last.unknowns
+        self.stopped = f"a finer mesh has more than {request.max_unknowns} unknowns"
+        if request.budget is not None:
+            spent = last.seconds - self.steps[-2].seconds
+            left = request.budget - self.comm.bcast(time.perf_counter() - self.began)
+            if left / (RESERVE * spent) < growth:
+                growth = left / (RESERVE * spent)
+                self.stopped = "the next step would take longer than the time that is left"
+        return growth
+
+
+def _unknowns(sided: SidedMesh, space: fem.FunctionSpace) -> int:
+    """The number of dofs that a space of the same kind has on another mesh."""
+    topology, count = sided.mesh.topology, 0
+    for dim, dofs in enumerate(space.element.basix_element.num_entity_dofs):
+        if dofs[0]:
+            topology.create_entities(dim)
+            count += dofs[0] * topology.index_map(dim).size_global
+    return int(count)

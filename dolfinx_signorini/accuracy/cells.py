@@ -1,0 +1,107 @@
+"""Norms of finite element functions cell by cell, and how values of cells are put together."""
+
+import math
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.norms import Norm
+from dolfinx_signorini.quadrature import QuadratureRule
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
+BLOCK = 8192  # cells whose point values are held at a time
+
+
+def cell_norms(f: fem.Function, norm: Norm) -> Array:
+    """Return a norm of a function on each owned cell.
+
+    Args:
+        f: A function of a Lagrange space on straight-sided triangles or tetrahedra.
+        norm: An L^p or W^{1,p} norm of the domain. Sup norms are the largest values at the points
+            of a lattice of degree 2k + 4 with the vertices, for functions of degree k.
+    """
+    space, domain = f.function_space, f.function_space.mesh
+    element = space.element.basix_element
+    points, weights = _points(element, norm)
+    gradient = norm.derivatives > 0
+    table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
+    found = []
+    for start in range(0, max(len(owned_cells(domain)), 1), BLOCK):
+        cells = owned_cells(domain)[start : start + BLOCK]
+        values = f.x.array[space.dofmap.list[cells]]
+        edges = _edges(domain, cells)
+        sizes = np.abs(np.einsum("cd,jqd->jcq", values, table))
+        if gradient:
+            slopes = np.einsum("cd,jqd->cqj", values, table[1:])
+            slopes = np.einsum("cqj,cji->icq", slopes, np.linalg.inv(edges))
+            sizes = np.concatenate((sizes[:1], np.abs(slopes)))
+        if math.isinf(norm.p):
+            found.append(sizes.max(axis=(0, 2), initial=0.0))
+            continue
+        largest = float(sizes.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
+        powers = ((sizes / largest) ** norm.p).sum(axis=0) @ weights
+        found.append(largest * (powers * np.abs(np.linalg.det(edges))) ** (1.0 / norm.p))
+    return np.concatenate(found)
+
+
+def volumes(domain: mesh.Mesh) -> Array:
+    """Return the volumes of the owned cells, each as a multiple of that of the reference cell."""
+    return np.asarray(np.abs(np.linalg.det(_edges(domain, owned_cells(domain)))))
+
+
+def collected(values: Array, owners: Indices, count: int, power: float) -> Array:
+    """Put values of cells together: the root of the sum of their powers, or the largest value.
+
+    Args:
+        values: One value per cell, not negative.
+        owners: For each cell the place where its value belongs.
+        count: The number of places.
+        power: The exponent, from 1 to infinity.
+    """
+    result = np.zeros(count)
+    if math.isinf(power):
+        np.maximum.at(result, owners, values)
+        return result
+    largest = float(values.max(initial=0.0)) or 1.0
+    sums = np.bincount(owners, (values / largest) ** power, count)
+    return np.asarray(largest * sums ** (1.0 / power))
+
+
+def total(values: Array, power: float, comm: MPI.Comm) -> float:
+    """Put the values of all cells of all ranks together, see `collected`.
+
+    Args:
+        values: One value per owned cell, not negative.
+        power: The exponent, from 1 to infinity.
+        comm: The communicator of the mesh; the call is collective.
+    """
+    largest = float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
+    if math.isinf(power) or largest == 0.0:
+        return largest
+    return float(
+        largest * comm.allreduce(float(((values / largest) ** power).sum())) ** (1.0 / power)
+    )
+
+
+def _points(element: basix.finite_element.FiniteElement, norm: Norm) -> tuple[Array, Array]:
+    cell, degree = element.cell_type, element.degree
+    if math.isinf(norm.p):
+        kind = basix.LatticeType.equispaced
+        lattice = np.array(basix.create_lattice(cell, 2 * degree + 4, kind, exterior=True))
+        return lattice, np.ones(len(lattice))
+    exact = math.ceil(norm.p) * degree
+    return QuadratureRule("default", min(exact, max(MAX_DEGREE, 2 * degree))).points(cell)
+
+
+def _edges(domain: mesh.Mesh, cells: Indices) -> Array:
+    """The edges of cells from their first vertex, shape (cells, coordinates, edges)."""
+    dim = domain.topology.dim
+    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, :dim]
+    return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))

@@ -1,0 +1,133 @@
+"""Indicators: which cells the error of a solution comes from.
+
+A solution u_h is compared with the solution w on the mesh with every cell divided. The difference
+w - u_h estimates the error of u_h, and w is the better solution. Three kinds of indicators tell
+where the difference comes from:
+
+    W^{1,p}      the norm of w - u_h on each cell;
+    L^inf        the largest w - I w on each cell, where I interpolates on the undivided mesh;
+    otherwise    |w - I w|_a |z - I z|_a on each cell, where the dual solution z tells how much an
+                 error at one place matters for the norm of the whole error.
+
+Source: Becker and Rannacher, An optimal control approach to a posteriori error estimation in finite
+element methods, Acta Numerica 10 (2001) 1-102.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.quadrature import FACET_RULE, QuadratureRule
+from dolfinx_signorini.refinement import Transfer
+
+
+@dataclass(frozen=True)
+class Indicators:
+    """How far two solutions are apart, and where.
+
+    For example:
+
+        found = indicators(coarse.u, fine, refinement.parents, target("L4"))
+        worst = found.cells.argmax()
+
+    Attributes:
+        difference: The norm of the difference, or the size of the functional of the difference.
+        cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
+            power with which these numbers add up is that of the target.
+    """
+
+    difference: float
+    cells: Array
+
+
+def indicators(
+    u: fem.Function, fine: SignoriniProblem, parents: Indices, target: Target
+) -> Indicators:
+    """Compare a solution with the solution on the divided mesh; the call is collective.
+
+    Args:
+        u: The solution on the coarse mesh.
+        fine: The solved problem on the mesh with every cell divided.
+        parents: For each owned cell of this mesh the coarse cell around the cell.
+        target: What is to be accurate.
+    """
+    transfer = Transfer(u.function_space, fine.space, parents)
+    error = _difference(fine.u, transfer.prolong(u))
+    count = len(owned_cells(u.function_space.mesh))
+    difference = _size(error, target)
+    norm = target.norm
+    if target.weighted:
+        dual = fine.solve_linearised(_density(error, target, difference))
+        primal, weight = (
+            _energies(fine, _detail(transfer, v), parents, count) for v in (fine.u, dual)
+        )
+        return Indicators(difference, np.sqrt(primal) * np.sqrt(weight))
+    assert norm is not None
+    local = _detail(transfer, fine.u) if math.isinf(norm.p) else error
+    return Indicators(difference, collected(cell_norms(local, norm), parents, count, norm.p))
+
+
+def _difference(one: fem.Function, other: fem.Function) -> fem.Function:
+    result = fem.Function(one.function_space)
+    result.x.array[:] = one.x.array - other.x.array
+    return result
+
+
+def _detail(transfer: Transfer, f: fem.Function) -> fem.Function:
+    """What a fine function has beyond its interpolation on the coarse mesh."""
+    return _difference(f, transfer.prolong(transfer.restrict(f)))
+
+
+def _size(error: fem.Function, target: Target) -> float:
+    comm, norm = error.function_space.mesh.comm, target.norm
+    if norm is None:
+        assert target.functional is not None
+        form = fem.form(target.functional(error))
+        return abs(float(comm.allreduce(fem.assemble_scalar(form))))
+    if norm.boundary:
+        return error_norms(error, None, [target.name])[target.name]
+    return total(cell_norms(error, norm), norm.p, comm)
+
+
+def _density(error: fem.Function, target: Target, size: float) -> ufl.Form:
+    """The load of the dual problem: the derivative of the norm at the error."""
+    space = error.function_space
+    v = ufl.TestFunction(space)
+    if target.functional is not None:
+        return target.functional(v)
+    assert target.norm is not None
+    p = 2.0 if math.isinf(target.norm.p) else target.norm.p
+    largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)
+    density = fem.Function(space)
+    if size > 0.0 and largest > 0.0:
+        share = error.x.array / largest
+        density.x.array[:] = np.abs(share) ** (p - 1.0) * np.sign(share)
+        density.x.array[:] *= (largest / size) ** (p - 1.0)
+    if target.norm.boundary:
+        return density * v * ufl.ds(metadata=FACET_RULE.metadata)
+    rule = QuadratureRule("default", 2 * space.element.basix_element.degree)
+    return density * v * ufl.dx(metadata=rule.metadata)
+
+
+def _energies(problem: SignoriniProblem, f: fem.Function, parents: Indices, count: int) -> Array:
+    """The energy a(f, f) of each coarse cell, without the terms on the boundary."""
+    trial, test = problem.a.arguments()[::-1]
+    constant = ufl.TestFunction(fem.functionspace(problem.space.mesh, ("DG", 0)))
+    terms = [
+        part.reconstruct(ufl.replace(part.integrand(), {trial: f, test: f}) * constant)
+        for part in problem.a.integrals_by_type("cell")
+    ]
+    vector = fem_petsc.assemble_vector(fem.form(ufl.Form(terms)))
+    energies = np.maximum(vector.array_r[: len(parents)], 0.0)
+    vector.destroy()
+    return collected(energies, parents, count, 1.0)

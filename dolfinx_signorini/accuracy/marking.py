@@ -1,0 +1,196 @@
+"""Marking: how often each cell is to be divided, and the mesh that follows.
+
+The cells with the largest remaining errors are divided until the predicted error is small enough,
+each so often that its parts are no worse than those of other cells. A cell with a singular point is
+divided towards the point: only the part at the point is divided again.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.cells import Array, Indices, volumes
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.refinement import refined
+
+GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
+DEEPEST, DEEP = 12, 2  # divisions of a cell with a singular point, and of any other
+BISECTIONS = 60  # of the interval that the threshold is in
+SLACK = 1.2  # what deeper divisions would gain, and is given up
+NEAR = 1e-6  # of the size of a cell
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What the cells of a mesh leave in the error, and what divisions are going to change.
+
+    The rates of the cells tell:
+
+        marks = mark(sided, rates.outlook(cells), goal=0.5, growth=3.0)
+
+    Attributes:
+        remaining: What each owned cell leaves in the error.
+        factors: By how much a division of a cell multiplies this part of the error.
+        singular: Whether the cell has a singular point.
+        power: The exponent with which the parts add up.
+        order: The order of convergence for smooth solutions.
+    """
+
+    remaining: Array
+    factors: Array
+    singular: npt.NDArray[np.bool_]
+    power: float
+    order: float
+
+
+@dataclass(frozen=True)
+class Marks:
+    """How often the cells of a mesh are to be divided:
+
+        divided = mark(sided, remaining, rates, goal=0.5).apply(sided)
+
+    Attributes:
+        levels: The number of divisions of each owned cell.
+        singular: Whether the cell is divided towards a point.
+        points: These points, shape (cells, 3).
+    """
+
+    levels: npt.NDArray[np.int64]
+    singular: npt.NDArray[np.bool_]
+    points: Array
+
+    def apply(self, sided: SidedMesh) -> "Divided":
+        """Return the divided mesh; the call is collective."""
+        comm = sided.mesh.comm
+        owners: Indices = owned_cells(sided.mesh)
+        size = volumes(sided.mesh)
+        deepest = comm.allreduce(int(self.levels.max(initial=0)), op=MPI.MAX)
+        for level in range(deepest):
+            chosen = self.levels[owners] > level
+            if level:
+                chosen &= ~self.singular[owners] | self._at_point(sided, owners)
+            step = refined(sided, np.flatnonzero(chosen).astype(np.int32))
+            sided, owners = step.sided, owners[step.parents]
+        dimension = sided.mesh.topology.dim
+        levels = np.log2(size[owners] / volumes(sided.mesh)) / dimension
+        away = self.singular[owners] & ~self._at_point(sided, owners)
+        return Divided(sided, owners, np.round(levels, 3), away)
+
+    def _at_point(self, sided: SidedMesh, owners: Indices) -> npt.NDArray[np.bool_]:
+        domain = sided.mesh
+        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+        distance = np.linalg.norm(x - self.points[owners][:, None], axis=2).min(axis=1)
+        size = volumes(domain) ** (1.0 / domain.topology.dim)
+        return np.asarray(distance < NEAR * size)
+
+
+@dataclass(frozen=True)
+class Divided:
+    """A mesh after the divisions of `Marks`:
+
+        divided = marks.apply(sided)
+        old = values[divided.owners]
+
+    Attributes:
+        sided: The mesh with its sides.
+        owners: For each owned cell the cell around it before the divisions.
+        levels: How often that cell has been halved in every direction on the way to this one.
+        away: Whether that cell has a singular point, which this cell does not have.
+    """
+
+    sided: SidedMesh
+    owners: Indices
+    levels: Array
+    away: npt.NDArray[np.bool_]
+
+
+def mark_all(sided: SidedMesh) -> Marks:
+    """Return the marks that divide each cell of a mesh once."""
+    count = len(owned_cells(sided.mesh))
+    return Marks(np.ones(count, dtype=np.int64), np.zeros(count, bool), np.zeros((count, 3)))
+
+
+def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Marks:
+    """Choose how often to divide the cells of a mesh; the call is collective.
+
+    Args:
+        sided: The mesh.
+        outlook: What the cells leave in the error, and how fast that falls.
+        goal: By how much the error is to be multiplied. A smaller factor than a division of all
+            cells gives smooth solutions is not aimed at.
+        growth: The largest ratio of the numbers of cells.
+    """
+    comm = sided.mesh.comm
+    choice = _Choice(comm, outlook, sided.mesh.topology.dim)
+    aim = max(goal, 2.0**-outlook.order)
+    low, high = 1e-14, 1.0
+    for _ in range(BISECTIONS):
+        threshold = math.sqrt(low * high)
+        levels = choice.levels(threshold)
+        if choice.error(levels) > choice.within_reach(aim) and choice.growth(levels) < growth:
+            high = threshold
+        else:
+            low = threshold
+    levels = choice.levels(low)
+    if comm.allreduce(int(levels.max(initial=0)), op=MPI.MAX) == 0:
+        levels = choice.levels(0.5)
+    return Marks(levels.astype(np.int64), choice.singular, _points(sided, choice.parts))
+
+
+class _Choice:
+    """The predictions for numbers of divisions of the cells of a mesh."""
+
+    def __init__(self, comm: MPI.Comm, outlook: Outlook, dimension: int):
+        self.comm, self.singular, self.power = comm, outlook.singular, outlook.power
+        self.dimension, remaining = dimension, outlook.remaining
+        largest = self._largest(remaining) or 1.0
+        sup = math.isinf(self.power)
+        power = 1.0 if sup else self.power
+        self.parts = np.maximum((remaining / largest) ** power, 1e-300)
+        self.factors = np.minimum(outlook.factors**power, 0.95)
+        # What one of the parts of a divided cell has.
+        shared = self.factors if sup else self.factors / 2.0**self.dimension
+        self.child = np.where(self.singular, self.factors, shared)
+        self.deepest = np.where(self.singular, DEEPEST, DEEP)
+        self.least = self.error(self.deepest)
+        self.present = self.error(0 * self.deepest)
+
+    def levels(self, threshold: float) -> Array:
+        """The divisions after which no part of a cell is above a threshold."""
+        needed = np.ceil(np.log(self.parts / threshold) / -np.log(self.child))
+        return np.clip(needed, 0, self.deepest)
+
+    def error(self, levels: Array) -> float:
+        """The error after divisions, to the power."""
+        after = self.parts * self.factors**levels
+        if math.isinf(self.power):
+            return self._largest(after)
+        return float(self.comm.allreduce(float(after.sum())))
+
+    def within_reach(self, factor: float) -> float:
+        """The error times a factor, to the power, or what the deepest divisions give."""
+        power = 1.0 if math.isinf(self.power) else self.power
+        return max(self.present * factor**power, SLACK * self.least)
+
+    def growth(self, levels: Array) -> float:
+        """About by how much the number of cells grows."""
+        parts = 2**self.dimension
+        new = np.where(self.singular, (parts + 1) * levels, parts**levels - 1.0)
+        count, old = self.comm.allreduce(np.array([new.sum(), len(new)]))
+        return float(1.0 + count / old)
+
+    def _largest(self, values: Array) -> float:
+        return float(self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
+
+
+def _points(sided: SidedMesh, parts: Array) -> Array:
+    """Return for each owned cell the vertex around which the errors of this rank are largest."""
+    domain = sided.mesh
+    vertices = domain.geometry.dofmap[: len(parts)]
+    around = np.zeros(len(domain.geometry.x))
+    np.add.at(around, vertices, np.repeat(parts[:, None], vertices.shape[1], axis=1))
+    best = around[vertices].argmax(axis=1)
+    return np.asarray(domain.geometry.x[np.take_along_axis(vertices, best[:, None], 1)[:, 0]])

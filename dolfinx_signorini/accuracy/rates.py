@@ -1,0 +1,90 @@
+"""How fast the indicators of cells fall, and what they leave when all cells are divided.
+
+The indicator eta of a cell tells what the cell adds to the difference between a solution and the
+solution w on the divided mesh. What is sought is what remains of the cell in the error of w. If a
+division multiplies the error by rho = 2^-s, that is
+
+    eta rho / (1 - rho)           for indicators that add up as they are,
+    eta rho / sqrt(1 - rho^2)     for local ones: the errors on a cell and on its parts are almost
+                                  orthogonal, and exactly so in the energy norm.
+
+The rate s is that of smooth solutions, or less. It is measured where a cell has been divided, from
+the indicators of the cell and of its parts.
+"""
+
+import numpy as np
+
+from dolfinx_signorini.accuracy.cells import Array, collected
+from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
+
+SLOWEST = 0.1  # rate; slower is not distinguished from no convergence
+UNKNOWN = 0.35  # of the rate for smooth solutions: before anything is measured
+NEARLY = 0.9  # of the same: next to a singular point
+SINGULAR = 0.75  # of the same: a cell with a smaller rate has a singular point
+
+
+class Rates:
+    """The rates of the cells of one mesh, and of the meshes refined from it.
+
+    For example:
+
+        rates = Rates(order, power, count, dimension)
+        remaining = rates.outlook(cells).remaining
+
+    Args:
+        order: The rate for smooth solutions.
+        power: The exponent with which indicators add up.
+        count: The number of owned cells.
+        dimension: The dimension of space.
+
+    Attributes:
+        values: The rate of each owned cell.
+    """
+
+    def __init__(self, order: float, power: float, count: int, dimension: int):
+        self.order, self.power, self.dimension = order, power, dimension
+        self.values: Array = np.full(count, UNKNOWN * order)
+
+    def outlook(self, cells: Array) -> Outlook:
+        """Return what the cells leave in the error of the solution on the divided mesh.
+
+        Args:
+            cells: The indicators.
+        """
+        rho = 2.0**-self.values
+        rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
+        singular = self.values < SINGULAR * self.order
+        return Outlook(cells * rho / rest, rho, singular, self.power, self.order)
+
+    def refine(self, before: Array, marks: Marks, divided: Divided) -> None:
+        """Carry the rates to a divided mesh; `measure` may follow.
+
+        Args:
+            before: The indicators of the cells.
+            marks: How the cells were to be divided.
+            divided: The mesh that came out.
+        """
+        smooth = NEARLY * self.order
+        self.values = np.where(divided.away, smooth, self.values[divided.owners])
+        self._before, self._marks, self._divided = before, marks, divided
+
+    def measure(self, cells: Array) -> None:
+        """Measure the rates of the cells that have been divided.
+
+        Args:
+            cells: The indicators of the divided mesh.
+        """
+        before, singular, divided = self._before, self._marks.singular, self._divided
+        owners, levels = divided.owners, divided.levels
+        count, dim = len(before), self.dimension
+        deepest = np.zeros(count)
+        np.maximum.at(deepest, owners, levels)
+        # Towards a singular point the cells at the point tell, elsewhere all of them.
+        counted = ~singular[owners] | (levels == deepest[owners])
+        now = collected(np.where(counted, cells, 0.0), owners, count, self.power)
+        parts = np.bincount(owners, minlength=count)
+        depth = np.where(singular, deepest, np.log2(np.maximum(parts, 1)) / dim)
+        told = (parts >= 2**dim) & (before > 0.0) & (now > 0.0)
+        with np.errstate(all="ignore"):
+            rates = np.clip(-np.log2(now / before) / depth, SLOWEST, self.order)
+        self.values = np.where(told[owners] & ~divided.away, rates[owners], self.values)

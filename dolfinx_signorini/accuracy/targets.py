@@ -1,0 +1,72 @@
+"""What an accuracy is asked for: a norm of the error, or a functional of the solution."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import ufl
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.norms import Norm, parse_norm
+
+Functional = Callable[[Expr], ufl.Form]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to be accurate.
+
+    Two examples, a norm and the mean of the solution:
+
+        target("W1_4")
+        target(lambda v: v * ufl.dx)
+
+    Attributes:
+        name: What the target is called.
+        norm: The norm of the error; None for a functional.
+        functional: The functional, linear in its argument; None for a norm.
+    """
+
+    name: str
+    norm: Norm | None = None
+    functional: Functional | None = None
+
+    @property
+    def weighted(self) -> bool:
+        """Whether a dual solution tells how errors of cells add up.
+
+        The error in an L^p norm at one place comes from cells at other places, too. In W^{1,p} and
+        in sup norms the error of a cell is that of the cell itself.
+        """
+        norm = self.norm
+        return norm is None or norm.boundary or (norm.derivatives == 0 and not math.isinf(norm.p))
+
+    @property
+    def power(self) -> float:
+        """The exponent with which the indicators of cells add up."""
+        return 1.0 if self.weighted or self.norm is None else self.norm.p
+
+    def order(self, degree: int) -> float:
+        """Return the order of convergence for smooth solutions.
+
+        Args:
+            degree: The degree of the elements.
+        """
+        if self.norm is None:
+            return 2.0 * degree
+        return degree + 1.0 - self.norm.derivatives
+
+
+def target(norm: str | Functional) -> Target:
+    """Return the target that a norm's name or a functional means.
+
+    Raises:
+        InputError: The name is that of no norm.
+    """
+    if callable(norm):
+        return Target(getattr(norm, "__name__", "functional"), functional=norm)
+    try:
+        return Target(norm, parse_norm(norm))
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error), "norm") from None

@@ -1,0 +1,141 @@
+"""Refined meshes: their sides, their parent cells, and functions carried between the two meshes.
+
+A refined mesh is shared by the ranks like its parent mesh, cell by cell, so that whatever belongs
+to a cell of the parent mesh is found on the rank of the child cells.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+
+from dolfinx_signorini import compat
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+ROUNDING = 1e-9  # of coordinates in a reference cell
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A refined mesh:
+
+        refinement = refined(sided, cells=np.array([3, 7], dtype=np.int32))
+        print(refinement.sided.mesh, refinement.parents)
+
+    Attributes:
+        sided: The refined mesh with its sides.
+        parents: For each owned cell of the refined mesh the cell of the parent mesh around the
+            cell.
+    """
+
+    sided: SidedMesh
+    parents: Indices
+
+    def after(self, earlier: "Refinement") -> "Refinement":
+        """Return the refinement from the parent mesh of an earlier refinement to this mesh."""
+        return Refinement(self.sided, earlier.parents[self.parents])
+
+
+def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
+    """Refine a mesh of triangles or tetrahedra; the call is collective.
+
+    The edges of the cells are bisected, and further edges where the mesh would not conform.
+
+    Args:
+        sided: The mesh with its sides.
+        cells: Owned cells all of whose edges are bisected; None for all cells.
+
+    Source: Plaza and Carey, Local refinement of simplicial grids based on the skeleton, Appl.
+    Numer. Math. 32 (2000) 195-218.
+    """
+    domain = sided.mesh
+    topology, tdim = domain.topology, domain.topology.dim
+    topology.create_entities(1)
+    edges = None
+    if cells is not None:
+        topology.create_connectivity(tdim, 1)
+        topology.create_connectivity(1, tdim)
+        edges = mesh.compute_incident_entities(topology, cells, tdim, 1)
+    topology.create_connectivity(tdim, tdim - 1)
+    fine, parents, facets = compat.refine(domain, edges)
+    return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
+
+
+def _sides(
+    sided: SidedMesh, fine: mesh.Mesh, parents: Indices, parent_facets: npt.NDArray[np.int8]
+) -> Mapping[str, Indices]:
+    """Return the owned facets of a refined mesh on the sides of its parent mesh."""
+    domain = sided.mesh
+    tdim = domain.topology.dim
+    facets = boundary_facets(fine)
+    cells, local = facet_cells(fine, facets).T
+    coarse = domain.topology.connectivity(tdim, tdim - 1).array.reshape(-1, tdim + 1)
+    ancestors = coarse[parents[cells], parent_facets[cells, local]]
+    return {name: facets[np.isin(ancestors, on)] for name, on in sided.sides.items()}
+
+
+class Transfer:
+    """Carries functions between a mesh and its refinement.
+
+    For example, the interpolation of a fine function on the coarse mesh, as a fine function:
+
+        transfer = Transfer(coarse_space, fine_space, refinement.parents)
+        transfer.prolong(transfer.restrict(u))
+
+    Args:
+        coarse: A Lagrange space on the parent mesh.
+        fine: A Lagrange space of the same degree, or of a higher one, on the refined mesh.
+        parents: The parent cells of the owned cells.
+    """
+
+    def __init__(self, coarse: fem.FunctionSpace, fine: fem.FunctionSpace, parents: Indices):
+        self.coarse, self.fine = coarse, fine
+        dofs = fine.dofmap.list[: len(parents)]
+        # One of the cells of each dof serves.
+        self.dofs, first = np.unique(dofs.ravel(), return_index=True)
+        cells = parents[first // dofs.shape[1]]
+        points = _pulled_back(coarse.mesh, cells, fine.tabulate_dof_coordinates()[self.dofs])
+        element = coarse.element.basix_element
+        self.basis = element.tabulate(0, points)[0, :, :, 0]
+        self.columns = coarse.dofmap.list[cells]
+        self._restriction(parents)
+
+    def _restriction(self, parents: Indices) -> None:
+        """Find for each coarse dof a fine cell with its node, and the values of its basis."""
+        nodes, dofs = self.coarse.tabulate_dof_coordinates(), self.coarse.dofmap.list[parents]
+        child, _ = np.indices(dofs.shape).reshape(2, -1)
+        points = _pulled_back(self.fine.mesh, child.astype(np.int32), nodes[dofs.ravel()])
+        outside = np.maximum(-points.min(axis=1), points.sum(axis=1) - 1.0)
+        inside = np.flatnonzero(outside < ROUNDING)
+        self.nodes, first = np.unique(dofs.ravel()[inside], return_index=True)
+        chosen = inside[first]
+        self.values = self.fine.element.basix_element.tabulate(0, points[chosen])[0, :, :, 0]
+        self.around = self.fine.dofmap.list[child[chosen]]
+
+    def prolong(self, u: fem.Function) -> fem.Function:
+        """Return a function of the coarse space as a function of the fine space."""
+        result = fem.Function(self.fine)
+        result.x.array[self.dofs] = np.einsum("ij,ij->i", self.basis, u.x.array[self.columns])
+        result.x.scatter_forward()
+        return result
+
+    def restrict(self, u: fem.Function) -> fem.Function:
+        """Return the interpolation of a function of the fine space in the coarse space."""
+        result = fem.Function(self.coarse)
+        result.x.array[self.nodes] = np.einsum("ij,ij->i", self.values, u.x.array[self.around])
+        result.x.scatter_forward()
+        return result
+
+
+def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
+    """Return the coordinates of points in the reference cells of their straight-sided cells."""
+    dim = domain.topology.dim
+    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, :dim]
+    edges = (x[:, 1:] - x[:, :1]).transpose(0, 2, 1)
+    offsets = points[:, :dim] - x[:, 0]
+    return np.asarray(np.linalg.solve(edges, offsets[:, :, None])[:, :, 0])
