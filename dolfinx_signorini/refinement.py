@@ -132,6 +132,33 @@ class Transfer:
         return result
 
 
+def carried_across(
+    u: fem.Function, parents: Indices, space: fem.FunctionSpace, cells: Indices
+) -> fem.Function:
+    """Interpolate a function on the division of a mesh in a space on another refinement of it.
+
+    Args:
+        u: A function on the mesh with every cell divided.
+        parents: For each owned cell of this mesh the cell of the undivided mesh.
+        space: The space on the other refinement.
+        cells: For each owned cell of this refinement the cell of the undivided mesh.
+    """
+    dofs = space.dofmap.list[: len(cells)]
+    owned, first = np.unique(dofs.ravel(), return_index=True)
+    children = np.argsort(parents, kind="stable").astype(np.int32)
+    children = children.reshape(-1, 2**space.mesh.topology.dim)[cells[first // dofs.shape[1]]]
+    x = space.tabulate_dof_coordinates()[owned]
+    places = np.array([_pulled_back(u.function_space.mesh, c, x) for c in children.T])
+    outside = np.maximum(-places.min(axis=2), places.sum(axis=2) - 1.0)
+    best, row = outside.argmin(axis=0), np.arange(len(owned))
+    element, values = u.function_space.element.basix_element, u.function_space.dofmap.list
+    basis = element.tabulate(0, places[best, row])[0, :, :, 0]
+    result = fem.Function(space)
+    result.x.array[owned] = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
+    result.x.scatter_forward()
+    return result
+
+
 def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
     """Return the coordinates of points in the reference cells of their straight-sided cells."""
     dim = domain.topology.dim

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.grading import (
+from dolfinx_signorini.detachment import DetachmentPoint
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, friedrichs_keller
+from dolfinx_signorini.tradeoff.grading import (
     RADIUS,
     RESOLUTION,
     TOLERANCE,
     graded_mesh,
     transferred_sides,
 )
-from dolfinx_signorini.detachment import DetachmentPoint
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, friedrichs_keller
 
 COMM = MPI.COMM_WORLD
 WIDTH = 1.0 / 40

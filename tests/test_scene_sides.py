@@ -8,8 +8,9 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.scenes.domains import Cube, Square
-from dolfinx_signorini.scenes.posing import pose, scene_family
+from dolfinx_signorini.scenes.posing import pose
 from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.tradeoff.family import scene_family
 
 COMM = MPI.COMM_WORLD
 PLACES = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (-1, 0.0), "top": (-1, 1.0)}

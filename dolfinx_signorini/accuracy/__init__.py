@@ -1,1 +1,1 @@
-"""The dial: a search for mesh, degree and tolerance that reach an accuracy or fill a budget."""
+"""Solutions as accurate as asked: the adaptive loop, its estimates, and bounds."""

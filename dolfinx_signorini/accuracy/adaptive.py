@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, total
-from dolfinx_signorini.accuracy.indicators import Indicators, indicators
+from dolfinx_signorini.accuracy.cells import Array, Indices, total
+from dolfinx_signorini.accuracy.indicators import Indicators, difference, indicators, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, mark_all
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Functional, Target, target
@@ -23,16 +23,18 @@ from dolfinx_signorini.arguments import check_positive
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.refinement import Refinement, refined
+from dolfinx_signorini.refinement import Refinement, carried_across, refined
 from dolfinx_signorini.solvers.cascade import ascend
 
 MAX_UNKNOWNS = 1_000_000
-SAFETY = 1.3  # the estimate over what the measured rates say
+SAFETY = 1.4  # the estimate over what the measured rates say
 AIM = 0.75  # estimate aimed at, over the accuracy
 SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
 RESERVE = 1.2  # how much longer than predicted a step may take
-STANDING = 0.98  # estimate over that of the step before: less is no progress
-PATIENCE = 4  # steps without progress
+PATIENCE = 4  # steps in which the estimate does not fall
+ROUNDING = 1e-7  # of the size of the solution
+FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
+CORRECTION = 5.0  # at most
 
 Pose = Callable[[SidedMesh], SignoriniProblem]
 
@@ -176,6 +178,7 @@ class _Loop:
         problem: The problem that was solved last.
         division: The division of the present mesh.
         outlook: What the cells of the present mesh leave in the error.
+        last: The last solution, the parents of the cells of its mesh, and its uncorrected estimate.
         steps: The steps so far.
         stopped: Why the loop ended.
     """
@@ -183,12 +186,14 @@ class _Loop:
     problem: SignoriniProblem
     division: Refinement
     outlook: Outlook
+    last: tuple[fem.Function, Indices, float]
 
     def __init__(self, sided: SidedMesh, request: Request, on_step: Callable[[Step], None]):
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began = sided.mesh.comm, time.perf_counter()
         self.steps: list[Step] = []
         self.stopped = ""
+        self.correction = 1.0
 
     def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
         """Yield the meshes to solve on: a mesh and its division in turn."""
@@ -205,6 +210,7 @@ class _Loop:
             found = indicators(u, self.problem, self.division.parents, self.request.target)
             if self.steps:
                 self.rates.measure(found.cells)
+            self._estimate(found)
             self._note(found)
             divided = self._next_mesh(found)
             if divided is None:
@@ -218,14 +224,32 @@ class _Loop:
             message = f"the coarsest meshes need {needed}, not {self.request.max_unknowns}"
             raise InputError(message, "max_unknowns")
 
-    def _note(self, found: Indicators) -> None:
-        """Estimate the error of the last solution, and note the step."""
+    def _estimate(self, found: Indicators) -> None:
+        """Estimate the error of the last solution.
+
+        The estimate before is tried out: if the solution has moved by more than the estimate has
+        fallen, all estimates are too small by about this ratio.
+        """
         self.outlook = self.rates.outlook(found.cells)
         power = self.rates.power
         whole = total(found.cells, power, self.comm)
         share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
+        estimate = found.difference * share
+        if self.steps:
+            u, parents, before = self.last
+            cells = self.owners[self.division.parents]
+            old = carried_across(u, parents, self.problem.space, cells)
+            moved = size(difference(self.problem.u, old), self.request.target)
+            fallen = before - estimate
+            if fallen > FALLEN * before:
+                self.correction = min(max(moved / fallen, 1.0), CORRECTION)
+        self.last = self.problem.u, self.division.parents, estimate
+        self.estimate = estimate * self.correction
+
+    def _note(self, found: Indicators) -> None:
+        """Note the step."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
-        step = Step(self.problem.unknowns, SAFETY * found.difference * share, seconds)
+        step = Step(self.problem.unknowns, SAFETY * self.estimate, seconds)
         self.steps.append(step)
         self.on_step(step)
 
@@ -254,15 +278,15 @@ class _Loop:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
             return None
         self.rates.refine(found.cells, marks, divided)
-        self.sided, self.division = divided.sided, division
+        self.sided, self.division, self.owners = divided.sided, division, divided.owners
         return divided
 
     def _standing(self) -> bool:
-        """Whether the estimate has not fallen in the last steps."""
+        """Whether the estimate is small, and has not fallen in the last steps."""
         estimates = [step.estimate for step in self.steps]
-        return len(estimates) > PATIENCE and min(estimates[-PATIENCE:]) > STANDING * min(
-            estimates[:-PATIENCE]
-        )
+        if len(estimates) <= PATIENCE or min(estimates[-PATIENCE:]) <= min(estimates[:-PATIENCE]):
+            return False
+        return estimates[-1] < ROUNDING * size(self.problem.u, self.request.target)
 
     def _affordable(self) -> float:
         """By how much the mesh may grow; where that is too little, note why."""

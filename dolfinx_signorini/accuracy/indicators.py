@@ -62,22 +62,23 @@ def indicators(
         target: What is to be accurate.
     """
     transfer = Transfer(u.function_space, fine.space, parents)
-    error = _difference(fine.u, transfer.prolong(u))
+    error = difference(fine.u, transfer.prolong(u))
     count = len(owned_cells(u.function_space.mesh))
-    difference = _size(error, target)
+    apart = size(error, target)
     norm = target.norm
     if target.weighted:
-        dual = fine.solve_linearised(_density(error, target, difference))
+        dual = fine.solve_linearised(_density(error, target, apart))
         primal, weight = (
             _energies(fine, _detail(transfer, v), parents, count) for v in (fine.u, dual)
         )
-        return Indicators(difference, np.sqrt(primal) * np.sqrt(weight))
+        return Indicators(apart, np.sqrt(primal) * np.sqrt(weight))
     assert norm is not None
     local = _detail(transfer, fine.u) if math.isinf(norm.p) else error
-    return Indicators(difference, collected(cell_norms(local, norm), parents, count, norm.p))
+    return Indicators(apart, collected(cell_norms(local, norm), parents, count, norm.p))
 
 
-def _difference(one: fem.Function, other: fem.Function) -> fem.Function:
+def difference(one: fem.Function, other: fem.Function) -> fem.Function:
+    """Return the difference of two functions of a space."""
     result = fem.Function(one.function_space)
     result.x.array[:] = one.x.array - other.x.array
     return result
@@ -85,10 +86,11 @@ def _difference(one: fem.Function, other: fem.Function) -> fem.Function:
 
 def _detail(transfer: Transfer, f: fem.Function) -> fem.Function:
     """What a fine function has beyond its interpolation on the coarse mesh."""
-    return _difference(f, transfer.prolong(transfer.restrict(f)))
+    return difference(f, transfer.prolong(transfer.restrict(f)))
 
 
-def _size(error: fem.Function, target: Target) -> float:
+def size(error: fem.Function, target: Target) -> float:
+    """Return the norm of a function, or the size of the functional; the call is collective."""
     comm, norm = error.function_space.mesh.comm, target.norm
     if norm is None:
         assert target.functional is not None
@@ -99,7 +101,7 @@ def _size(error: fem.Function, target: Target) -> float:
     return total(cell_norms(error, norm), norm.p, comm)
 
 
-def _density(error: fem.Function, target: Target, size: float) -> ufl.Form:
+def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     """The load of the dual problem: the derivative of the norm at the error."""
     space = error.function_space
     v = ufl.TestFunction(space)
@@ -109,10 +111,10 @@ def _density(error: fem.Function, target: Target, size: float) -> ufl.Form:
     p = 2.0 if math.isinf(target.norm.p) else target.norm.p
     largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)
     density = fem.Function(space)
-    if size > 0.0 and largest > 0.0:
+    if apart > 0.0 and largest > 0.0:
         share = error.x.array / largest
         density.x.array[:] = np.abs(share) ** (p - 1.0) * np.sign(share)
-        density.x.array[:] *= (largest / size) ** (p - 1.0)
+        density.x.array[:] *= (largest / apart) ** (p - 1.0)
     if target.norm.boundary:
         return density * v * ufl.ds(metadata=FACET_RULE.metadata)
     rule = QuadratureRule("default", 2 * space.element.basix_element.degree)

@@ -6,10 +6,12 @@ divided towards the point: only the part at the point is divided again.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem, la, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, volumes
@@ -20,6 +22,8 @@ GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
 DEEPEST, DEEP = 12, 2  # divisions of a cell with a singular point, and of any other
 BISECTIONS = 60  # of the interval that the threshold is in
 SLACK = 1.2  # what deeper divisions would gain, and is given up
+NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
+BULK = 0.5  # of the error: the cells that make up so much are divided in any case
 NEAR = 1e-6  # of the size of a cell
 
 
@@ -124,7 +128,8 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
         growth: The largest ratio of the numbers of cells.
     """
     comm = sided.mesh.comm
-    choice = _Choice(comm, outlook, sided.mesh.topology.dim)
+    points, isolated = _points(sided.mesh, outlook.remaining, outlook.singular)
+    choice = _Choice(comm, replace(outlook, singular=isolated), sided.mesh.topology.dim)
     aim = max(goal, 2.0**-outlook.order)
     low, high = 1e-14, 1.0
     for _ in range(BISECTIONS):
@@ -134,10 +139,8 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
             high = threshold
         else:
             low = threshold
-    levels = choice.levels(low)
-    if comm.allreduce(int(levels.max(initial=0)), op=MPI.MAX) == 0:
-        levels = choice.levels(0.5)
-    return Marks(levels.astype(np.int64), choice.singular, _points(sided, choice.parts))
+    levels = np.maximum(choice.levels(low), choice.bulk())
+    return Marks(levels.astype(np.int64), choice.singular, points)
 
 
 class _Choice:
@@ -170,6 +173,20 @@ class _Choice:
             return self._largest(after)
         return float(self.comm.allreduce(float(after.sum())))
 
+    def bulk(self) -> npt.NDArray[np.bool_]:
+        """The cells with the largest errors, which together make up a part of the whole."""
+        if math.isinf(self.power):
+            return self.parts > BULK
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            threshold = 0.5 * (low + high)
+            inside = float(self.parts[self.parts > threshold].sum())
+            if self.comm.allreduce(inside) >= BULK * self.present:
+                low = threshold
+            else:
+                high = threshold
+        return self.parts > low
+
     def within_reach(self, factor: float) -> float:
         """The error times a factor, to the power, or what the deepest divisions give."""
         power = 1.0 if math.isinf(self.power) else self.power
@@ -186,11 +203,39 @@ class _Choice:
         return float(self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
-def _points(sided: SidedMesh, parts: Array) -> Array:
-    """Return for each owned cell the vertex around which the errors of this rank are largest."""
-    domain = sided.mesh
-    vertices = domain.geometry.dofmap[: len(parts)]
-    around = np.zeros(len(domain.geometry.x))
-    np.add.at(around, vertices, np.repeat(parts[:, None], vertices.shape[1], axis=1))
-    best = around[vertices].argmax(axis=1)
-    return np.asarray(domain.geometry.x[np.take_along_axis(vertices, best[:, None], 1)[:, 0]])
+def _points(
+    domain: mesh.Mesh, parts: Array, singular: npt.NDArray[np.bool_]
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Find the singular points of a mesh; the call is collective.
+
+    Args:
+        domain: The mesh.
+        parts: The remaining errors of the owned cells.
+        singular: Whether a cell has a slow rate.
+
+    Returns:
+        For each owned cell the vertex around which the errors are largest, and whether this vertex
+        is an isolated singular point. Slow cells side by side, which agree on no vertex, lie along
+        a singular line: they are divided like other cells.
+    """
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    vertices = space.dofmap.list[: len(parts)]
+    largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
+
+    def summed(values: Array, cells: npt.NDArray[Any]) -> Array:
+        """For each vertex the sum of values of the cells around the vertex."""
+        f = fem.Function(space)
+        np.add.at(f.x.array, vertices[cells], values[:, None])
+        f.x.scatter_reverse(la.InsertMode.add)
+        f.x.scatter_forward()
+        return np.asarray(f.x.array)
+
+    around = summed(parts / largest, np.arange(len(parts)))
+    best = np.take_along_axis(vertices, around[vertices].argmax(axis=1)[:, None], 1)[:, 0]
+    slow = np.flatnonzero(singular & (parts > NOTABLE * largest))
+    number = space.dofmap.index_map.local_to_global(best[slow].astype(np.int32)) + 1.0
+    count, first, second = (summed(number**k, slow) for k in range(3))
+    mixed = np.abs(count * second - first**2) > 0.5
+    isolated = np.zeros(len(parts), dtype=bool)
+    isolated[slow] = ~mixed[vertices[slow]].any(axis=1)
+    return space.tabulate_dof_coordinates()[best], isolated

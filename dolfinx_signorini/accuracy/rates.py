@@ -17,9 +17,10 @@ import numpy as np
 from dolfinx_signorini.accuracy.cells import Array, collected
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
 
-SLOWEST = 0.1  # rate; slower is not distinguished from no convergence
+SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
 UNKNOWN = 0.35  # of the rate for smooth solutions: before anything is measured
 NEARLY = 0.9  # of the same: next to a singular point
+NOTABLE = 0.5  # of the largest indicator of the parts of a cell
 SINGULAR = 0.75  # of the same: a cell with a smaller rate has a singular point
 
 
@@ -88,3 +89,8 @@ class Rates:
         with np.errstate(all="ignore"):
             rates = np.clip(-np.log2(now / before) / depth, SLOWEST, self.order)
         self.values = np.where(told[owners] & ~divided.away, rates[owners], self.values)
+        # The slow part of a slow cell is where most of the error is left.
+        largest = collected(cells, owners, count, np.inf)
+        slow = told[owners] & (rates[owners] < SINGULAR * self.order)
+        smooth = slow & (cells < NOTABLE * largest[owners])
+        self.values = np.where(smooth, NEARLY * self.order, self.values)

@@ -1,26 +1,23 @@
-"""The runs of a search and its outcome in words, for a terminal or a report."""
+"""The adaptive loop in words, for a terminal or a report."""
 
-from dolfinx_signorini.accuracy.model import Trial
-from dolfinx_signorini.accuracy.search import Outcome
-
-
-def trial_line(trial: Trial) -> str:
-    """Return one run of a search in words."""
-    c = trial.configuration
-    rtol = "default rtol" if c.rtol is None else f"rtol {c.rtol:.1e}"
-    return f"{c}: error {trial.error:.3e}, {trial.unknowns} unknowns, {trial.seconds:.3g} s, {rtol}"
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, Step
 
 
-def outcome_lines(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the choice of a search, its predictions and its results, as pairs of name and text."""
-    predicted, run = outcome.predicted, outcome.run
-    against = "estimated from a finer solution" if outcome.estimated else "exact solution known"
+def step_line(step: Step) -> str:
+    """Return one step of the loop in words."""
+    return (
+        f"{step.unknowns:8d} unknowns, error about {step.estimate:.2e}, after {step.seconds:.2f} s"
+    )
+
+
+def found_lines(found: AdaptiveSolution) -> list[tuple[str, str]]:
+    """Return what was asked for and what came out, as pairs of name and text."""
+    request = found.request
+    asked = [] if request.accuracy is None else [f"error of {request.accuracy:g}"]
+    if request.budget is not None:
+        asked.append(f"{request.budget:g} s")
     return [
-        ("chosen", f"{run.configuration}, {run.unknowns} unknowns"),
-        ("predicted", f"error {predicted.error:.3g} in {outcome.norm}, {predicted.seconds:.3g} s"),
-        (
-            "came out",
-            f"error {outcome.error:.3g} in {outcome.norm} ({against}), {run.total_seconds:.3g} s; "
-            f"{outcome.seconds:.3g} s with all coarse runs",
-        ),
+        ("asked for", f"{' or '.join(asked)}, {request.target.name}"),
+        ("came out", f"error about {found.estimate:.2e} (estimated)"),
+        ("because", found.stopped),
     ]

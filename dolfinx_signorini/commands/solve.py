@@ -7,9 +7,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.model import Trial
-from dolfinx_signorini.accuracy.report import trial_line
-from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS
+from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, Step
+from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.errors import InputError
@@ -20,6 +19,8 @@ from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, sum
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
+
+NOT_REACHED = 3  # exit code: the accuracy was not reached; the best solution is written
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -48,15 +49,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
     dial = parser.add_argument_group(
-        "accuracy", "choose mesh, degree and tolerance from cheap coarse runs, not by the scene"
+        "accuracy", "refine a coarse mesh where the solution needs it, in place of the scene's mesh"
     )
     request = dial.add_mutually_exclusive_group()
     request.add_argument("--accuracy", type=float, metavar="E", help="the largest error allowed")
     request.add_argument(
-        "--budget", type=float, metavar="S", help="seconds for coarse runs and the solution"
+        "--budget", type=float, metavar="S", help="seconds for all meshes together"
     )
     dial.add_argument(
         "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"
+    )
+    dial.add_argument(
+        "--degree", type=int, choices=(1, 2), help="degree of the elements (default: 2)"
     )
     dial.add_argument(
         "--max-unknowns",
@@ -69,6 +73,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve the scene; print its summary and write its results on rank 0.
 
+    Returns:
+        0, or 3 if the accuracy was not reached.
+
     Raises:
         InputError: The scene is refused, or the folder cannot be written.
         NotConvergedError: It could not be solved.
@@ -80,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:
         with naming_the_file(args.scene, scene):
-            result = solve_scene(scene, comm, **asked, on_trial=_progress)
+            result = solve_scene(scene, comm, **asked, on_step=_progress)
         try:
             boundary = gather_contact_boundary(result.posed.problem)
             summary = summarise(result, boundary)
@@ -95,18 +102,18 @@ def run(args: argparse.Namespace) -> int:
             result.destroy()
     if outputs and comm.rank == 0:
         print(f"results: {folder}/")
-    return 0
+    return 0 if result.found is None or result.found.reached else NOT_REACHED
 
 
-def _progress(trial: Trial) -> None:
-    """Print a run of a search on rank 0."""
+def _progress(step: Step) -> None:
+    """Print a step of the adaptive loop on rank 0."""
     if MPI.COMM_WORLD.rank == 0:
-        print(trial_line(trial), flush=True)
+        print(step_line(step), flush=True)
 
 
 def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """The accuracy or budget of the command line, with its norm and limit."""
-    names = ("accuracy", "budget", "norm", "max_unknowns")
+    names = ("accuracy", "budget", "norm", "max_unknowns", "degree")
     asked = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if asked and not asked.keys() & {"accuracy", "budget"} and scene.accuracy is None:
         option = "--" + next(iter(asked)).replace("_", "-")
@@ -127,7 +134,7 @@ def _outputs(args: argparse.Namespace, named: tuple[str, ...]) -> tuple[str, ...
 
 
 def _print(result: SceneResult, summary: Summary) -> None:
-    if result.outcome is not None:
+    if result.found is not None:
         print()
     print(result.posed.scene.title)
     rows = [*lines(summary), ("expected orders", str(result.expectation))]

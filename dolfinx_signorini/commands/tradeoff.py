@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.family import Family
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
@@ -14,7 +13,7 @@ from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import Records, folder_name, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
-from dolfinx_signorini.scenes.posing import scene_family
+from dolfinx_signorini.tradeoff.family import Family, scene_family
 from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
 from dolfinx_signorini.tradeoff.measuring import is_known, measure_grid
 from dolfinx_signorini.tradeoff.page import write_page

@@ -3,11 +3,11 @@
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.accuracy.family import Family, Posed
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.tradeoff.family import Family, Posed
 
 DETACHMENT = (0.5, 0.0)
 SUPPORT_RADIUS = 0.45
@@ -115,7 +115,6 @@ def paper_family(
         return Posed(paper_problem(exact, degree, rule), exact)
 
     return Family(
-        name="paper",
         dimension=2,
         width=1.0,
         make=lambda comm, n: SidedMesh(friedrichs_keller(comm, n), {}),

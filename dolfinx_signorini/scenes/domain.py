@@ -27,7 +27,8 @@ class Domain(ABC):
     Attributes:
         shape: The name of the shape in scene files.
         width_key: The key of a scene file that says how fine the mesh is; "" for none.
-        coarse_cells: The number of cells across the first mesh where the table names no width.
+        coarse_cells: The number of cells across the mesh where the table names no width.
+        first_cells: The number of cells across the mesh that adapted meshes are refined from.
         dimension: The space dimension.
         side_names: The names of the sides.
         vertices: The number of vertices of the mesh, which may be an estimate.
@@ -36,6 +37,7 @@ class Domain(ABC):
     shape: ClassVar[str]
     width_key: ClassVar[str] = ""
     coarse_cells: ClassVar[int] = 20
+    first_cells: ClassVar[int] = 4
     dimension: int
     side_names: tuple[str, ...]
     vertices: int
@@ -74,6 +76,10 @@ class Domain(ABC):
         """Return the domain with each mesh of the cascade, coarsest first; the last is this one."""
         coarse = coarse_levels(self.cells_across, self.dimension)
         return [*(self.at(n) for n in coarse), self]
+
+    def first(self) -> "Domain":
+        """Return the domain with the coarse mesh that adapted meshes are refined from."""
+        return self.at(self.first_cells)
 
     def record(self) -> dict[str, Any]:
         """Return what a record of a run needs to tell of the domain beside the scene file."""

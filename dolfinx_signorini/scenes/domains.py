@@ -61,6 +61,7 @@ class Cube(Square):
     dimension = 3
     side_names = CUBE_SIDES
     coarse_cells = 5
+    first_cells = 2
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
         n = self.cells

@@ -73,8 +73,6 @@ class MeshFile(Domain):
     def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "MeshFile":
         path = folder / table.text("file")
         names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
-        if not sized:
-            raise table.error("file", "a mesh is used as it is: leave 'accuracy' out")
         try:
             return cls.open(comm, path, **names)
         except InputError as error:
@@ -90,6 +88,9 @@ class MeshFile(Domain):
     def levels(self) -> list[Domain]:
         """Return the mesh of the file as the only level."""
         return [self]
+
+    def first(self) -> Domain:
+        return self
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
         return _read_mesh(comm, self.path, self.grid, self.tags)

@@ -47,6 +47,7 @@ class Polygon(Domain):
     vertices: int = field(init=False)
     shape = "polygon"
     width_key = "width"
+    first_cells = 1
     dimension = 2
 
     def __post_init__(self) -> None:

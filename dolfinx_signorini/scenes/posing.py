@@ -1,7 +1,7 @@
 """From a scene to a discrete problem, with the forms and data that the scene mentions."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,6 @@ from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.family import Family, Posed
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.manufactured import ManufacturedSolution, contact_violations, manufacture
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
@@ -33,8 +32,8 @@ Terms = dict[str, tuple[Expr, ufl.Measure]]
 
 
 @dataclass(frozen=True)
-class PosedScene(Posed):
-    """A scene on one mesh: the problem with the exact solution, see `Posed`, and their parts.
+class PosedScene:
+    """A scene on one mesh: the problem with the exact solution, and their parts.
 
     The forms are those of u, for lower and for upper obstacles:
 
@@ -44,6 +43,8 @@ class PosedScene(Posed):
         load = sum(integrand * v * measure for integrand, measure in posed.sources.values())
 
     Attributes:
+        problem: The discrete problem.
+        exact: The exact solution, or None where it is not known.
         scene: The scene.
         sided: The mesh with its sides.
         a, L: The forms of the problem.
@@ -52,6 +53,8 @@ class PosedScene(Posed):
         reactions: The same for c, where a has an integral of c u v.
     """
 
+    problem: SignoriniProblem
+    exact: ManufacturedSolution | None
     scene: Scene
     sided: SidedMesh
     a: ufl.Form
@@ -105,22 +108,6 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         L=L,
         sources=sources,
         reactions=reactions,
-    )
-
-
-def scene_family(scene: Scene) -> Family:
-    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
-
-    Raises:
-        InputError: The scene's mesh is from a file, and is the only one.
-    """
-    domain = scene.domain
-    return Family(
-        name=scene.title or "scene",
-        dimension=domain.dimension,
-        width=domain.at(1).size,
-        make=lambda comm, n: domain.at(n).make(comm),
-        pose=lambda sided, degree: pose(replace(scene, degree=degree), sided.mesh.comm, sided),
     )
 
 

@@ -184,9 +184,6 @@ def _accuracy(top: TomlTable) -> tuple[float | None, str]:
     accuracy = top.real("accuracy")
     if not accuracy > 0.0:
         raise top.error("accuracy", "must be positive")
-    for key in ("degree", "rtol"):
-        if top.has(key):
-            raise top.error(key, "follows from 'accuracy'; give one of the two")
     return accuracy, norm
 
 

@@ -1,21 +1,28 @@
-"""Solving a scene: on its own mesh by the cascade, or on the mesh that an accuracy needs."""
+"""Solving a scene: on its own mesh by the cascade, or on adapted meshes."""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.model import Trial
-from dolfinx_signorini.accuracy.search import MAX_UNKNOWNS, Outcome, solve_to
+from dolfinx_signorini.accuracy.adaptive import (
+    MAX_UNKNOWNS,
+    AdaptiveSolution,
+    Step,
+    solve_adaptively,
+)
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
-from dolfinx_signorini.scenes.posing import PosedScene, pose, scene_family
+from dolfinx_signorini.scenes.posing import PosedScene, pose
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
+
+DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class SceneResult:
         seconds: Wall-clock seconds of everything.
         expectation: What was to be expected.
         levels: The meshes, coarsest first, of a scene on its own mesh.
-        outcome: How mesh, degree and tolerance were chosen; None for those of the scene.
+        found: What the adaptive loop did; None for a solution on the mesh of the scene.
     """
 
     posed: PosedScene
@@ -71,7 +78,7 @@ class SceneResult:
     seconds: float
     expectation: Expectation
     levels: tuple[Level, ...] = ()
-    outcome: Outcome | None = None
+    found: AdaptiveSolution | None = None
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -86,12 +93,13 @@ def solve_scene(
     budget: float | None = None,
     norm: str | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
-    on_trial: Callable[[Trial], None] = lambda trial: None,
+    degree: int | None = None,
+    on_step: Callable[[Step], None] = lambda step: None,
 ) -> SceneResult:
     """Solve a scene.
 
-    With an accuracy or a budget, mesh, degree and tolerance are not those of the scene: they are
-    chosen from cheap coarse runs, see `accuracy.search.solve_to`.
+    With an accuracy or a budget, the mesh is not that of the scene: a coarse mesh is refined where
+    the solution needs it, see `solve_adaptively`.
 
     Args:
         scene: The scene.
@@ -99,12 +107,13 @@ def solve_scene(
         accuracy: The largest error allowed, in the unit of the norm; the scene's by default.
         budget: In place of an accuracy, the seconds that may be spent.
         norm: The norm of the error; the scene's by default.
-        max_unknowns: The limit on the dofs that are chosen.
-        on_trial: Is told of every run of the search when the run is done.
+        max_unknowns: The limit on the dofs of adapted meshes.
+        degree: The degree of the elements on adapted meshes; by default 2, or that of the scene
+            where it is higher.
+        on_step: Is told of every step of the adaptive loop when the step is done.
 
     Raises:
-        InputError: The problem has no or more than one solution, some data make no sense, or the
-            accuracy is out of reach; the message says what the best would be.
+        InputError: The problem has no or more than one solution, or some data make no sense.
         NotConvergedError: A solve failed.
     """
     if accuracy is None and budget is None:
@@ -112,36 +121,42 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm)
     norm = scene.norm if norm is None else norm
-    _look_at_solution(scene, comm, norm)
-    outcome = solve_to(
-        comm,
-        scene_family(scene),
-        norm,
+    degree = max(scene.degree, DEGREE) if degree is None else degree
+    scene = replace(scene, domain=scene.domain.first(), degree=degree)
+    expectation = _look_at_solution(scene, comm, norm)
+    began = time.perf_counter()
+    posed: list[PosedScene] = []
+
+    def pose_on(sided: SidedMesh) -> SignoriniProblem:
+        posed[:] = [pose(scene, comm, sided)]
+        return posed[0].problem
+
+    found = solve_adaptively(
+        pose_on,
+        scene.domain.make(comm),
+        norm=norm,
         accuracy=accuracy,
         budget=budget,
         max_unknowns=max_unknowns,
-        on_trial=on_trial,
+        on_step=on_step,
     )
-    posed = outcome.run.posed
-    assert isinstance(posed, PosedScene)
-    expectation = expect(posed.scene, posed.sided)
-    return _result(posed, expectation, outcome.seconds, outcome=outcome)
+    seconds = comm.bcast(time.perf_counter() - began)
+    return _result(posed[0], expectation, seconds, found=found)
 
 
-def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> None:
+def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
     """Refuse a solution without finite values or norms before anything is solved."""
-    coarsest = scene.levels()[0]
-    sided = coarsest.domain.make(comm)
+    sided = scene.domain.make(comm)
     expectation = expect(scene, sided)
     check_norms([norm], expectation, "norm")
-    if scene.solution is None:
-        return
-    check_norms(scene.norms, expectation, "norms")
-    posed = pose(coarsest, comm, sided)
-    try:
-        check_solution(posed, [norm, *scene.norms])
-    finally:
-        posed.problem.destroy()
+    if scene.solution is not None:
+        check_norms(scene.norms, expectation, "norms")
+        posed = pose(scene, comm, sided)
+        try:
+            check_solution(posed, [norm, *scene.norms])
+        finally:
+            posed.problem.destroy()
+    return expectation
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dolfinx_signorini.accuracy.kinds import UNIFORM_P1, Kind
-from dolfinx_signorini.accuracy.runs import Configuration
 from dolfinx_signorini.tables import text_table
+from dolfinx_signorini.tradeoff.kinds import UNIFORM_P1, Kind
+from dolfinx_signorini.tradeoff.runs import Configuration
 
 Row = Mapping[str, Any]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.kinds import GRADED_P1, GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
-from dolfinx_signorini.accuracy.runs import Configuration
 from dolfinx_signorini.quadrature import CELL_RULE
+from dolfinx_signorini.tradeoff.kinds import GRADED_P1, GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
+from dolfinx_signorini.tradeoff.runs import Configuration
 
 # Cells across by dimension and kind, from small to large.
 CELLS: dict[int, dict[Kind, tuple[int, ...]]] = {

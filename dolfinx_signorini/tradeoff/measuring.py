@@ -16,19 +16,19 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.family import Family
-from dolfinx_signorini.accuracy.runs import (
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.records import Records
+from dolfinx_signorini.references import interpolated
+from dolfinx_signorini.tradeoff.comparing import Row
+from dolfinx_signorini.tradeoff.family import Family
+from dolfinx_signorini.tradeoff.grid import Item
+from dolfinx_signorini.tradeoff.runs import (
     Configuration,
     Run,
     algebraic_errors,
     exact_solution,
     solve_configuration,
 )
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.records import Records
-from dolfinx_signorini.references import interpolated
-from dolfinx_signorini.tradeoff.comparing import Row
-from dolfinx_signorini.tradeoff.grid import Item
 
 WARM_UP = 8  # cells across of the run that compiles the forms
 INTERPOLATION_DEGREE = 4  # of the interpolated reference

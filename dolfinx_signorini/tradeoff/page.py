@@ -7,13 +7,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dolfinx_signorini import plotting
-from dolfinx_signorini.accuracy.kinds import KINDS
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, SMOOTH, approximation_order, regression
 from dolfinx_signorini.records import versions, write_file
 from dolfinx_signorini.tables import markdown_table
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.comparing import Row, kind_of
+from dolfinx_signorini.tradeoff.kinds import KINDS
 from dolfinx_signorini.tradeoff.rules import NORMS, RULES, shown, sweep
 
 P2 = [

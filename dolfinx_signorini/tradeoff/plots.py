@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from dolfinx_signorini.accuracy.kinds import KINDS
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front
+from dolfinx_signorini.tradeoff.kinds import KINDS
 
 STYLES = dict(zip(KINDS, zip("osD^", COLOURS, strict=False), strict=True))
 

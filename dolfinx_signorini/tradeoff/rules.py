@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.tradeoff.comparing import Row, cheapest, describe, is_baseline, kind_of
+from dolfinx_signorini.tradeoff.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 
 NORMS = ("L4", "Linf", "W1_4", "W1_inf")
 SMALL = 0.01  # an error that does not count

@@ -1,4 +1,4 @@
-"""Scenes to an accuracy: what is chosen for them is solved, measured and written like any other."""
+"""Scenes to an accuracy: they are solved on adapted meshes, and written like any other."""
 
 import json
 
@@ -9,7 +9,7 @@ from dolfinx_signorini import InputError
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.output.summary import summarise
 
 DETACHING = """
@@ -34,25 +34,27 @@ def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     error = error_norms(result.u, result.posed.exact, ["W1_4"])["W1_4"]
     summary = summarise(result, gather_contact_boundary(result.posed.problem))
     gap = result.gap.x.array.copy()
-    assert result.outcome.error == pytest.approx(error, rel=1e-12)
+    assert error <= result.found.estimate <= 4e-3
     result.destroy()
-    assert 2e-3 <= error <= 4e-3
+    assert error >= 8e-4
     assert gap.min(initial=0.0) >= -1e-12
     # The pressure is 1.5 r^{1/2} at the distance r from the point; a corner has Dirichlet data.
     force = 0.58663**1.5 if bound == "lower" else -(0.58663**1.5)
     assert summary.forces["contact"] == pytest.approx(force, rel=0.1)
-    assert summary.imbalance <= 1e-4  # what the tolerance chosen leaves
-    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=0.06)
+    assert summary.imbalance <= 1e-4
+    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=1e-3)
 
 
 def test_arguments_go_before_the_scene(comm, parse):
     scene = parse(DETACHING.format(bound="lower", sign="-"))
     result = solve_scene(scene, comm, accuracy=1e-4, norm="L4")
-    assert 5e-5 <= error_norms(result.u, result.posed.exact, ["L4"])["L4"] <= 1e-4
+    assert error_norms(result.u, result.posed.exact, ["L4"])["L4"] <= 1e-4
     result.destroy()
-    result = solve_scene(scene, comm, budget=30.0, max_unknowns=20_000)
-    assert (result.outcome.budget, result.outcome.accuracy) == (30.0, None)
-    assert result.posed.problem.unknowns <= 1.3 * 20_000
+    result = solve_scene(scene, comm, budget=30.0, max_unknowns=20_000, degree=1)
+    request = result.found.request
+    assert (request.budget, request.accuracy, request.target.name) == (30.0, None, "W1_4")
+    assert 5_000 <= result.posed.problem.unknowns <= 20_000
+    assert result.u.function_space.element.basix_element.degree == 1
     result.destroy()
 
 
@@ -63,14 +65,14 @@ def test_the_command_says_and_writes_what_was_chosen(comm, demos, folder, capfd)
     comm.barrier()
     if comm.rank == 0:
         lines = {line[2:22].strip(): line for line in capfd.readouterr().out.splitlines()}
-        assert {"chosen", "predicted", "came out", "balance of forces"} <= set(lines)
+        assert {"asked for", "came out", "balance of forces"} <= set(lines)
         record = json.loads((out / "record.json").read_text())
-        assert record["options"] == {"accuracy": 0.05, "norm": "W1_inf"}
+        assert record["options"] == {"accuracy": 0.05, "norm": "W1_inf", "degree": 2}
         last = record["meshes"][-1]
-        assert 0.025 <= last["error"] <= 0.05
-        assert last["configuration"] in lines["chosen"]
+        assert last["estimate"] <= 0.05 < record["meshes"][-2]["estimate"]
         assert last["unknowns"] == record["summary"]["unknowns"]
-        assert last["configuration"] in (out / "report.html").read_text()
+        assert f"{last['estimate']:.2e}" in lines["came out"]
+        assert f"{last['estimate']:.2e}" in (out / "report.html").read_text()
         rows = np.genfromtxt(out / "boundary.csv", delimiter=",", names=True)
         assert rows["gap"].min() >= -1e-12
 
@@ -78,8 +80,6 @@ def test_the_command_says_and_writes_what_was_chosen(comm, demos, folder, capfd)
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("degree = 2", "line 3: degree: follows from 'accuracy'"),
-        ("rtol = 1e-6", "line 3: rtol: follows from 'accuracy'"),
         ('norm = "L0"', "line 3: norm: "),
         ("norm = 2", "line 3: norm: must be a text"),
     ],
@@ -113,9 +113,7 @@ def test_a_norm_needs_an_accuracy(parse):
         ("mixed", ["--norm", "L4"], "--norm: goes with --accuracy or --budget"),
         ("mixed", ["--max-unknowns", "9"], "--max-unknowns: goes with --accuracy or --budget"),
         ("mixed", ["--budget", "1", "--max-unknowns", "0"], "max_unknowns: must be positive"),
-        ("mixed", ["--budget", "1e-9"], "budget: 1e-09 s are too few"),
-        ("mixed", ["--accuracy", "1e-9", "--max-unknowns", "900"], "out of reach with 900"),
-        ("plate", ["--accuracy", "1"], "a mesh from a file is used as it is"),
+        ("mixed", ["--accuracy", "1", "--max-unknowns", "9"], "max_unknowns: the coarsest meshes"),
     ],
 )
 def test_a_request_that_cannot_be_met_is_refused(
@@ -129,3 +127,33 @@ def test_a_request_that_cannot_be_met_is_refused(
     if comm.rank == 0:
         error = capfd.readouterr().err
         assert message in error and "Traceback" not in error
+
+
+def test_the_best_solution_is_written_where_the_accuracy_is_not_reached(comm, demos, folder, capfd):
+    out = folder / "results"
+    limits = ["--accuracy", "1e-9", "--max-unknowns", "2000"]
+    assert main(["solve", str(demos / "mixed.toml"), "--out", str(out), *limits]) == 3
+    comm.barrier()
+    if comm.rank == 0:
+        assert "a finer mesh has more than 2000 unknowns" in capfd.readouterr().out
+        record = json.loads((out / "record.json").read_text())
+        assert 500 <= record["summary"]["unknowns"] <= 2000
+
+
+def test_a_budget_is_kept(comm, parse):
+    scene = parse(DETACHING.format(bound="lower", sign="-"))
+    solve_scene(scene, comm, accuracy=0.1).destroy()  # the forms are compiled
+    result = solve_scene(scene, comm, budget=1.5)
+    result.destroy()
+    assert result.found.seconds <= 3.0
+    assert result.found.stopped == "the next step would take longer than the time that is left"
+
+
+def test_the_mesh_of_a_file_is_refined(comm, demos):
+    scene = load_scene(demos / "plate.toml", comm)
+    coarse = solve_scene(scene, comm)
+    fine = solve_scene(scene, comm, accuracy=1e-3, norm="H1")
+    coarse.destroy()
+    fine.destroy()
+    assert fine.found.reached
+    assert fine.posed.problem.unknowns > coarse.posed.problem.unknowns

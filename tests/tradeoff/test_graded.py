@@ -14,9 +14,6 @@ from dolfinx_signorini import (
     christof_haubner,
     friedrichs_keller,
 )
-from dolfinx_signorini.accuracy.grading import RADIUS, graded_mesh, transferred_sides
-from dolfinx_signorini.accuracy.kinds import GRADED_P2, UNIFORM_P2, Kind
-from dolfinx_signorini.accuracy.runs import Configuration, solve_configuration
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.norms import error_norms, parse_norm
@@ -28,6 +25,9 @@ from dolfinx_signorini.orders import (
     grading_exponent,
 )
 from dolfinx_signorini.paper.solution import paper_family, paper_problem
+from dolfinx_signorini.tradeoff.grading import RADIUS, graded_mesh, transferred_sides
+from dolfinx_signorini.tradeoff.kinds import GRADED_P2, UNIFORM_P2, Kind
+from dolfinx_signorini.tradeoff.runs import Configuration, solve_configuration
 
 
 def cells(domain: mesh.Mesh) -> np.ndarray:

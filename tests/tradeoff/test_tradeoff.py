@@ -11,13 +11,6 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, friedrichs_keller
-from dolfinx_signorini.accuracy.kinds import GRADED_P1, GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
-from dolfinx_signorini.accuracy.runs import (
-    Configuration,
-    exact_solution,
-    levels,
-    solve_configuration,
-)
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import paper_family
@@ -27,7 +20,14 @@ from dolfinx_signorini.references import carried
 from dolfinx_signorini.tradeoff import measuring
 from dolfinx_signorini.tradeoff.comparing import cheapest, pareto_front, targets
 from dolfinx_signorini.tradeoff.grid import Item, grid
+from dolfinx_signorini.tradeoff.kinds import GRADED_P1, GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.tradeoff.measuring import measure_grid
+from dolfinx_signorini.tradeoff.runs import (
+    Configuration,
+    exact_solution,
+    levels,
+    solve_configuration,
+)
 
 SCENES = Path(__file__).parents[2] / "demos" / "scenes"
 PHASES = {"coarse", "mesh", "forms", "assembly", "solve"}

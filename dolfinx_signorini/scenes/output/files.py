@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from dolfinx_signorini.contact_boundary import ContactBoundary, draw_contact
 from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
-from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
@@ -116,27 +115,21 @@ def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
 
 def _options(result: SceneResult) -> dict[str, Any]:
     """Return what a run was asked for, on the command line or in the scene."""
-    outcome, scene = result.outcome, result.posed.scene
-    if outcome is None:
+    found, scene = result.found, result.posed.scene
+    if found is None:
         return {"degree": scene.degree, "rtol": scene.rtol}
-    asked = {"accuracy": outcome.accuracy, "budget": outcome.budget, "norm": outcome.norm}
-    return {key: value for key, value in asked.items() if value is not None}
+    request = found.request
+    asked = {"accuracy": request.accuracy, "budget": request.budget, "norm": request.target.name}
+    return {key: value for key, value in asked.items() if value is not None} | {
+        "degree": scene.degree
+    }
 
 
 def _meshes(result: SceneResult) -> list[dict[str, Any]]:
-    """Return the levels of the cascade, or the runs of a search, in their order."""
-    if result.outcome is None:
-        return [asdict(level) for level in result.levels]
-    return [
-        {
-            "configuration": str(trial.configuration),
-            "rtol": trial.configuration.rtol or DEFAULT_RTOL,
-            "unknowns": trial.unknowns,
-            "seconds": trial.seconds,
-            "error": trial.error,
-        }
-        for trial in result.outcome.trials
-    ]
+    """Return the levels of the cascade, or the steps of the adaptive loop, in their order."""
+    if result.found is not None:
+        return [asdict(step) for step in result.found.steps]
+    return [asdict(level) for level in result.levels]
 
 
 def _write_small_files(

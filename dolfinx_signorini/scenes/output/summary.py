@@ -9,9 +9,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.report import outcome_lines
+from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.contact_boundary import ContactBoundary
-from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -42,7 +42,7 @@ class Summary:
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
         errors: Norms of the error where the solution is known, by name.
-        choice: With an accuracy or a budget, what was chosen, predicted and reached, by name.
+        choice: With an accuracy or a budget, what was asked for and what came out, by name.
         seconds: Wall-clock seconds of everything.
     """
 
@@ -72,7 +72,8 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
     domain = problem.space.mesh
     sizes = None if boundary is None else _contact_sizes(boundary)
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
-    points = _points(result) if scene.domain.dimension == 2 else []
+    points = detachment_points(problem) if scene.domain.dimension == 2 else []
+    points.sort(key=lambda point: point.position)
     forces = _forces(result)
     total = sum(abs(force) for force in forces.values())
     return Summary(
@@ -87,7 +88,7 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
         errors={} if exact is None else _errors(result.u, exact, scene.norms),
-        choice={} if result.outcome is None else dict(outcome_lines(result.outcome)),
+        choice={} if result.found is None else dict(found_lines(result.found)),
         seconds=result.seconds,
     )
 
@@ -127,27 +128,6 @@ def _place(point: Sequence[float], uncertainty: float) -> str:
         digits = min(max(2, math.ceil(math.log10(size / uncertainty))), MAX_DIGITS)
     numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
     return f"({', '.join(f'{c:.{digits}g}' for c in numbers)}) +- {uncertainty:.1g}"
-
-
-def _points(result: SceneResult) -> list[DetachmentPoint]:
-    """Return the detachment points by their place, each as precisely as the run knows them.
-
-    A graded mesh is made from the points of a coarser one, some of which may be missing on the
-    mesh itself, or be known less precisely.
-    """
-    points = detachment_points(result.posed.problem)
-    for known in () if result.outcome is None else result.outcome.run.points:
-        same = [
-            k
-            for k, point in enumerate(points)
-            if math.dist(point.position, known.position)
-            <= 2.0 * (point.uncertainty + known.uncertainty)
-        ]
-        if not same:
-            points.append(known)
-        elif known.uncertainty < points[same[0]].uncertainty:
-            points[same[0]] = known
-    return sorted(points, key=lambda point: point.position)
 
 
 def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str, float]:

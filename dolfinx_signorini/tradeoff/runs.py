@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.family import Family, Posed
-from dolfinx_signorini.accuracy.grading import graded_mesh, transferred_sides
-from dolfinx_signorini.accuracy.kinds import Kind
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
@@ -24,6 +21,9 @@ from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.timing import Phases
+from dolfinx_signorini.tradeoff.family import Family, Posed
+from dolfinx_signorini.tradeoff.grading import graded_mesh, transferred_sides
+from dolfinx_signorini.tradeoff.kinds import Kind
 
 COARSEST = 8  # cells across on the coarsest level of a graded mesh, at least
 COARSE_RTOL = 1e-5  # tolerance of the coarse levels: enough for contact set and detachment points

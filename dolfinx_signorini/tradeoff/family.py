@@ -5,13 +5,15 @@ poses its problem on any mesh of the domain.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import Reference
+from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -37,15 +39,33 @@ class Family:
         posed = family.pose(sided, 2)
 
     Attributes:
-        name: The name of the problem.
         dimension: The dimension of space.
         width: The cell size of the mesh with n = 1: the root of twice the area of a cell.
         make: Makes the mesh with n cells across.
         pose: Assembles the problem on a mesh, for elements of degree 1 or 2.
     """
 
-    name: str
     dimension: int
     width: float
     make: Callable[[MPI.Comm, int], SidedMesh]
     pose: Callable[[SidedMesh, int], Posed]
+
+
+def scene_family(scene: Scene) -> Family:
+    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
+
+    Raises:
+        InputError: The scene's mesh is from a file, and is the only one.
+    """
+    domain = scene.domain
+
+    def on(sided: SidedMesh, degree: int) -> Posed:
+        posed = pose(replace(scene, degree=degree), sided.mesh.comm, sided)
+        return Posed(posed.problem, posed.exact)
+
+    return Family(
+        dimension=domain.dimension,
+        width=domain.at(1).size,
+        make=lambda comm, n: domain.at(n).make(comm),
+        pose=on,
+    )

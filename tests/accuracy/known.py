@@ -1,0 +1,499 @@
+"""Scenes whose solutions only the tests know, and errors evaluated by code of the tests."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene file, its solution, and accuracies to ask for by norm."""
+
+    text: str
+    u: Callable[..., Array]
+    gradient: Callable[..., tuple[Array, ...]]
+    accuracies: dict[str, tuple[float, ...]]
+
+
+def power(x: Array, y: Array, exponent: float, start: float) -> tuple[Array, Array, Array]:
+    """Return r^s sin(s t) with its gradient, where the angle t begins at a direction."""
+    r = np.hypot(x, y)
+    middle = start + 0.75 * math.pi  # the cut is opposite to this direction
+    c, d = math.cos(middle), math.sin(middle)
+    t = np.arctan2(y * c - x * d, x * c + y * d) + 0.75 * math.pi
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = exponent * r ** (exponent - 1.0)
+        angle = (exponent - 1.0) * t - start
+        return r**exponent * np.sin(exponent * t), f * np.sin(angle), f * np.cos(angle)
+
+
+def corner(degrees: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """A re-entrant corner at the origin, between the x-axis and another direction."""
+    omega = math.radians(degrees)
+    s = math.pi / omega
+    half = omega / 2.0
+    a, b = math.cos(omega), math.sin(omega)
+    scale = 1.0 / max(abs(a), abs(b))
+    text = f"""
+degree = 2
+[domain]
+shape = "polygon"
+vertices = [[0, 0], [1, 0], [1, 1], [-1, 1], [-1, -1], [{a * scale!r}, {b * scale!r}]]
+width = 0.5
+[define]
+X = "x*{math.cos(half)!r} + y*{math.sin(half)!r}"
+Y = "y*{math.cos(half)!r} - x*{math.sin(half)!r}"
+w = "hypot(x, y)^{s!r} * sin({s!r}*(atan2(Y, X) + {half!r}))"
+[equation]
+reaction = 1
+load = "w"
+[contact]
+sides = 4
+obstacle = "w"
+[[dirichlet]]
+sides = [1, 2, 3, 5, 6]
+value = "w"
+"""
+
+    def at(x: Array, y: Array) -> tuple[Array, Array, Array]:
+        return power(x, y, s, 0.0)
+
+    return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
+
+
+def change(contact: bool, accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """u = -r^(1/2) sin(t/2): no flux for x < 0 on a straight side, u = 0 or contact for x > 0."""
+    held, obstacle = (2, 0) if contact else (3, '"w"')
+    sides = [3, 4, 5] if contact else [2, 4, 5]
+    text = f"""
+degree = 2
+[domain]
+shape = "polygon"
+vertices = [[-1, 0], [0, 0], [1, 0], [1, 1], [-1, 1]]
+width = 0.5
+[define]
+w = "0 - sqrt(hypot(x, y))*sin(0.5*atan2(y, x))"
+[equation]
+reaction = 1
+load = "w"
+[contact]
+sides = {held}
+obstacle = {obstacle}
+[[dirichlet]]
+sides = {sides}
+value = "w"
+"""
+
+    def at(x: Array, y: Array) -> tuple[Array, ...]:
+        return tuple(-value for value in power(x, y, 0.5, 0.0))
+
+    return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
+
+
+def interval(centre: float, half: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """Contact on an interval of the bottom, with a detachment point at each end: u = Re F, with
+    F' the square root of (z - a) (z - b)."""
+    text = f"""
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+X = "x - {centre!r}"
+k = "{half!r}"
+t = "0.5*(atan2(y, X - k) + atan2(y, X + k))"
+m = "sqrt(hypot(X - k, y)*hypot(X + k, y))"
+p = "m*cos(t)"
+q = "m*sin(t)"
+w = "0.5*(X*p - y*q - k^2*log(hypot(X + p, y + q)/k))"
+[equation]
+reaction = 1
+load = "w"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def parts(x: Array, y: Array) -> tuple[Array, Array]:
+        z = x - centre + 1j * np.abs(y)
+        root = np.sqrt(np.abs(z - half) * np.abs(z + half)) * np.exp(
+            0.5j * (np.angle(z - half) + np.angle(z + half))
+        )
+        return z, root
+
+    def u(x: Array, y: Array) -> Array:
+        z, root = parts(x, y)
+        return 0.5 * np.real(z * root - half**2 * np.log((z + root) / half))
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        root = parts(x, y)[1]
+        return root.real, -root.imag
+
+    return Known(text, u, gradient, accuracies)
+
+
+def bump(width: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """A narrow bump inside of the square, away from everything."""
+    text = f"""
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+d = "(x - 0.37)^2 + (y - 0.61)^2"
+e = "exp(0 - d/{width**2!r})"
+[equation]
+reaction = 1
+load = "e*(1 + {4 / width**2!r} - {4 / width**4!r}*d)"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = "top"
+value = 0
+"""
+
+    def u(x: Array, y: Array) -> Array:
+        return np.exp(-((x - 0.37) ** 2 + (y - 0.61) ** 2) / width**2)
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        e = -2.0 / width**2 * u(x, y)
+        return e * (x - 0.37), e * (y - 0.61)
+
+    return Known(text, u, gradient, accuracies)
+
+
+def points(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """Three detachment points, one on each of three sides, in supports that do not meet."""
+    places = (
+        (0.3137, 0.0, "x", "y"),
+        (1.0, 0.6271, "y", "(1 - x)"),
+        (0.2893, 1.0, "(1 - x)", "(1 - y)"),
+    )
+    define, names = [], []
+    for i, (x0, y0, along, inward) in enumerate(places):
+        start = {"x": x0, "y": y0, "(1 - x)": 1.0 - x0}[along]
+        define += [
+            f'X{i} = "{along} - {start!r}"',
+            f'r{i} = "hypot(X{i}, {inward})"',
+            f'c{i} = "where(r{i} < 0.28, (1 - (r{i}/0.28)^2)^4, 0)"',
+            f'w{i} = "0 - c{i}*r{i}^1.5*sin(1.5*atan2({inward}, X{i}))"',
+        ]
+        names.append(f"w{i}")
+    text = f"""
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+{chr(10).join(define)}
+[contact]
+sides = ["bottom", "right", "top"]
+obstacle = 0
+[equation]
+reaction = 1
+[[dirichlet]]
+sides = "left"
+[solution]
+u = "{" + ".join(names)}"
+manufactured = true
+"""
+
+    def one(X: Array, Y: Array) -> tuple[Array, Array, Array]:
+        value, dx, dy = power(X, np.abs(Y), 1.5, 0.0)
+        r2 = (X**2 + Y**2) / 0.28**2
+        c = np.where(r2 < 1.0, (1.0 - r2) ** 4, 0.0)
+        slope = np.where(r2 < 1.0, -8.0 * (1.0 - r2) ** 3, 0.0) / 0.28**2
+        return -c * value, -c * dx - slope * X * value, -c * dy - slope * Y * value
+
+    def at(x: Array, y: Array) -> list[Array]:
+        a = one(x - 0.3137, y)
+        b = one(y - 0.6271, 1.0 - x)
+        c = one(1.0 - x - (1.0 - 0.2893), 1.0 - y)
+        return [a[0] + b[0] + c[0], a[1] - b[2] - c[1], a[2] + b[1] - c[2]]
+
+    return Known(text, lambda x, y: at(x, y)[0], lambda x, y: tuple(at(x, y)[1:]), accuracies)
+
+
+def layer(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """A boundary layer of width 1e-3 at a side in contact."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[equation]
+reaction = 1e6
+[contact]
+sides = "left"
+obstacle = 1
+[[dirichlet]]
+sides = "right"
+value = 0
+"""
+
+    def u(x: Array, y: Array) -> Array:
+        return np.exp(-1000.0 * x)
+
+    return Known(text, u, lambda x, y: (-1000.0 * u(x, y), 0.0 * x), accuracies)
+
+
+def jump(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """The diffusion jumps from 1 to 1000 across x = 1/3, which is no line of the mesh."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[equation]
+diffusion = "where(3*x < 1, 1, 1000)"
+load = "1/3 - x"
+[contact]
+sides = "right"
+obstacle = "(2/3)*(1 + 0.5*y^2)/1000"
+[[dirichlet]]
+sides = "left"
+value = "0 - (1 + 0.5*y^2)/3"
+[[neumann]]
+sides = "top"
+flux = "x - 1/3"
+"""
+
+    def k(x: Array) -> Array:
+        return np.where(3.0 * x < 1.0, 1.0, 1000.0)
+
+    return Known(
+        text,
+        lambda x, y: (x - 1.0 / 3.0) / k(x) * (1.0 + 0.5 * y**2),
+        lambda x, y: ((1.0 + 0.5 * y**2) / k(x), (x - 1.0 / 3.0) / k(x) * y),
+        accuracies,
+    )
+
+
+def kink(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """Contact everywhere with an obstacle that has a kink: u = Im(z log z) - 2 y."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+X = "x - 0.4137"
+w = "y*log(hypot(X, y)) + X*atan2(y, X) - 2*y"
+[equation]
+reaction = 1
+load = "where(hypot(X, y) > 0, y*log(hypot(X, y) + 1e-300) + X*atan2(y, X) - 2*y, 0)"
+[contact]
+sides = "bottom"
+obstacle = "pi*min(X, 0)"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def at(x: Array, y: Array) -> tuple[Array, Array, Array]:
+        X = x - 0.4137
+        with np.errstate(divide="ignore", invalid="ignore"):
+            r, t = np.hypot(X, y), np.arctan2(y, X)
+            log = np.log(np.maximum(r, 1e-300))
+            return y * log + X * t - 2.0 * y, t, log + 1.0 - 2.0
+
+    return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
+
+
+def edge(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """A cube whose bottom is in contact, with a singularity r^0.63 along an edge of the bottom."""
+    c, s = 0.8, 0.6
+    start = -math.asin(c)
+    exponent = math.pi / 2.0 / (math.pi / 2.0 + math.asin(c))
+    text = f"""
+degree = 2
+[domain]
+shape = "cube"
+cells = 4
+[define]
+Z = "(z - {c!r}*x)/{s!r}"
+w = "0 - hypot(x, Z)^{exponent!r}*sin({exponent!r}*(atan2(Z, x) - {start!r}))"
+[equation]
+diffusion = [[1, 0, {c!r}], [0, 1, 0], [{c!r}, 0, 1]]
+reaction = 1
+load = "w"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = ["right", "top"]
+value = "w"
+"""
+
+    def at(x: Array, z: Array) -> tuple[Array, Array, Array]:
+        value, dx, dz = power(x, (z - c * x) / s, exponent, start)
+        return -value, -dx + dz * c / s, -dz / s
+
+    return Known(
+        text,
+        lambda x, y, z: at(x, z)[0],
+        lambda x, y, z: (at(x, z)[1], 0.0 * y, at(x, z)[2]),
+        accuracies,
+    )
+
+
+def true_error(u: fem.Function, known: Known, norm: str) -> float:
+    """Return a norm of the error, by a lattice or a rule that the package does not use."""
+    order, p = {
+        "L2": (0, 2.0), "L4": (0, 4.0), "Linf": (0, math.inf), "H1": (1, 2.0),
+        "W1_4": (1, 4.0), "W1_inf": (1, math.inf),
+    }[norm]  # fmt: skip
+    space, domain = u.function_space, u.function_space.mesh
+    dim, comm = domain.topology.dim, domain.comm
+    count = domain.topology.index_map(dim).size_local
+    element = space.element.basix_element
+    if math.isinf(p):
+        degree = 15 if dim == 2 else 9
+        kind = basix.LatticeType.equispaced
+        points, weights = basix.create_lattice(element.cell_type, degree, kind, True), None
+    else:
+        points, weights = basix.make_quadrature(element.cell_type, 15 if dim == 2 else 9)
+    table = element.tabulate(1, points)[:, :, :, 0]
+    values = u.x.array[space.dofmap.list[:count]]
+    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :, :dim]
+    jacobian = (x[:, 1:] - x[:, :1]).transpose(0, 2, 1)
+    places = np.moveaxis(x[:, :1] + np.einsum("cij,qj->cqi", jacobian, points), 2, 0)
+    errors = [values @ table[0].T - known.u(*places)]
+    if order:
+        slopes = np.einsum("cd,jqd->cqj", values, table[1:])
+        slopes = np.einsum("cqj,cji->icq", slopes, np.linalg.inv(jacobian))
+        errors += [a - b for a, b in zip(slopes, known.gradient(*places), strict=True)]
+    sizes = np.nan_to_num(np.abs(np.array(errors)), posinf=0.0)  # at the singular point itself
+    if weights is None:
+        return float(comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX))
+    powers = (sizes**p).sum(axis=0) @ weights * np.abs(np.linalg.det(jacobian))
+    return float(comm.allreduce(float(powers.sum())) ** (1.0 / p))
+
+
+SCENES = {
+    "corner of 240 degrees": corner(
+        240.0,
+        {
+            "L2": (1e-3, 1e-4, 1e-5),
+            "L4": (1e-3, 1e-4, 1e-5),
+            "Linf": (1e-2, 1e-3, 1e-4),
+            "H1": (3e-2, 1e-2, 1e-3),
+            "W1_4": (3e-1, 1e-1, 3e-2),
+        },
+    ),
+    "corner of 300 degrees": corner(
+        300.0,
+        {
+            "L2": (1e-2, 1e-3, 1e-4),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-1, 1e-2, 1e-3),
+            "H1": (1e-1, 1e-2, 3e-3),
+            "W1_4": (3e-1, 1e-1, 5e-2),
+        },
+    ),
+    "Dirichlet to Neumann": change(
+        False,
+        {
+            "L2": (1e-2, 1e-3, 1e-4),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-1, 1e-2, 1e-3),
+            "H1": (1e-1, 1e-2, 3e-3),
+        },
+    ),
+    "contact to Neumann": change(
+        True,
+        {
+            "L2": (1e-2, 1e-3, 1e-4),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-1, 1e-2, 1e-3),
+            "H1": (1e-1, 1e-2, 3e-3),
+        },
+    ),
+    "two detachment points": interval(
+        0.4637,
+        0.2213,
+        {
+            "L2": (1e-4, 1e-5, 1e-6),
+            "L4": (1e-4, 1e-5, 1e-6),
+            "Linf": (1e-3, 1e-4, 1e-5),
+            "H1": (1e-2, 1e-3, 3e-4),
+            "W1_4": (3e-2, 1e-2, 1e-3),
+        },
+    ),
+    "three detachment points": points(
+        {
+            "L2": (1e-3, 1e-4, 1e-5),
+            "L4": (1e-3, 1e-4, 1e-5),
+            "Linf": (1e-2, 1e-3, 1e-4),
+            "H1": (1e-1, 1e-2, 3e-3),
+            "W1_4": (1e-1, 3e-2, 1e-2),
+        }
+    ),
+    "narrow bump": bump(
+        0.03,
+        {
+            "L2": (1e-2, 1e-3, 1e-4),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-1, 1e-2, 1e-3),
+            "H1": (1e-1, 1e-2, 3e-3),
+            "W1_4": (1.0, 1e-1, 3e-2),
+        },
+    ),
+    "layer": layer(
+        {
+            "L2": (1e-3, 1e-4, 1e-5),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-1, 1e-2, 1e-3),
+            "H1": (1.0, 0.3, 0.1),
+            "W1_4": (10.0, 3.0, 1.0),
+        }
+    ),
+    "jump of the diffusion": jump(
+        {
+            "L2": (1e-3, 1e-4, 1e-5),
+            "L4": (1e-3, 1e-4, 1e-5),
+            "Linf": (1e-2, 1e-3, 3e-4),
+            "H1": (1e-1, 3e-2, 2e-2),
+            "W1_4": (3e-1, 2e-1, 1e-1),
+        }
+    ),
+    "kink of the obstacle": kink(
+        {
+            "L2": (1e-3, 1e-4, 1e-5),
+            "L4": (1e-3, 1e-4, 1e-5),
+            "Linf": (1e-2, 1e-3, 1e-4),
+            "H1": (1e-1, 1e-2, 1e-3),
+            "W1_4": (1e-1, 3e-2, 1e-2),
+        }
+    ),
+    "tiny contact set": interval(
+        0.4637,
+        0.0031,
+        {
+            "L2": (1e-4, 1e-5, 1e-6),
+            "L4": (1e-4, 1e-5, 1e-6),
+            "Linf": (1e-3, 1e-4, 1e-5),
+            "H1": (1e-2, 1e-3, 1e-4),
+            "W1_4": (3e-2, 1e-2, 1e-3),
+        },
+    ),
+    "edge of a cube": edge(
+        {
+            "L2": (1e-2, 1e-3),
+            "L4": (1e-2, 3e-3),
+            "Linf": (1e-1, 3e-2),
+            "H1": (3e-1, 1e-1),
+        }
+    ),
+}

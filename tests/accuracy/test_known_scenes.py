@@ -1,0 +1,55 @@
+"""The promise of an accuracy, on scenes whose solutions the adaptive loop is not told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known import SCENES, true_error
+
+from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes.reading import parse_scene
+
+LIMIT = 300_000
+# The coefficient of these scenes jumps inside cells: their largest error is known too roughly.
+ROUGH = {("jump of the diffusion", "Linf"), ("jump of the diffusion", "L2")}
+REQUESTS = [
+    (name, norm, accuracy)
+    for name, known in SCENES.items()
+    for norm, accuracies in known.accuracies.items()
+    for accuracy in accuracies
+]
+QUICK = [
+    (name, norm, known.accuracies[norm][1])
+    for name, known in SCENES.items()
+    for norm in ("L4", "Linf", "H1")
+    if name not in ("layer", "jump of the diffusion", "edge of a cube")
+]
+
+
+def shares(comm, requests):
+    """Return the true error over the accuracy of each request that was reached."""
+    found = {}
+    for name, norm, accuracy in requests:
+        scene = parse_scene(SCENES[name].text, Path(f"{name}.toml"), comm)
+        result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, max_unknowns=LIMIT)
+        if result.found.reached:
+            found[name, norm, accuracy] = true_error(result.u, SCENES[name], norm) / accuracy
+        else:
+            assert result.found.steps[-1].unknowns > LIMIT / 20
+        result.destroy()
+    return found
+
+
+def test_the_true_error_is_below_the_accuracy(comm):
+    found = shares(comm, QUICK)
+    assert len(found) == len(QUICK)
+    assert {key: share for key, share in found.items() if share > 1.0} == {}
+    assert np.median(list(found.values())) > 0.2
+
+
+@pytest.mark.slow
+def test_the_true_error_is_below_every_accuracy(comm):
+    found = shares(comm, [r for r in REQUESTS if r[:2] not in ROUGH])
+    assert len(found) > 0.9 * len(REQUESTS)
+    assert {key: share for key, share in found.items() if share > 1.0} == {}
+    assert np.median(list(found.values())) > 0.2
