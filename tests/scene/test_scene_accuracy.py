@@ -42,7 +42,7 @@ def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     force = 0.58663**1.5 if bound == "lower" else -(0.58663**1.5)
     assert summary.forces["contact"] == pytest.approx(force, rel=0.1)
     assert summary.imbalance <= 1e-4
-    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=1e-3)
+    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=5e-3)
 
 
 def test_arguments_go_before_the_scene(comm, parse):
@@ -112,7 +112,7 @@ def test_a_norm_needs_an_accuracy(parse):
         ("mixed", ["--accuracy", "1", "--budget", "1"], "not allowed with"),
         ("mixed", ["--norm", "L4"], "--norm: goes with --accuracy or --budget"),
         ("mixed", ["--max-unknowns", "9"], "--max-unknowns: goes with --accuracy or --budget"),
-        ("mixed", ["--budget", "1", "--max-unknowns", "0"], "max_unknowns: must be positive"),
+        ("mixed", ["--budget", "1", "--max-unknowns", "0"], "max_unknowns: must be a positive number"),
         ("mixed", ["--accuracy", "1", "--max-unknowns", "9"], "max_unknowns: the coarsest meshes"),
     ],
 )
