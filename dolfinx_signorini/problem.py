@@ -27,8 +27,7 @@ from dolfinx_signorini.arguments import (
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.solvers.contact import solve_by_active_sets, solve_by_tao
-from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
@@ -104,7 +103,7 @@ class SignoriniProblem:
         jit_options: Mapping[str, Any] | None = None,
     ):
         self._system: System | None = None
-        self._solver: HeldSolver | None = None
+        self._solver: ActiveSetSolver | None = None
         # The solution of the system, if it has been solved.
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
@@ -371,28 +370,28 @@ class SignoriniProblem:
         system = self.system
         if not warm_start:
             self._free_solver()
+        if not warm_start or self.result is None:
             self._history = History()
-        start = self.u if warm else start
-        x = system.start(None if start is None else self.sign * start.x.array)
+        held = None
+        if start is None:
+            x = system.start(self.sign * self.u.x.array if warm else None)
+        else:
+            x = system.start(self.sign * start.x.array)
+            held = system.touching(x)
         self.result = None
         try:
             if method == "cascade":
                 if self._solver is None:
-                    self._solver = HeldSolver(system, self._prefix, self._options)
-                held = None if start is None else system.touching(x)
-                known = coarse if coarse is not None else self._history if warm else None
-                self.result = solve_by_active_sets(
-                    system, self._solver, x, held, known, rtol, self._prefix
-                )
+                    self._solver = ActiveSetSolver(system, self._prefix, self._options)
+                self.result = self._solver.solve(system, x, rtol, self._history, held, coarse)
             else:
                 self.result = solve_by_tao(
-                    system, method, x, rtol, self._prefix, self._options, given
+                    system, method, x, self._history, rtol, self._prefix, self._options, given
                 )
         except BaseException:
             x.destroy()
             raise
         self._x = x
-        self._history.add(system, x)
         self.u.x.array[: x.getLocalSize()] = self.sign * x.array_r
         self.u.x.scatter_forward()
         return self.u

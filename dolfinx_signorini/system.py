@@ -163,11 +163,18 @@ class System:
         x.array_w[:] = u.x.array[: x.getLocalSize()]
         return x
 
-    def project(self, x: PETSc.Vec) -> None:
-        """Lift x to the obstacle where x lies below, and set the Dirichlet data."""
-        values = x.array_w
-        values[self.contact_dofs] = np.maximum(values[self.contact_dofs], self.obstacle)
-        values[self.fixed_dofs] = self.fixed_values
+    def project(self, x: PETSc.Vec) -> bool:
+        """Lift x to the obstacle where x lies below, and set the Dirichlet data.
+
+        Returns:
+            Whether a value was changed on some rank.
+        """
+        dofs = np.concatenate((self.contact_dofs, self.fixed_dofs))
+        old = x.array_r[dofs]
+        lifted = np.maximum(old[: len(self.contact_dofs)], self.obstacle)
+        new = np.concatenate((lifted, self.fixed_values))
+        x.array_w[dofs] = new
+        return bool(self.comm.allreduce(bool((new != old).any()), op=MPI.LOR))
 
     def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """Return whether x is at the obstacle, or below, at each contact dof of this rank."""

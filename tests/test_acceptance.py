@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
-from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers.active_set import MAX_STEPS, solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -20,14 +17,16 @@ COMM = MPI.COMM_WORLD
 @pytest.mark.parametrize("n", [11, 30])
 def test_each_tightening_is_done_by_linear_solves_alone(n, degree):
     problem = paper_problem(christof_haubner(friedrichs_keller(COMM, n)), degree)
-    rtol = 1e-3
+    rtol, solves = 1e-3, 0
     while rtol > 1e-11:
         problem.solve(rtol=rtol)
         result = problem.result
         assert result.natural_residual <= rtol
-        assert (result.iterations, result.linear_solves > 0) == (0, True)
+        assert result.iterations == 0  # of TAO
+        solves += result.linear_solves
         rtol = 0.5 * result.natural_residual  # the start is off by a factor of two
     problem.destroy()
+    assert solves > 4
 
 
 @pytest.mark.parametrize("n", [11, 30])
@@ -47,30 +46,9 @@ def test_a_residual_below_rounding_ends_the_iteration_when_a_set_comes_back(n):
     system, rtol = problem.system, 1e-19
     solver, measure, x = HeldSolver(system), NaturalResidual(system, rtol), system.start()
     held = np.full(len(system.contact_dofs), True)
-    residual = solve_active_set(system, solver, measure, x, held, rtol, False)
+    residual = solve_active_set(system, solver, measure, x, held, rtol, 0.0)
     assert rtol < residual <= 1e-13
     assert solver.solves <= MAX_STEPS // 2
     for item in (solver, measure, x):
         item.destroy()
     problem.destroy()
-
-
-def test_the_best_of_two_guesses_is_taken():
-    # After loads of 1 and 2 the guess for the next one is that for 3; the load is still 2.
-    domain = friedrichs_keller(COMM, 20)
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
-    weight = fem.Constant(domain, 1.0)
-    problem = SignoriniProblem(
-        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
-        weight * 10.0 * (weight * x[0] - 0.9) * v * ufl.dx,
-        contact=boundary_facets(domain),
-    )
-    counts = []
-    for value in (1.0, 2.0, 2.0):
-        weight.value = value
-        problem.solve(rtol=1e-8)
-        counts.append(problem.result.linear_solves)
-    problem.destroy()
-    assert counts[1] > 0
-    assert counts[2] == 0

@@ -41,7 +41,8 @@ def solve_active_set(
     x: PETSc.Vec,
     held: Mask,
     rtol: float,
-    trusted: bool,
+    trust: float,
+    fraction: float = LINEAR_FRACTION,
 ) -> float:
     """Run the primal-dual active set method.
 
@@ -56,7 +57,8 @@ def solve_active_set(
         x: The start of the linear solver, overwritten by the solution.
         held: The guess of the active set, one entry per contact dof.
         rtol: The relative natural residual to reach.
-        trusted: Whether the guess is good enough to solve for it to the end at once.
+        trust: The relative residual of x up to which the guess is solved for to the end at once.
+        fraction: What a linear solve to the end leaves, relative to rtol.
 
     Returns:
         The relative natural residual reached; larger than rtol where the set does not settle.
@@ -64,6 +66,8 @@ def solve_active_set(
     residual, best, stalled, local = measure(x), np.inf, 0, 0
     if residual <= ACCEPTED * rtol:
         return residual
+    trusted = residual <= trust
+    known = True  # whether the measure holds the multiplier of x
     exact: list[Mask] = []  # sets whose solution was found without short cuts
     for _ in range(MAX_STEPS):
         careful = stalled == STALL
@@ -71,11 +75,13 @@ def solve_active_set(
             break
         if system.singular and not system.comm.allreduce(int(held.sum())):
             held = _closest(system, measure, x)
-        target = rtol * LINEAR_FRACTION
+        target = rtol * fraction
         if not (trusted or careful):
             target = max(target, LOOSE * residual)
-        solver.solve(system, x, held, target * measure.scale)
+        multiplier = measure.multiplier if known else None
+        solver.solve(system, x, held, target * measure.scale, multiplier)
         residual = measure(x)
+        known = True
         if residual <= ACCEPTED * rtol:
             break
         update = None
@@ -86,9 +92,11 @@ def solve_active_set(
             best = min(best, measure.norm)
             if stalled < STALL:
                 update = _correct_locally(system, measure, x, held, reach=2**local)
+                known = update is None
         local = 0 if update is None else local + 1
-        held = measure.defect(x) > 0.0 if update is None else update
-        trusted = local > 0 and (trusted or residual < TRUST)
+        before, held = held, measure.defect(x) > 0.0 if update is None else update
+        settled = local > 0 or _any_equal(system, [before], held)
+        trusted = settled and (trusted or residual < TRUST)
     return residual
 
 
@@ -129,11 +137,13 @@ def _correct_locally(
     largest = system.comm.allreduce(float(np.abs(defect[wrong]).max(initial=0.0)), op=MPI.MAX)
     severe = wrong & (np.abs(defect) >= SEVERE * largest)
     counts = system.comm.allreduce(np.array([severe.sum(), len(held)]))
-    if counts[0] > max(LOCAL_FRACTION * counts[1], 8):
+    if not 0 < counts[0] <= max(LOCAL_FRACTION * counts[1], 8):
         return None
     system.project(x)
     measure(x)
     seeds = system.contact_dofs[severe]
     update = active_in_patch(system, x, measure.multiplier, held, seeds, reach)
-    changed = system.comm.allreduce(bool((update != held).any()), op=MPI.LOR)
-    return update if changed else None
+    if _any_equal(system, [held], update):
+        measure(x)  # the patches have changed x
+        return None
+    return update

@@ -1,21 +1,24 @@
 """The two ways to solve a system: active sets that TAO accepts, or TAO alone."""
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.active_set import ACCEPTED, LINEAR_FRACTION, solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.history import History
+from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.tao import STOP, TaoRounds
+from dolfinx_signorini.solvers.tao import TaoRounds
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -23,70 +26,107 @@ Mask = npt.NDArray[np.bool_]
 # TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier). At a dof
 # in contact whose multiplier is negative within the tolerance that is twice the natural residual.
 FISCHER = 2.5
+LOOP_FRACTION = 0.5  # as LINEAR_FRACTION, from guesses that are near already: no worse an error
+TRUST = 1e-2  # relative residual of a guess whose active set is solved for to the end at once
 
 
-def solve_by_active_sets(
-    system: System,
-    solver: HeldSolver,
-    x: PETSc.Vec,
-    held: Mask | None,
-    start: ContactState | History | None,
-    rtol: float,
-    prefix: str,
-) -> SolveResult:
-    """Find the active set, and let TAO accept the solution or, if need be, improve it.
+class ActiveSetSolver:
+    """Active sets and TAO's acceptance, for successive systems of one problem.
+
+    The set-up of the linear solver, the objects of TAO and the last solutions serve the next solve:
+
+        solver = ActiveSetSolver(system)
+        result = solver.solve(system, x, rtol=1e-7, history=History())
 
     Args:
-        system: The system.
-        solver: The linear solver of this system, which may have a set-up from earlier solves.
-        x: A feasible start, overwritten by the solution.
-        held: A guess of the active set, one entry per contact dof; None for everything in contact.
-        start: In place of x and the guess, a solution on another mesh that predicts the active set,
-            or earlier solutions on this mesh.
-        rtol: The natural residual to reach, relative to the data.
+        system: The first system.
         prefix: The prefix of PETSc options.
-
-    Raises:
-        InputError: The form is found to be indefinite.
-        NotConvergedError: The natural residual was not reached.
+        options: PETSc options of the linear solver, without prefix.
     """
-    began = time.perf_counter()
-    counts = solver.solves, solver.iterations
-    measure = NaturalResidual(system, rtol)
-    if isinstance(start, ContactState):
-        held = predict(system, start)
-    elif start is not None:
-        held = _best_guess(system, measure, start, x)
-    if held is None:
-        held = np.full(len(system.contact_dofs), True)
-    predicted = time.perf_counter()
-    try:
-        trusted = isinstance(start, ContactState)
-        solve_active_set(system, solver, measure, x, held, rtol, trusted)
-        system.project(x)
-        solved = time.perf_counter()
-        # TAO takes no step on a vector that has the residual.
-        kind, stop = ("bncg", FISCHER)
-        if measure(x) > rtol:
-            kind, stop = ("bntr", STOP)
-            solver.free()  # Newton's method needs the memory
-        rounds = TaoRounds(system, kind, prefix=prefix, stop=stop)
-        residual = _run(rounds, x, measure, rtol, "cascade")
-    finally:
-        measure.destroy()
-    seconds = {
-        "predict": predicted - began,
-        "solve": solved - predicted,
-        "accept": time.perf_counter() - solved,
-    }
-    linear = solver.solves - counts[0], solver.iterations - counts[1]
-    return _result(system, x, "cascade", rounds, residual, linear, seconds)
+
+    def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self._linear = HeldSolver(system, prefix, options)
+        self._prefix = prefix
+        self._acceptance: TaoRounds | None = None
+
+    def solve(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        rtol: float,
+        history: History,
+        held: Mask | None = None,
+        coarse: ContactState | None = None,
+    ) -> SolveResult:
+        """Find the active set, and let TAO accept the solution or, if need be, improve it.
+
+        Args:
+            system: The system, with the matrix of the first one.
+            x: A feasible start, overwritten by the solution.
+            rtol: The natural residual to reach, relative to the data.
+            history: Earlier solutions on this mesh, to which the solution is added.
+            held: A guess of the active set, one entry per contact dof, which goes with x; by
+                default that of the history, or everything in contact if the history is empty.
+            coarse: In place of a guess, a solution on another mesh that predicts the active set.
+
+        Raises:
+            InputError: The form is found to be indefinite.
+            NotConvergedError: The natural residual was not reached.
+        """
+        began, linear = time.perf_counter(), self._linear
+        counts = linear.solves, linear.iterations
+        measure, trust, fraction = NaturalResidual(system, rtol), 0.0, LINEAR_FRACTION
+        try:
+            if coarse is not None:
+                held, trust = predict(system, coarse), math.inf
+            elif held is None:
+                held, trust = _guessed(system, measure, history, x), TRUST
+                fraction = LOOP_FRACTION
+            predicted = time.perf_counter()
+            args = measure, x, held, rtol, trust, fraction
+            residual = solve_active_set(system, linear, *args)
+            if system.project(x):
+                residual = measure(x)
+            solved = time.perf_counter()
+            rounds = self._rounds(system, residual <= rtol)
+            try:
+                residual = _run(rounds, x, measure, rtol, "cascade", residual)
+            finally:
+                if rounds is not self._acceptance:
+                    rounds.destroy()
+            history.add(system, x, measure.multiplier)
+        finally:
+            measure.destroy()
+        seconds = {
+            "predict": predicted - began,
+            "solve": solved - predicted,
+            "accept": time.perf_counter() - solved,
+        }
+        spent = linear.solves - counts[0], linear.iterations - counts[1]
+        return _result(system, x, "cascade", rounds, residual, spent, seconds)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._linear.destroy()
+        if self._acceptance is not None:
+            self._acceptance.destroy()
+
+    def _rounds(self, system: System, reached: bool) -> TaoRounds:
+        """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""
+        if not reached:
+            self._linear.free()  # Newton's method needs the memory
+            return TaoRounds(system, "bntr", prefix=self._prefix)
+        if self._acceptance is None:
+            self._acceptance = TaoRounds(system, "bncg", prefix=self._prefix, stop=FISCHER)
+        self._acceptance.renew(system)
+        return self._acceptance
 
 
 def solve_by_tao(
     system: System,
     method: str,
     x: PETSc.Vec,
+    history: History,
     rtol: float,
     prefix: str,
     options: Mapping[str, Any],
@@ -98,6 +138,7 @@ def solve_by_tao(
         system: The system.
         method: The type of the TAO solver, see `TaoRounds`.
         x: A feasible start, overwritten by the solution.
+        history: Earlier solutions; the solution is added.
         rtol: The natural residual to reach, relative to the data.
         prefix: The prefix of PETSc options.
         options: PETSc options without prefix.
@@ -112,37 +153,43 @@ def solve_by_tao(
     rounds = TaoRounds(system, method, prefix=prefix, options=options, **limits)
     try:
         residual = _run(rounds, x, measure, rtol, method)
+        history.add(system, x, measure.multiplier)
     finally:
+        rounds.destroy()
         measure.destroy()
     seconds = {"solve": time.perf_counter() - began}
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
 
-def _best_guess(
-    system: System, measure: NaturalResidual, history: History, x: PETSc.Vec
-) -> Mask | None:
-    """Set x to the guess with the smallest natural residual, and return its active set."""
-    best, chosen = np.inf, None
-    guesses = history.guesses(system)
-    for values, held in guesses:
-        guess = system.start(values)
-        guess.array_w[system.contact_dofs[held]] = system.obstacle[held]
-        residual = measure(guess) if len(guesses) > 1 else 0.0
-        if residual < best:
-            best, chosen = residual, held
-            guess.copy(x)
-        guess.destroy()
-    return chosen
+def _guessed(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Mask:
+    """Set x to the guess that the history gives, if there is one, and return its active set.
+
+    Where the guess may be rough, patch problems make it smooth and settle the set.
+    """
+    guess = history.guess(system)
+    if guess is None:
+        return np.full(len(system.contact_dofs), True)
+    x.array_w[:] = guess.values
+    system.project(x)
+    x.array_w[system.contact_dofs[guess.held]] = system.obstacle[guess.held]
+    if measure(x) <= ACCEPTED * measure.rtol:
+        return guess.held
+    doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
+    if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):
+        return guess.held
+    return active_in_patch(system, x, measure.multiplier, guess.held, system.contact_dofs[doubtful])
 
 
 def _run(
-    rounds: TaoRounds, x: PETSc.Vec, measure: NaturalResidual, rtol: float, name: str
+    rounds: TaoRounds,
+    x: PETSc.Vec,
+    measure: NaturalResidual,
+    rtol: float,
+    name: str,
+    residual: float | None = None,
 ) -> float:
     """Run TAO, and return the residual; raise NotConvergedError unless the residual is rtol."""
-    try:
-        residual = rounds.run(x, measure, rtol)
-    finally:
-        rounds.destroy()
+    residual = rounds.run(x, measure, rtol, residual)
     if not residual <= rtol:
         raise rounds.failure(name, residual, rtol)
     return residual

@@ -1,17 +1,21 @@
 """The last solutions of a problem, from which the next one is guessed.
 
-In a loop over time steps or loads the solution moves steadily. The values are extrapolated
-linearly. At an end of the contact set the pressure is like the root of the distance to the end, and
-the gap like its power 3/2. So the square of the pressure and the power 2/3 of the gap move linearly
-with the end: their extrapolations predict the end to the dof.
+In a loop over time steps or loads the solution moves steadily. The guess is the last solution plus
+those multiples of its backward differences whose residual and obstacle are nearest to what is asked
+for: with unchanged data that is the last solution, and in steady motion an extrapolation of third
+order. At an end of the contact set the pressure is like the root of the distance to the end. So the
+square of the pressure moves linearly with the end, and tells which dofs are released.
 
-Source: Christof and Haubner, Section 2.2, for the singularity.
+Sources: Christof and Haubner, Section 2.2, for the singularity; Fischer, Comput. Methods Appl.
+Mech. Eng. 163 (1998) 193-204, for starts of linear solvers from earlier solutions.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.system import System
@@ -19,61 +23,146 @@ from dolfinx_signorini.system import System
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+KEPT = 5  # solutions
+DEPENDENT = 1e-12  # of the largest eigenvalue: differences of solutions that are none
+
 
 @dataclass(frozen=True)
-class _Solution:
+class Guess:
+    """A guess of a solution.
+
+    Attributes:
+        values: The values of the owned dofs.
+        held: The active set, one entry per contact dof of this rank.
+        doubtful: The contact dofs where the guess may be rough, because the last solutions and the
+            guess do not agree on the active set there.
+    """
+
     values: Array
     held: Mask
-    gap: Array
-    force: Array
+    doubtful: Mask
 
 
 class History:
-    """The last two solutions.
+    """The last solutions, as the last one and its backward differences.
 
     For example:
 
         history = History()
-        history.add(system, x)
-        for values, held in history.guesses(system):
-            ...
+        history.add(system, x, multiplier)
+        guess = history.guess(system)
     """
 
     def __init__(self) -> None:
-        self._last: list[_Solution] = []
+        self._values: list[Array] = []
+        self._inner: list[Array] = []  # A times the values, zero at contact dofs
+        self._contact: list[Array] = []  # A times the values at contact dofs
+        self._obstacle: list[Array] = []
+        self._squares: list[Array] = []  # of the force, in the unit of the first force
+        self._held: list[Mask] = []
+        self._unit = 0.0
+        self._assembled = 0  # how often the matrix of the products had been assembled
 
-    def add(self, system: System, x: PETSc.Vec) -> None:
-        """Remember a solution, and forget the one before the last.
+    def add(self, system: System, x: PETSc.Vec, multiplier: PETSc.Vec) -> None:
+        """Remember a solution, and forget an old one.
 
         Args:
-            system: The system.
+            system: The system; the call is collective.
             x: Its solution.
+            multiplier: A x - b.
         """
-        held = system.touching(x)
-        gap = np.where(held, 0.0, x.array_r[system.contact_dofs] - system.obstacle)
-        force = np.where(held, np.maximum(system.multiplier(x), 0.0), 0.0)
-        self._last = [*self._last[-1:], _Solution(x.array_r.copy(), held, gap, force)]
+        self._renew(system)
+        held, dofs = system.touching(x), system.contact_dofs
+        force = np.where(held, np.maximum(multiplier.array_r[dofs], 0.0), 0.0)
+        if self._unit == 0.0:
+            largest = system.comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
+            self._unit = largest if largest > 0.0 else 1.0
+        inner, contact = _split(system, multiplier.array_r + system.b.array_r)
+        self._values = _differences(x.array_r.copy(), self._values)
+        self._inner = _differences(inner, self._inner)
+        self._contact = _differences(contact, self._contact)
+        self._obstacle = _differences(system.obstacle.copy(), self._obstacle)
+        self._squares = _differences(np.square(force / self._unit), self._squares)
+        self._held = [held, *self._held[: KEPT - 1]]
 
-    def guesses(self, system: System) -> list[tuple[Array, Mask]]:
-        """Return guesses of the values of the owned dofs and of the active set.
+    def guess(self, system: System) -> Guess | None:
+        """Return a guess of the solution of a system, or None before the first solution.
 
         Args:
-            system: The system to be solved.
-
-        Returns:
-            The last solution and, after two solutions, their extrapolation; nothing before the
-            first solution.
+            system: The system to be solved; the call is collective.
         """
-        if not self._last:
-            return []
-        last = self._last[-1]
-        found = [(last.values, last.held)]
-        if len(self._last) > 1:
-            before = self._last[0]
-            # 2 force^2 >= force'^2 and 2 gap^(2/3) < gap'^(2/3), without powers that overflow.
-            pressed = 2.0**0.5 * last.force >= before.force
-            met = 2.0**1.5 * last.gap < before.gap
-            held = np.where(last.held, pressed, met)
-            found.append((2.0 * last.values - before.values, held))
-        dofs = system.contact_dofs
-        return [(v, held | (v[dofs] < system.obstacle)) for v, held in found]
+        if not self._held:
+            return None
+        self._renew(system)
+        steps = self._steps(system)
+        values = _combined(self._values, steps)
+        pressed = self._held[0] & (_combined(self._squares, steps) >= 0.0)
+        held = pressed | (values[system.contact_dofs] < system.obstacle)
+        doubtful = np.any([other != held for other in self._held], axis=0)
+        return Guess(values, held, doubtful)
+
+    def _renew(self, system: System) -> None:
+        """Multiply the values by the matrix again if the matrix is another one."""
+        if system.assembled != self._assembled and self._values:
+            x, y = system.A.createVecs()
+            for i, values in enumerate(self._values):
+                x.array_w[:] = values
+                system.A.mult(x, y)
+                self._inner[i], self._contact[i] = _split(system, y.array_r.copy())
+            x.destroy()
+            y.destroy()
+        self._assembled = system.assembled
+
+    def _steps(self, system: System) -> Array:
+        """Return the factors of the backward differences in the guess.
+
+        The sum of squares of the residual, at dofs that no solution holds, and of what is missing
+        of the obstacle, in the unit of forces, is smallest.
+        """
+        free = ~np.any(self._held, axis=0)
+        inner, contact = _split(system, system.b.array_r.copy())
+        missing = np.concatenate((contact - self._contact[0], system.obstacle - self._obstacle[0]))
+        known = [np.concatenate(pair) for pair in zip(self._contact, self._obstacle, strict=True)]
+        weights = np.concatenate((free, system.contact_diagonal))
+        far = np.stack([*self._inner[1:], inner - self._inner[0]])
+        near = np.stack([*known[1:], missing]) * weights
+        products = far @ far.T + near @ near.T
+        system.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
+        return _least_squares(products)
+
+
+def _split(system: System, force: Array) -> tuple[Array, Array]:
+    """Forces away from the contact dofs, and at them; the array is overwritten."""
+    contact = force[system.contact_dofs]
+    force[system.contact_dofs] = 0.0
+    return force, contact
+
+
+def _differences(new: Array, old: Sequence[Array]) -> list[Array]:
+    """The backward differences of a sequence, whose last element is new, from those before."""
+    found = [new]
+    for difference in old[: KEPT - 1]:
+        found.append(found[-1] - difference)
+    return found
+
+
+def _combined(differences: Sequence[Array], steps: Array) -> Array:
+    found = differences[0].copy()
+    for step, difference in zip(steps, differences[1:], strict=True):
+        found += step * difference
+    return found
+
+
+def _least_squares(products: Array) -> Array:
+    """The factors of all columns but the last whose combination is nearest to the last.
+
+    Args:
+        products: The inner products of the columns.
+    """
+    size = np.sqrt(np.diag(products)[:-1])
+    if not np.isfinite(products).all():  # the squares have left the range of numbers
+        return np.zeros(len(size))
+    size[size == 0.0] = 1.0
+    matrix = products[:-1, :-1] / np.outer(size, size)
+    inverse = np.linalg.pinv(matrix, DEPENDENT, hermitian=True)
+    return np.asarray(inverse @ (products[:-1, -1] / size) / size)

@@ -6,6 +6,8 @@ of held dofs serves as P M P between two local solves around the dofs that have 
 without the local solves each released dof costs CG about one iteration.
 """
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -15,7 +17,17 @@ from scipy.sparse.linalg import splu
 from dolfinx_signorini.solvers.patch import patch_dofs
 from dolfinx_signorini.system import System
 
+Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
+
+
+FEW = 16  # changed dofs; in the plane local solves around more of them go twice as far
+# Of SuperLU, for positive definite matrices: no pivoting, and an order for symmetric patterns.
+SYMMETRIC: dict[str, Any] = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
 
 
 class Projected:
@@ -70,6 +82,12 @@ class Projected:
             self.pc.apply(r, y)
             self.project(y)
             return
+        if self.A.comm.size == 1:
+            first = self._local.before(r, self._rest)
+            self.pc.apply(self._rest, y)
+            self.project(y)
+            self._local.after(r, y, first)
+            return
         self._local(r, self._first)
         self._remainder(r, self._first)
         self.pc.apply(self._rest, y)
@@ -92,6 +110,8 @@ class Projected:
 class LocalSolve:
     """A direct solve with the free dofs of a rank near some dofs, all others held.
 
+    On one rank the remainders need only the rows near the dofs; see before and after.
+
     Args:
         system: The system.
         seeds: The owned dofs around which to solve; the creation is collective.
@@ -100,17 +120,24 @@ class LocalSolve:
 
     def __init__(self, system: System, seeds: Indices, held: Indices):
         first, last = system.A.getOwnershipRange()
-        near = patch_dofs(system, seeds)
         free = np.ones(last - first, dtype=bool)
         free[held] = False
-        near = near[(near >= first) & (near < last)] - first
-        self._dofs = near[free[near]].astype(np.int32)
-        index_set = PETSc.IS().createGeneral(self._dofs + first, comm=PETSc.COMM_SELF)
+        many = system.comm.allreduce(len(seeds)) > FEW
+        reach = 2 if many and system.space.mesh.topology.dim < 3 else 1
+        near, around = (
+            dofs[(dofs >= first) & (dofs < last)] - first
+            for dofs in (patch_dofs(system, seeds, reach), patch_dofs(system, seeds, reach, more=1))
+        )
+        self._dofs, self._around = near[free[near]], around[free[around]]
+        index_set = PETSc.IS().createGeneral(self._around + first, comm=PETSc.COMM_SELF)
         (matrix,) = system.A.createSubMatrices(index_set)
         self._factors = None
         if len(self._dofs):
             entries = sp.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.getSize())
-            self._factors = splu(entries.tocsc())
+            inside = np.isin(self._around, self._dofs)
+            self._rows = entries[inside]
+            self._columns = self._rows.T.tocsr()
+            self._factors = splu(self._rows[:, inside].tocsc(), **SYMMETRIC)
         matrix.destroy()
         index_set.destroy()
 
@@ -119,3 +146,21 @@ class LocalSolve:
         y.set(0.0)
         if self._factors is not None:
             y.array_w[self._dofs] = self._factors.solve(r.array_r[self._dofs])
+
+    def before(self, r: PETSc.Vec, rest: PETSc.Vec) -> Array:
+        """Return the local solution for the right-hand side r, and set rest to the remainder."""
+        r.copy(rest)
+        if self._factors is None:
+            return np.empty(0)
+        solution = np.asarray(self._factors.solve(r.array_r[self._dofs]))
+        rest.array_w[self._around] -= self._columns @ solution
+        return solution
+
+    def after(self, r: PETSc.Vec, y: PETSc.Vec, solution: Array) -> None:
+        """Add the local solution of before to y, and then that of what y leaves of r."""
+        if self._factors is None:
+            return
+        values = y.array_w
+        values[self._dofs] += solution
+        left = r.array_r[self._dofs] - self._rows @ values[self._around]
+        values[self._dofs] += self._factors.solve(left)

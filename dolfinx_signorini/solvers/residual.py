@@ -105,11 +105,13 @@ def parallel_norm(comm: MPI.Comm, values: Array) -> float:
         comm: The communicator; the call is collective.
         values: The part of this rank.
     """
-    largest = float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
+    ends = max(values.max(initial=0.0), -values.min(initial=0.0))
+    largest = float(comm.allreduce(float(ends), op=MPI.MAX))
     if largest == 0.0 or not np.isfinite(largest):
         return largest
     scale = power_of_two(largest)
-    return scale * float(np.sqrt(comm.allreduce(float(np.square(values / scale).sum()))))
+    scaled = values / scale
+    return scale * float(np.sqrt(comm.allreduce(float(scaled @ scaled))))
 
 
 def power_of_two(value: float) -> float:

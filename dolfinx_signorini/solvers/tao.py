@@ -101,34 +101,51 @@ class TaoRounds:
         self.system, self.method = system, method
         self.prefix, self.options, self.stop = prefix, options or {}, stop
         self.max_iterations, self.max_evaluations = max_iterations, max_evaluations
-        self.iterations = self.evaluations = self.linear_iterations = 0
-        self.reason = ""
-        self.indefinite = False
-        diagonal = system.A.getDiagonal()
-        self.size = power_of_two(diagonal.norm(PETSc.NormType.INFINITY))
-        diagonal.destroy()
         self.hessian: PETSc.Mat | None = None
+        self._tao: PETSc.TAO | None = None
+        self._vectors: dict[str, PETSc.Vec] = {}
+        self._assembled = 0
+        self.renew(system)
         if method in SECOND_ORDER:
             self.hessian = system.A.copy()
             self.hessian.scale(1.0 / self.size)
             system.ledger.add("matrix", "TAO: Hessian", self.hessian)
 
-    def run(self, x: PETSc.Vec, measure: NaturalResidual, rtol: float) -> float:
+    def renew(self, system: System) -> None:
+        """Turn to another system with the same matrix, or of a first-order method; count anew."""
+        self.system = system
+        self.iterations = self.evaluations = self.linear_iterations = 0
+        self.reason = ""
+        self.indefinite = False
+        if system.assembled != self._assembled:
+            diagonal = system.A.getDiagonal()
+            self.size = power_of_two(diagonal.norm(PETSc.NormType.INFINITY))
+            diagonal.destroy()
+        self._assembled = system.assembled
+
+    def run(
+        self,
+        x: PETSc.Vec,
+        measure: NaturalResidual,
+        rtol: float,
+        residual: float | None = None,
+    ) -> float:
         """Run rounds from a feasible vector, and return the relative natural residual reached.
 
         Args:
             x: The start, overwritten by the solution.
             measure: Measures the natural residual.
             rtol: The relative natural residual to reach.
+            residual: That of x, if x is the vector that was measured last.
 
         Raises:
             InputError: The form is found to be indefinite.
         """
-        residual = measure(x)
+        residual = measure(x) if residual is None else residual
         while True:
             previous = measure.norm
-            self._round(x, measure, max(rtol, ROUND_REDUCTION * residual))
-            residual = measure(x)
+            if self._round(x, measure, max(rtol, ROUND_REDUCTION * residual)):
+                residual = measure(x)
             if residual <= rtol or not measure.norm < 0.5 * previous or self.exhausted:
                 return residual
 
@@ -161,56 +178,68 @@ class TaoRounds:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
+        self._forget()
         if self.hessian is not None:
             self.hessian.destroy()
 
-    def _round(self, x: PETSc.Vec, measure: NaturalResidual, target: float) -> None:
+    def _forget(self) -> None:
+        for item in (self._tao, *self._vectors.values()):
+            if item is not None:
+                item.destroy()
+        self._tao, self._vectors = None, {}
+
+    def _round(self, x: PETSc.Vec, measure: NaturalResidual, target: float) -> bool:
         """Run TAO on the correction to x, and add the correction.
+
+        An object of TAO that took no step is as new, and serves the next round.
 
         Args:
             x: The feasible start, overwritten.
             measure: Holds the multiplier A x - b and the residual of this x.
             target: The relative natural residual to stop at.
+
+        Returns:
+            Whether TAO took a step.
         """
-        rhs = measure.multiplier.copy()
-        rhs.array_w[self.system.fixed_dofs] = 0.0
         unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
-        rhs.scale(-1.0 / (unit * self.size))
-        d = rhs.duplicate()
-        d.set(0.0)
-        lower, upper = self._bounds(x, unit)
-        for name, vec in (("gradient", rhs), ("step", d), ("lower", lower), ("upper", upper)):
-            self.system.ledger.add("vector", f"TAO: {name}", vec)
-        tao = PETSc.TAO().create(self.system.comm)
         try:
+            tao = self._made(x) if self._tao is None else self._tao
+            self._pose(x, measure.multiplier, unit)
             gatol = self.stop * target * measure.scale / (unit * self.size)
             tao.setTolerances(gatol=gatol, grtol=0.0, gttol=0.0)
-            self._configure(tao, rhs, d, (lower, upper))
+            tao.setMaximumIterations(self.max_iterations - self.iterations)
+            tao.setMaximumFunctionEvaluations(self.max_evaluations - self.evaluations)
+            with options_set(self.prefix, self.options, others=self._others()):
+                tao.setFromOptions()
             tao.solve()
             self.iterations += tao.getIterationNumber()
             self.reason = REASONS.get(tao.getConvergedReason(), "the reason has no name")
-            x.axpy(unit, d)
-            self.system.project(x)
+            step = self._vectors["step"]
+            moved = step.norm(PETSc.NormType.INFINITY) > 0.0
+            if moved:
+                x.axpy(unit, step)
+                self.system.project(x)
+                self._forget()
         except PETSc.Error:
+            moved = False
+            self._forget()
             if not self.indefinite:  # else energies may have left the range of numbers
                 raise
-        finally:
-            for item in (tao, rhs, d, lower, upper):
-                item.destroy()
         if self.indefinite:
             raise InputError(f"not positive definite, found by TAO {self.method}", "form a")
+        return moved
 
-    def _bounds(self, x: PETSc.Vec, unit: float) -> tuple[PETSc.Vec, PETSc.Vec]:
-        lower, upper = x.duplicate(), x.duplicate()
-        lower.set(PETSc.NINFINITY)
-        upper.set(PETSc.INFINITY)
-        dofs = self.system.contact_dofs
+    def _pose(self, x: PETSc.Vec, multiplier: PETSc.Vec, unit: float) -> None:
+        """Set the right-hand side, the start and the bounds of the correction."""
+        vectors, dofs, fixed = self._vectors, self.system.contact_dofs, self.system.fixed_dofs
+        rhs, lower = vectors["gradient"], vectors["lower"]
+        multiplier.copy(rhs)
+        rhs.array_w[fixed] = 0.0
+        rhs.scale(-1.0 / (unit * self.size))
+        vectors["step"].set(0.0)
         with np.errstate(over="ignore"):  # an obstacle out of reach is none
             gap = (x.array_r[dofs] - self.system.obstacle) / unit
         lower.array_w[dofs] = np.maximum(-gap, PETSc.NINFINITY)
-        lower.array_w[self.system.fixed_dofs] = 0.0
-        upper.array_w[self.system.fixed_dofs] = 0.0
-        return lower, upper
 
     def _others(self) -> tuple[str, ...]:
         """Return how options begin that this method does not read, but another one does."""
@@ -220,15 +249,25 @@ class TaoRounds:
     def _count_linear(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
         self.linear_iterations += iteration > 0
 
-    def _configure(
-        self, tao: PETSc.TAO, rhs: PETSc.Vec, d: PETSc.Vec, bounds: tuple[PETSc.Vec, PETSc.Vec]
-    ) -> None:
-        A, scale = self.system.A, 1.0 / self.size
+    def _made(self, x: PETSc.Vec) -> PETSc.TAO:
+        """Make the object of TAO and its vectors, like x."""
+        self._tao = tao = PETSc.TAO().create(self.system.comm)
+        self._vectors = {name: x.duplicate() for name in ("gradient", "step", "lower", "upper")}
+        for name, vec in self._vectors.items():
+            self.system.ledger.add("vector", f"TAO: {name}", vec)
+        rhs, d, lower, upper = self._vectors.values()
+        lower.set(PETSc.NINFINITY)
+        upper.set(PETSc.INFINITY)
+        for bound in (lower, upper):
+            bound.array_w[self.system.fixed_dofs] = 0.0
 
         def energy(tao: PETSc.TAO, v: PETSc.Vec, gradient: PETSc.Vec) -> float:
             self.evaluations += 1
-            A.mult(v, gradient)
-            gradient.scale(scale)
+            if v.norm(PETSc.NormType.INFINITY) > 0.0:
+                self.system.A.mult(v, gradient)
+                gradient.scale(1.0 / self.size)
+            else:
+                gradient.set(0.0)
             curvature = v.dot(gradient)
             # No exception from here: it would leave PETSc's line search half-way.
             if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
@@ -245,13 +284,10 @@ class TaoRounds:
         tao.setObjectiveGradient(energy, None)
         tao.setMonitor(stop)
         tao.setSolution(d)
-        tao.setVariableBounds(bounds)
-        tao.setMaximumIterations(self.max_iterations - self.iterations)
-        tao.setMaximumFunctionEvaluations(self.max_evaluations - self.evaluations)
+        tao.setVariableBounds((lower, upper))
         if self.hessian is not None:
             tao.setHessian(lambda tao, v, H, P: None, self.hessian)
             tao.getKSP().getPC().setType("hypre")
             tao.getKSP().setMonitor(self._count_linear)
         tao.setOptionsPrefix(self.prefix)
-        with options_set(self.prefix, self.options, others=self._others()):
-            tao.setFromOptions()
+        return tao
