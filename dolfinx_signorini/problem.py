@@ -300,7 +300,7 @@ class SignoriniProblem:
         """
         system, held = self.system, self.system.touching(self._solution())
         if self._solver is None:
-            self._solver = HeldSolver(system, self._prefix, self._options)
+            self._solver = ActiveSetSolver(system, self._prefix, self._options)
         b = fem_petsc.assemble_vector(fem.form(load))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         b.array_w[system.fixed_dofs] = 0.0
@@ -308,7 +308,7 @@ class SignoriniProblem:
         linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
         x = system.A.createVecRight()
         x.set(0.0)
-        self._solver.solve(linear, x, held, rtol * b.norm())
+        self._solver.linear.solve(linear, x, held, rtol * b.norm())
         z = fem.Function(self.space)
         z.x.array[: x.getLocalSize()] = x.array_r
         z.x.scatter_forward()

@@ -42,10 +42,13 @@ class ActiveSetSolver:
         system: The first system.
         prefix: The prefix of PETSc options.
         options: PETSc options of the linear solver, without prefix.
+
+    Attributes:
+        linear: The linear solver.
     """
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
-        self._linear = HeldSolver(system, prefix, options)
+        self.linear = HeldSolver(system, prefix, options)
         self._prefix = prefix
         self._acceptance: TaoRounds | None = None
 
@@ -73,7 +76,7 @@ class ActiveSetSolver:
             InputError: The form is found to be indefinite.
             NotConvergedError: The natural residual was not reached.
         """
-        began, linear = time.perf_counter(), self._linear
+        began, linear = time.perf_counter(), self.linear
         counts = linear.solves, linear.iterations
         measure, trust, fraction = NaturalResidual(system, rtol), 0.0, LINEAR_FRACTION
         try:
@@ -107,14 +110,14 @@ class ActiveSetSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        self._linear.destroy()
+        self.linear.destroy()
         if self._acceptance is not None:
             self._acceptance.destroy()
 
     def _rounds(self, system: System, reached: bool) -> TaoRounds:
         """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""
         if not reached:
-            self._linear.free()  # Newton's method needs the memory
+            self.linear.free()  # Newton's method needs the memory
             return TaoRounds(system, "bntr", prefix=self._prefix)
         if self._acceptance is None:
             self._acceptance = TaoRounds(system, "bncg", prefix=self._prefix, stop=FISCHER)
