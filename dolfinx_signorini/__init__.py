@@ -5,10 +5,11 @@ system, solvers and problem; norms, orders and detachment; then what is built on
 scenes, paper, tradeoff, and commands.
 """
 
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
@@ -22,6 +23,7 @@ from dolfinx_signorini.solvers.result import SolveResult
 
 __all__ = [
     "METHODS",
+    "AdaptiveSolution",
     "ContactState",
     "DetachmentPoint",
     "InputError",
@@ -31,6 +33,7 @@ __all__ = [
     "Reference",
     "Scene",
     "SceneResult",
+    "SidedMesh",
     "SignoriniProblem",
     "SolveResult",
     "boundary_facets",
@@ -42,6 +45,7 @@ __all__ = [
     "interpolated",
     "load_scene",
     "manufacture",
+    "solve_adaptively",
     "solve_cascade",
     "solve_scene",
 ]
