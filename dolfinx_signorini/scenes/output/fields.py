@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import dolfinx
+import numpy as np
 from dolfinx import fem
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
@@ -21,8 +22,8 @@ BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 def write_fields(result: SceneResult, folder: Path) -> None:
     """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
 
-    Gap and pressure are defined where `contact_boundary` is 1: at the contact dofs. Elsewhere all
-    but u are 0. Where `in_contact` is 1 the solution touches the obstacle.
+    Gap and pressure are defined where `contact_boundary` is 1: at the contact dofs. Elsewhere
+    both are 0. Where `in_contact` is 1 the solution touches the obstacle.
 
     Args:
         result: The solved scene; the call is collective.
@@ -31,7 +32,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Raises:
         InputError: The files do not fit on the disk.
     """
-    fields = [result.u, result.gap, result.pressure, *masks(result)]
+    fields = [result.u, result.gap, result.pressure, *masks(result), *indicator(result)]
     comm = result.posed.problem.comm
     size = _size(fields)
     on_first(comm, folder.parent, lambda: reserve(folder, size))
@@ -62,6 +63,22 @@ def masks(result: SceneResult) -> list[fem.Function]:
         mask.x.scatter_forward()
         found.append(mask)
     return found
+
+
+def indicator(result: SceneResult) -> list[fem.Function]:
+    """Return the estimated errors of cells as a function: at each dof the largest one around.
+
+    Args:
+        result: The solved scene; without an adaptive loop nothing is returned.
+    """
+    if result.found is None:
+        return []
+    space = result.posed.problem.space
+    error = fem.Function(space, name="error_indicator")
+    dofs = space.dofmap.list[: len(result.found.cells)]
+    np.maximum.at(error.x.array, dofs, result.found.cells[:, None])
+    error.x.scatter_forward()
+    return [error]
 
 
 def _size(fields: Sequence[fem.Function]) -> int:

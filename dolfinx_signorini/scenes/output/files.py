@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.contact_boundary import ContactBoundary, draw_contact
 from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
 from dolfinx_signorini.records import on_first, versions, write_file
@@ -72,6 +73,10 @@ def draw_scene(
             )
     if boundary is not None:
         figures["contact"] = draw_contact(boundary)
+    if result.found is not None:
+        way = draw_adaptive(result.found)
+        if way is not None:
+            figures["accuracy"] = way
     return figures
 
 

@@ -1,0 +1,80 @@
+"""The adaptive loop as a picture: the adapted mesh with its indicators, and the way to it."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
+
+DECADES = 5  # of indicators that colours tell apart
+MAX_LINES = 20_000  # cells: the edges of more are not drawn
+
+
+def draw_adaptive(found: AdaptiveSolution) -> Figure | None:
+    """Draw the mesh with the estimated error of each cell, and error against unknowns and seconds.
+
+    Args:
+        found: What the adaptive loop found; the call is collective.
+
+    Returns:
+        The figure on rank 0, and None on the other ranks. In space there is no mesh on it.
+    """
+    domain = found.sided.mesh
+    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    parts = domain.comm.gather((corners[:, :, :2], found.cells))
+    if parts is None:
+        return None
+    plane = domain.topology.dim == 2
+    figure, axes = plt.subplots(
+        1, 1 + plane, figsize=(5.5 + 5.0 * plane, 4.5), squeeze=False, layout="constrained"
+    )
+    if plane:
+        polygons, cells = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        _draw_mesh(figure, axes[0, 0], polygons, cells)
+    _draw_steps(axes[0, -1], found)
+    return figure
+
+
+def _draw_mesh(figure: Figure, axis: plt.Axes, polygons: np.ndarray, cells: np.ndarray) -> None:
+    largest = float(cells.max(initial=0.0)) or 1.0
+    collection = PolyCollection(
+        list(polygons),
+        array=np.maximum(cells, largest * 10.0**-DECADES),
+        cmap=COLOUR_MAP,
+        norm=LogNorm(largest * 10.0**-DECADES, largest),
+        edgecolors="black" if len(cells) <= MAX_LINES else "face",
+        linewidths=0.15,
+    )
+    axis.add_collection(collection)
+    axis.autoscale_view()
+    axis.set_aspect("equal")
+    axis.set_xlabel("$x$")
+    axis.set_ylabel("$y$")
+    axis.set_title(f"{len(cells)} cells")
+    figure.colorbar(collection, ax=axis, label="estimated error of a cell", shrink=0.8)
+
+
+def _draw_steps(axis: plt.Axes, found: AdaptiveSolution) -> None:
+    unknowns = [step.unknowns for step in found.steps]
+    estimates = [step.estimate for step in found.steps]
+    axis.loglog(unknowns, estimates, "o-", color=COLOURS[0], label="estimated error")
+    for step in found.steps:
+        axis.annotate(
+            f"{step.seconds:.2g} s",
+            (step.unknowns, step.estimate),
+            textcoords="offset points",
+            xytext=(4, 6),
+            fontsize="small",
+        )
+    if found.request.accuracy is not None:
+        label = "accuracy asked for"
+        axis.axhline(found.request.accuracy, color=COLOURS[1], linestyle="--", label=label)
+    axis.set_xlabel("unknowns")
+    axis.set_ylabel(f"error, {found.request.target.name}")
+    axis.margins(x=0.15, y=0.1)
+    axis.grid(True, which="both", alpha=0.3)
+    axis.legend()
