@@ -102,6 +102,28 @@ def expected_orders(degree: int, exponent: float) -> dict[str, float]:
     return {norm: order for norm, order in orders.items() if order is not None}
 
 
+def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
+    """Tell whether a norm of r^exponent is finite, and with it the norm of an error.
+
+    The p-th power of s derivatives is like r^{(a - s) p}, whose integral is finite if and only if
+    (a - s) p + d > 0, d the dimension; for p = inf the largest value is finite if a >= s. Where the
+    expected order is negative the norm is infinite, whatever a quadrature rule or a finite number
+    of samples says.
+
+    Args:
+        norm: Name of a norm, see `norms.parse_norm`. The interpolation estimate H1_2_boundary is
+            as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
+        exponent: The exponent a of r at the worst point.
+        dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
+            and for the distance to an edge in space, 3 for the distance to a corner in space.
+    """
+    parsed = parse_norm(norm)
+    if parsed.derivatives == 0.5 and not parsed.spectral:
+        parsed = Norm(1.0, 2.0, boundary=True)
+    order = _singular(parsed, exponent, dimension)
+    return order > 0.0 or (math.isinf(parsed.p) and order == 0.0)
+
+
 def grading_exponent(degree: int, norm: str = "W1_inf") -> float:
     """Return the largest exponent mu of a grading that keeps the full order in a norm.
 
@@ -129,6 +151,6 @@ def _smooth(norm: Norm, degree: int) -> float:
     return degree + 1.0 - norm.derivatives
 
 
-def _singular(norm: Norm, exponent: float) -> float:
+def _singular(norm: Norm, exponent: float, dimension: int = 2) -> float:
     """The order in which elements of a high degree approximate r^exponent."""
-    return exponent - norm.derivatives + (1.0 if norm.boundary else 2.0) / norm.p
+    return exponent - norm.derivatives + (dimension - norm.boundary) / norm.p
