@@ -18,6 +18,7 @@ from dolfinx import fem
 from scipy.interpolate import BarycentricInterpolator
 
 from dolfinx_signorini.boundary_edges import BoundaryEdges
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.references import Reference
 
 NODES = 9  # interpolation nodes per facet
@@ -34,12 +35,13 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
         exact: The known solution; None for the norm of u_h itself.
 
     Raises:
-        ValueError: The domain is not plane, or its boundary is not made of closed curves.
+        InputError: The domain is not plane.
+        ValueError: Its boundary is not made of closed curves.
         FloatingPointError: The error is not a number at some point of evaluation.
     """
     domain = u_h.function_space.mesh
     if domain.topology.dim != 2 or domain.geometry.dim != 2:
-        raise ValueError("the fractional norm is defined here on the boundary of plane domains")
+        raise InputError("known on the boundary of plane domains only", "H1_2_boundary_spectral")
     edges = BoundaryEdges(domain)
     values = edges.samples([u_h if exact is None else u_h - exact.u], _nodes())[:, :, 0]
     largest = float(np.abs(values).max(initial=0.0))

@@ -1,14 +1,16 @@
 """Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
 
-All norms that are asked for share one evaluation of the error at the points of a named quadrature
-rule, cell by cell in blocks. The p-th powers are summed relative to the largest error met so far,
-so that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20.
+Every norm is made from one number for each cell or boundary facet, which `cell_errors` returns.
+Norms with p < inf are integrated by a named quadrature rule, and those with the same rule share one
+evaluation of the error, in blocks of cells. Powers are relative to the largest value in a cell, so
+that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20. Sup norms
+are maxima, see `dolfinx_signorini.maxima`.
 
-Definitions (those that reproduce the tables of Christof and Haubner):
+Definitions:
     L^p        (integral of |e|^p)^{1/p}
     W^{1,p}    (integral of |e|^p plus |de/dx_i|^p for each i)^{1/p}: componentwise
-    L^inf      the largest |e| at the vertices and edge midpoints of all cells
-    W^{1,inf}  the largest |e| or |de/dx_i| at the quadrature points
+    L^inf      the largest |e|
+    W^{1,inf}  the largest |e| or |de/dx_i|, derivatives from inside of each cell
     on the boundary the same with the tangential gradient, and
     H^{1/2}    estimated by interpolation: sqrt(||e||_L2 ||e||_H1) on the boundary; the true
                fractional norm is in `dolfinx_signorini.fractional`
@@ -16,34 +18,27 @@ Definitions (those that reproduce the tables of Christof and Haubner):
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import basix
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
-from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
-from dolfinx_signorini.meshes import (
-    boundary_facets,
-    clockwise,
-    facet_cells,
-    facet_scale,
-    owned_cells,
-)
-from dolfinx_signorini.power_sums import PowerSum
+from dolfinx_signorini.maxima import Maxima
+from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, owned_cells
+from dolfinx_signorini.points import Array, Indices, Points
+from dolfinx_signorini.pointwise import ErrorAtPoints
+from dolfinx_signorini.power_sums import p_norm
 from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
 from dolfinx_signorini.references import Reference
 
-BLOCK = 8192  # cells whose point values are held at a time
-Array: TypeAlias = npt.NDArray[np.floating[Any]]
+BLOCK = 131_072  # points whose values are held at a time
+HIGHEST = {1: 63, 2: 32, 3: 20}  # degree of a rule that is chosen here, by dimension
 
 
 @dataclass(frozen=True)
@@ -98,14 +93,18 @@ def parse_norm(name: str) -> Norm:
     return Norm(0.0 if match[1] == "L" else 1.0, p, boundary=match[4] is not None)
 
 
-def listed_norms(text: str) -> tuple[str, ...]:
+def listed_norms(text: str, others: Collection[str] = ()) -> tuple[str, ...]:
     """Return the names in a list such as "L4,Linf", as the option --norms takes it.
+
+    Args:
+        text: The list.
+        others: Names that may be listed, too, and are none of `parse_norm`.
 
     Raises:
         InputError: One of them is not the name of a norm.
     """
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
-    for name in names:
+    for name in [name for name in names if name not in others]:
         try:
             parse_norm(name)
         except ValueError as error:
@@ -117,164 +116,182 @@ def error_norms(
     u_h: fem.Function,
     exact: Reference | None,
     norms: Iterable[str],
-    rule: QuadratureRule = CELL_RULE,
-    boundary_rule: QuadratureRule = FACET_RULE,
+    rule: QuadratureRule | None = None,
+    boundary_rule: QuadratureRule | None = None,
 ) -> dict[str, float]:
-    """Compute norms of the error u_h - u, all of them from one evaluation at the rule's points.
+    """Compute norms of the error u_h - u.
 
     Args:
-        u_h: The discrete solution.
+        u_h: The discrete solution, a scalar function in a Lagrange space of any degree on
+            triangles, tetrahedra, quadrilaterals or hexahedra.
         exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
         norms: Names of the norms, see `parse_norm`.
-        rule: Quadrature rule of the volume norms, on cells.
-        boundary_rule: Quadrature rule of the boundary norms, on facets.
+        rule: Quadrature rule of the volume norms with p < inf, on cells; None for one that suits
+            the elements, see `sufficient_rule`.
+        boundary_rule: The same for the boundary norms, on facets.
 
     Returns:
         The value of each norm, by name, the same on all ranks.
 
     Raises:
         ValueError: A norm is unknown.
-        FloatingPointError: The error is not a number at some quadrature point.
+        InputError: The error is of a kind that no norm is known of, or a norm is infinite.
+        FloatingPointError: The error is not a number at some point of evaluation.
     """
     wanted = {name: parse_norm(name) for name in norms}
-    volume = [n for n in wanted.values() if not n.boundary]
-    boundary = [n for n in wanted.values() if n.boundary and not n.spectral]
-    values = _volume_norms(u_h, exact, volume, rule)
-    values |= _boundary_norms(u_h, exact, boundary, boundary_rule)
+    values: dict[Norm, float] = {}
+    for boundary, given in ((False, rule), (True, boundary_rule)):
+        here = [n for n in wanted.values() if n.boundary == boundary and not n.spectral]
+        values |= _norms(u_h, exact, here, given) if here else {}
     for norm in wanted.values():
         if norm.spectral:
             values[norm] = fractional_norm(u_h, exact)
     return {name: values[norm] for name, norm in wanted.items()}
 
 
-def _volume_norms(
+def cell_errors(
+    u_h: fem.Function, exact: Reference | None, norm: str, rule: QuadratureRule | None = None
+) -> npt.NDArray[np.float64]:
+    """Return the norm of the error u_h - u on each cell.
+
+    Args:
+        u_h: The discrete solution, see `error_norms`.
+        exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
+        norm: Name of an L^p or W^{1,p} norm on the domain.
+        rule: Quadrature rule on cells; None for `sufficient_rule`.
+
+    Returns:
+        One number for each cell that this rank owns: for p < inf the integral over the cell to the
+        power 1/p, so that the p-th powers add up to that of the norm, and for p = inf the largest
+        of samples, on a lattice with the vertices, without a search for what lies between them.
+
+    Raises:
+        ValueError: The norm is unknown.
+        InputError: The norm is no sum over cells.
+        FloatingPointError: The error is not a number at some point of evaluation.
+    """
+    parsed = parse_norm(norm)
+    if parsed.boundary:
+        raise InputError(f"{norm} is a norm on the boundary, not on cells", "norm")
+    error = ErrorAtPoints(u_h, exact, parsed.derivatives > 0.0)
+    cells = owned_cells(error.domain)
+    if math.isinf(parsed.p):
+        values = Maxima(error, cells).sampled[int(parsed.derivatives)]
+    else:
+        values = _integrated(error, cells, [parsed], rule)[parsed]
+    _total(error.domain.comm, values, math.inf)  # refuses what is not a number on any rank
+    return values
+
+
+def sampled_norms(
+    u_h: fem.Function, exact: Reference | None, norms: Sequence[Norm], rule: QuadratureRule
+) -> dict[Norm, float]:
+    """Compute norms of the error u_h - u from its values at the points of a rule only.
+
+    Args:
+        u_h: The discrete solution.
+        exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
+        norms: L^p and W^{1,p} norms on the domain; for p = inf the largest at the points.
+        rule: The rule on cells.
+    """
+    error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in norms))
+    values = _integrated(error, owned_cells(error.domain), norms, rule)
+    return {norm: _total(error.domain.comm, array, norm.p) for norm, array in values.items()}
+
+
+def sufficient_rule(domain: mesh.Mesh, degree: int, norm: Norm) -> QuadratureRule:
+    """Return a quadrature rule for a norm of an error with p < inf.
+
+    Up to degree 2 on triangles and tetrahedra the rules are the default ones. Otherwise the rule is
+    exact for the p-th power of polynomials of one degree more, up to p = 8 and `HIGHEST`.
+
+    Args:
+        domain: The mesh.
+        degree: The degree of the elements, on quadrilaterals and hexahedra in each direction.
+        norm: The norm.
+    """
+    base = FACET_RULE if norm.boundary else CELL_RULE
+    simplex = domain.topology.cell_name() in ("triangle", "tetrahedron")
+    if simplex and degree <= 2:
+        return base
+    dim = domain.topology.dim - norm.boundary
+    needed = min(math.ceil(norm.p), 8) * (degree + 1) + (0 if simplex else dim)
+    return QuadratureRule(base.scheme, max(base.degree, min(needed, HIGHEST[dim])))
+
+
+def _norms(
     u_h: fem.Function,
     exact: Reference | None,
     norms: Sequence[Norm],
-    rule: QuadratureRule,
+    rule: QuadratureRule | None,
 ) -> dict[Norm, float]:
-    domain = u_h.function_space.mesh
+    """Norms that are all on the domain or all on its boundary."""
+    ends = [Norm(0.0, 2.0, True), Norm(1.0, 2.0, True)]  # of the interpolation of H^{1/2}
+    half = [norm for norm in norms if norm.derivatives == 0.5]
+    simple = [norm for norm in norms if norm not in half] + (ends if half else [])
+    error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in simple))
+    domain, comm = error.domain, error.domain.comm
+    places = owned_cells(domain)
+    if norms[0].boundary:
+        places = facet_cells(domain, boundary_facets(domain))
+    finite = [norm for norm in simple if math.isfinite(norm.p)]
+    parts = _integrated(error, places, finite, rule)
+    result = {norm: _total(comm, values, norm.p) for norm, values in parts.items()}
+    maxima = Maxima(error, places, exact.singular if exact is not None else ())
+    for norm in [norm for norm in simple if math.isinf(norm.p)]:
+        largest = maxima.largest(norm.derivatives > 0.0, str(norm))
+        result[norm] = _total(comm, np.array([largest]), norm.p)
+    for norm in half:
+        result[norm] = math.sqrt(result[ends[0]]) * math.sqrt(result[ends[1]])
+    return result
+
+
+def _integrated(
+    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm], given: QuadratureRule | None
+) -> dict[Norm, Array]:
+    """Norms on each of the places of this rank, by quadrature; for p = inf at its points."""
+    rules: dict[QuadratureRule, list[Norm]] = {}
+    for norm in dict.fromkeys(norms):
+        rule = given or sufficient_rule(error.domain, error.degree, norm)
+        rules.setdefault(rule, []).append(norm)
+    result: dict[Norm, Array] = {norm: np.empty(len(places)) for norm in norms}
+    for rule, same in rules.items():
+        components = {(n.p, k) for n in same for k in range(1 + int(n.derivatives))}
+        for rows, points, weights in _blocks(error.domain, places, rule):
+            errors = error(points)
+            groups, sizes = (errors[:1], errors[1:]), points.scale * weights
+            parts = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}
+            for n in same:
+                own = [part for k in range(1 + int(n.derivatives)) for part in parts[n.p, k]]
+                result[n][rows] = own[0] if len(own) == 1 else p_norm(np.stack(own, -1), n.p)
+    return result
+
+
+def _blocks(
+    domain: mesh.Mesh, places: Indices, rule: QuadratureRule
+) -> Iterator[tuple[npt.NDArray[np.int64], Points, Array]]:
+    """Yield rows of the places, the points of a rule there, and the weights of the points."""
     cell = basix.CellType[domain.topology.cell_name()]
-    gradient = any(n.derivatives == 1 for n in norms)
-    integrated = [n for n in norms if n.derivatives == 1 or not math.isinf(n.p)]
-    sums = _power_sums(integrated)
-    if sums:
-        scale = abs(ufl.JacobianDeterminant(domain))
-        for cells, components in _error_on_cells(u_h, exact, gradient):
-            # The rule follows the counterclockwise order of vertices, not that of their numbers.
-            turned = clockwise(domain, cells)
-            for reverse in (False, True):
-                points, weights = rule.points(cell, reverse)
-                part = cells[turned == reverse]
-                for _, values in _sample([*components, scale], domain, points, part):
-                    factors = values[:, :, -1]
-                    if (factors == factors[:, :1]).all():  # affine cells
-                        factors = factors[:, 0]
-                    _add(sums, values[:, :, :-1], weights, factors)
-    result = _roots(integrated, sums, domain.comm)
-    if any(n.derivatives == 0 and math.isinf(n.p) for n in norms):
-        lattice = basix.create_lattice(cell, 2, basix.LatticeType.equispaced, True)
-        result[Norm(0.0, math.inf)] = _largest(u_h, exact, np.asarray(lattice, dtype=np.float64))
-    return result
+    turned: npt.NDArray[np.bool_] = np.zeros(len(places), dtype=bool)
+    if places.ndim == 2:
+        cell = basix.cell.subentity_types(cell)[domain.topology.dim - 1][0]
+    else:  # the rule follows the counterclockwise order of vertices, not that of their numbers
+        turned = clockwise(domain, places)
+    for reverse in (False, True):
+        points, weights = rule.points(cell, reverse)
+        part, step = np.flatnonzero(turned == reverse), max(1, BLOCK // len(points))
+        for start in range(0, len(part), step):
+            rows = part[start : start + step]
+            yield rows, Points(domain, places[rows], points), weights
 
 
-def _boundary_norms(
-    u_h: fem.Function,
-    exact: Reference | None,
-    norms: Sequence[Norm],
-    rule: QuadratureRule,
-) -> dict[Norm, float]:
-    if not norms:
-        return {}
-    domain = u_h.function_space.mesh
-    tdim = domain.topology.dim
-    facet = basix.cell.subentity_types(basix.CellType[domain.topology.cell_name()])[tdim - 1][0]
-    points, weights = rule.points(facet)
-    simple = [n for n in norms if n.derivatives != 0.5]
-    if len(simple) < len(norms):  # the ends of the interpolation
-        simple += [Norm(0.0, 2.0, True), Norm(1.0, 2.0, True)]
-    sums = _power_sums(simple)
-    error, gradient = _error(u_h, exact)
-    normal = ufl.FacetNormal(domain)
-    tangential = gradient - ufl.dot(gradient, normal) * normal
-    components = [error, *(tangential[i] for i in range(domain.geometry.dim))]
-    facets = facet_cells(domain, boundary_facets(domain))
-    scale = facet_scale(domain, facets)
-    for block, values in _sample(components, domain, points, facets):
-        _add(sums, values, weights, scale[block])
-    result = _roots(simple, sums, domain.comm)
-    if len(simple) > len(norms):
-        ends = result[Norm(0.0, 2.0, True)], result[Norm(1.0, 2.0, True)]
-        result[Norm(0.5, 2.0, True)] = math.sqrt(ends[0]) * math.sqrt(ends[1])
-    return result
+def _total(comm: MPI.Comm, values: Array, p: float) -> float:
+    """The norm over all places of all ranks, from the norms on the places of this rank.
 
-
-def _power_sums(norms: Iterable[Norm]) -> dict[tuple[float, bool], PowerSum]:
-    """One sum per exponent for the values and, for W^{1,p}, one for the derivatives."""
-    keys = {(n.p, False) for n in norms} | {(n.p, True) for n in norms if n.derivatives == 1}
-    return {key: PowerSum(key[0]) for key in keys}
-
-
-def _add(
-    sums: dict[tuple[float, bool], PowerSum], errors: Array, weights: Array, factors: Array
-) -> None:
-    """Add point errors, shape (cells, points, 1 or 1 + dim), to the sums."""
-    for i in range(errors.shape[2]):
-        values = np.abs(errors[:, :, i])
-        largest = float(values.max(initial=0.0))
-        for (_, derivative), power_sum in sums.items():
-            if derivative == (i > 0):
-                power_sum.add(values, largest, weights, factors)
-
-
-def _roots(
-    norms: Iterable[Norm], sums: dict[tuple[float, bool], PowerSum], comm: MPI.Comm
-) -> dict[Norm, float]:
-    total = {key: sums[key].reduce(comm) for key in sorted(sums)}
-    result = {}
-    for norm in norms:
-        power_sum = PowerSum(norm.p)
-        power_sum.merge(total[norm.p, False])
-        if norm.derivatives == 1:
-            power_sum.merge(total[norm.p, True])
-        result[norm] = power_sum.root
-    return result
-
-
-def _error(u_h: fem.Function, exact: Reference | None) -> tuple[Expr, Expr]:
-    if exact is None:
-        return u_h, ufl.grad(u_h)
-    return u_h - exact.u, ufl.grad(u_h) - ufl.as_vector(exact.grad)
-
-
-def _error_on_cells(
-    u_h: fem.Function, exact: Reference | None, gradient: bool
-) -> Iterator[tuple[npt.NDArray[np.int32], list[Expr]]]:
-    """Yield the error with its derivatives where u may be non-zero, and u_h's own elsewhere."""
-    cells = owned_cells(u_h.function_space.mesh)
-    support = cells if exact is None else exact.support_cells()
-    rest = np.setdiff1d(cells, support, assume_unique=True)
-    for part, reference in ((support, exact), (rest, None)):
-        error, derivatives = _error(u_h, reference)
-        dim = u_h.function_space.mesh.geometry.dim if gradient else 0
-        yield part, [error, *(derivatives[i] for i in range(dim))]
-
-
-def _sample(
-    components: Sequence[Expr], domain: mesh.Mesh, points: Array, entities: npt.NDArray[np.int32]
-) -> Iterator[tuple[slice, Array]]:
-    """Yield blocks of the entities, and the components' values (entities, points, components)."""
-    compiled = fem.Expression(ufl.as_vector(components), points, comm=domain.comm)
-    for start in range(0, len(entities), BLOCK):
-        block = slice(start, start + BLOCK)
-        values = compat.evaluate(compiled, domain, entities[block])
-        yield block, values.reshape(-1, len(points), len(components))
-
-
-def _largest(u_h: fem.Function, exact: Reference | None, points: Array) -> float:
-    domain = u_h.function_space.mesh
-    power_sum = PowerSum(math.inf)
-    for cells, components in _error_on_cells(u_h, exact, gradient=False):
-        for _, values in _sample(components, domain, points, cells):
-            power_sum.include(float(np.abs(values).max(initial=0.0)))
-    return power_sum.reduce(domain.comm).root
+    Raises:
+        FloatingPointError: The norm is not a number on some rank.
+    """
+    total = float(p_norm(np.array(comm.allgather(float(p_norm(values, p)))), p))
+    if not math.isfinite(total):
+        raise FloatingPointError(f"the error is {total} at a point of evaluation")
+    return total

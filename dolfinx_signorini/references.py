@@ -36,12 +36,14 @@ class Reference:
         grad: Its gradient, one component per space dimension.
         support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
             evaluate the expressions on the cells that meet the ball and nowhere else.
+        singular: Points at which the gradient is not smooth and sup norms look closely.
     """
 
     mesh: mesh.Mesh
     u: Expr
     grad: tuple[Expr, ...]
     support: tuple[tuple[float, ...], float] | None = field(default=None, kw_only=True)
+    singular: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
 
     def support_cells(self) -> npt.NDArray[np.int32]:
         """Return the owned cells on which u may be non-zero (all of them without a support)."""
@@ -82,7 +84,12 @@ def interpolated(reference: R, degree: int) -> R:
         degree: Polynomial degree, at least 1.
     """
     u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree)), reference.u)
-    return replace(reference, u=u, grad=_components(ufl.grad(u)))
+    return replace(reference, u=u, grad=components(ufl.grad(u)))
+
+
+def discrete(u: fem.Function) -> Reference:
+    """Return a discrete function as a reference for others on the same mesh, of any degree."""
+    return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
 
 
 def carried(u: fem.Function, domain: mesh.Mesh) -> Reference:
@@ -108,8 +115,9 @@ def carried(u: fem.Function, domain: mesh.Mesh) -> Reference:
         target.x.scatter_forward()
         targets.append(target)
     value, slope = targets
-    return Reference(domain, value, _components(slope))
+    return Reference(domain, value, components(slope))
 
 
-def _components(vector: Expr) -> tuple[Expr, ...]:
+def components(vector: Expr) -> tuple[Expr, ...]:
+    """Return the components of a vector."""
     return tuple(vector[i] for i in range(vector.ufl_shape[0]))
