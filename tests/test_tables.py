@@ -5,15 +5,22 @@ import io
 
 import pytest
 
+from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS
 from dolfinx_signorini.paper.tables import Cell, error_table, order_table, paper_table
 
-NORMS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")
+NORMS = ("L4", "Linf_sampled", "W1_4", "W1_inf_sampled", "H1_2_boundary")
+COLUMNS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")  # the paper's names of them
 
 
 def paper_rows(factor=1.0):
     return [
-        {"n": int(n), "errors": {norm: factor * value for norm, value in row.items()}}
+        {
+            "n": int(n),
+            "errors": {
+                norm: factor * row[column] for norm, column in zip(NORMS, COLUMNS, strict=True)
+            },
+        }
         for n, row in paper_table(1).items()
     ]
 
@@ -69,15 +76,16 @@ def test_csv_holds_every_digit():
     lines = list(csv.DictReader(io.StringIO(error_table(rows, NORMS).csv())))
     for row, line in zip(rows, lines, strict=True):
         assert int(line["N"]) == row["n"]
-        for norm in NORMS:
-            assert float(line[norm]) == row["errors"][norm]
-            assert float(line[f"{norm}_paper"]) == pytest.approx(3 * row["errors"][norm])
-            assert float(line[f"{norm}_difference"]) == pytest.approx(-2 / 3)
+        for norm, column in zip(NORMS, COLUMNS, strict=True):
+            assert float(line[column]) == row["errors"][norm]
+            assert float(line[f"{column}_paper"]) == pytest.approx(3 * row["errors"][norm])
+            assert float(line[f"{column}_difference"]) == pytest.approx(-2 / 3)
 
 
 def test_text_and_markdown_show_value_paper_and_difference():
     table = error_table(paper_rows()[:2], NORMS)
-    text = table.text().splitlines()
+    assert "midpoints" in table.text().splitlines()[1]
+    text = table.text().splitlines()[1:]  # the first line of the title is the second one's
     assert len({len(line) for line in text[1:3]}) == 1
     assert [line.split()[0] for line in text[3:]] == [
         "101",
@@ -98,3 +106,16 @@ def test_every_norm_of_the_study_has_a_paper_order():
     cells = dict(order_table(rows, PAPER_NORMS).rows)["201"]
     assert all(cell.paper is not None for cell in cells)
     assert [cell.value for cell in cells] == pytest.approx([1.0] * len(PAPER_NORMS))
+
+
+def test_maxima_stand_beside_no_figure_of_the_paper():
+    # The paper's figures are samples: they have its names, and the true maxima others.
+    rows = [{"n": n, "errors": {"Linf": 2.0, "Linf_sampled": 1.0, "L4": 1.0}} for n in (101, 201)]
+    for table in (error_table, order_table):
+        found = table(rows, ("Linf", "Linf_sampled", "L4"))
+        assert found.columns == ("Linf (maximum)", "Linf", "L4")
+        cells = dict(found.rows)["201"]
+        assert cells[0].paper is None and cells[1].paper is not None
+        assert "vertices and edge midpoints" in found.title
+        assert "midpoints" not in table(rows, ("Linf", "L4")).title
+    assert set(PAPER_NAMES.values()) == {"Linf", "W1_inf"}

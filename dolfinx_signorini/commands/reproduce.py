@@ -12,6 +12,7 @@ from dolfinx_signorini.costs import Cost, cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper import pictures
+from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
 from dolfinx_signorini.plotting import save
@@ -40,8 +41,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--norms",
         default=",".join(PAPER_NORMS),
-        help="norms of the error, separated by commas (default: the paper's; others: L2, H1, "
-        "W1_8, L2_boundary, H1_2_boundary_spectral, ...)",
+        help="norms of the error, separated by commas (default: the paper's, where Linf_sampled "
+        "and W1_inf_sampled are sup norms sampled as the paper does; others: Linf, W1_inf, which "
+        "are the maxima, L2, H1, W1_8, L2_boundary, H1_2_boundary_spectral, ...)",
     )
     parser.add_argument(
         "--rtol",
@@ -89,7 +91,8 @@ def _settings(args: argparse.Namespace) -> StudySettings:
         raise InputError(f"unknown {args.method!r}, known are {', '.join(METHODS)}", "--method")
     if args.rtol is not None and not 0.0 < args.rtol < 1.0:
         raise InputError(f"must lie between 0 and 1, not {args.rtol}", "--rtol")
-    return StudySettings(method=args.method, norms=listed_norms(args.norms), rtol=args.rtol)
+    norms = listed_norms(args.norms, PAPER_NAMES)
+    return StudySettings(method=args.method, norms=norms, rtol=args.rtol)
 
 
 def _write(

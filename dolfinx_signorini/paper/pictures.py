@@ -14,6 +14,7 @@ from mpi4py import MPI
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.palette import COLOURS, MARKERS
+from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.solution import DETACHMENT, christof_haubner, paper_problem
 from dolfinx_signorini.references import interpolant
 
@@ -95,8 +96,9 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) ->
     for i, norm in enumerate(norms):
         errors = np.array([row["errors"][norm] for row in rows])
         colour = COLOURS[i % len(COLOURS)]
-        order = expected_order(norm)
-        label = norm if order is None else f"{norm}, order {order:g}"
+        name = PAPER_NAMES.get(norm, norm)
+        order = expected_order(name)
+        label = name if order is None else f"{name}, order {order:g}"
         axes.loglog(n, errors, MARKERS[i % len(MARKERS)], color=colour, label=label)
         if order is not None:
             axes.loglog(n, errors[-1] * (n / n[-1]) ** -order, color=colour, linewidth=0.9)

@@ -66,6 +66,7 @@ def christof_haubner(
     dpsi_over_r = -630.0 * t3 * q3 * q / radius**2
     laplacian = -2520.0 * t3 * q3 * (2.0 - 3.0 * t) / radius**2  # psi'' + 4 psi' / r
 
+    centre = float(detachment[0]), float(detachment[1])
     return ManufacturedSolution(
         mesh=domain,
         u=-AMPLITUDE * psi * w,
@@ -74,7 +75,8 @@ def christof_haubner(
             -AMPLITUDE * (1.5 * psi * c + w * dpsi_over_r * x1),
         ),
         load=AMPLITUDE * w * (laplacian - psi),
-        support=((float(detachment[0]), float(detachment[1])), float(radius)),
+        support=(centre, float(radius)),
+        singular=(centre,),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import friedrichs_keller
-from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.paper.sampling import LINF, W1_INF, paper_errors
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import FACET_RULE
@@ -17,7 +17,7 @@ from dolfinx_signorini.records import Records
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.timing import Phases
 
-PAPER_NORMS = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", "H1_2_boundary")
+PAPER_NORMS = ("L4", "L16", LINF, "W1_4", "W1_16", W1_INF, "H1_2_boundary")
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class StudySettings:
 
     A study of two norms:
 
-        run_study(comm, [101, 201], StudySettings(norms=("L4", "Linf")), folder)
+        run_study(comm, [101, 201], StudySettings(norms=("L4", LINF)), folder)
 
     Attributes:
         method: Solver, see `SignoriniProblem.solve`.
-        norms: Names of the norms of the error.
+        norms: Names of the norms of the error, see `sampling.paper_errors`.
         rtol: Relative natural residual; None for the default of the method.
         rule: Quadrature rule of the load and of the norms on cells.
         boundary_rule: Quadrature rule of the norms on facets.
@@ -92,7 +92,7 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     with phases("solve"):
         u = problem.solve(settings.method, coarse=coarse, rtol=settings.rtol)
     with phases("errors"):
-        errors = error_norms(u, exact, settings.norms, PAPER_RULE, FACET_RULE)
+        errors = paper_errors(u, exact, settings.norms, PAPER_RULE)
     seconds, result = phases.seconds, problem.result
     assert result is not None
     problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])

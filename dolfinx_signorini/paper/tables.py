@@ -8,6 +8,7 @@ from importlib import resources
 from typing import Any
 
 from dolfinx_signorini.orders import eoc, expected_order, regression
+from dolfinx_signorini.paper.sampling import PAPER_NAMES, SAMPLING, column
 from dolfinx_signorini.tables import markdown_table, text_table
 
 PAPER = "Christof & Haubner (2020)"
@@ -39,7 +40,7 @@ class Cell:
 class PaperTable:
     """A table of figures beside the paper's, to be printed or written:
 
-        print(error_table(rows, ["L4", "Linf"]).text())
+        print(error_table(rows, ["L4", "Linf_sampled"]).text())
 
     Attributes:
         title: What the table shows, with units.
@@ -91,24 +92,15 @@ def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
 
     Args:
         rows: Rows with "n" (cells per side) and "errors" (by norm), in the order of n.
-        norms: The norms, in the order of the columns.
+        norms: The norms, in the order of the columns; see `sampling.paper_errors`.
     """
-    paper = paper_table(1)
-    return PaperTable(
-        f"Table 1: error u - u_h on N x N squares; paper: {PAPER}; diff.: relative difference",
-        tuple(norms),
-        tuple(
-            (
-                str(row["n"]),
-                tuple(
-                    Cell(row["errors"][norm], paper.get(str(row["n"]), {}).get(norm))
-                    for norm in norms
-                ),
-            )
-            for row in rows
-        ),
-        ".4e",
-    )
+    paper, body = paper_table(1), []
+    for row in rows:
+        known = paper.get(str(row["n"]), {})
+        cells = tuple(Cell(row["errors"][norm], known.get(column(norm))) for norm in norms)
+        body.append((str(row["n"]), cells))
+    title = f"Table 1: error u - u_h on N x N squares; paper: {PAPER}; diff.: relative difference"
+    return PaperTable(_titled(title, norms), _columns(norms), tuple(body), ".4e")
 
 
 def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
@@ -116,7 +108,7 @@ def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
 
     Args:
         rows: At least two rows with "n" and "errors", in the order of n.
-        norms: The norms, in the order of the columns.
+        norms: The norms, in the order of the columns; see `sampling.paper_errors`.
     """
     paper = paper_table(2)
     widths = [1.0 / row["n"] for row in rows]
@@ -125,29 +117,39 @@ def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
     body = []
     for i, row in enumerate(rows[1:]):
         known = paper.get(str(row["n"]), {})
-        body.append((str(row["n"]), tuple(Cell(orders[m][i], known.get(m)) for m in norms)))
+        cells = tuple(Cell(orders[m][i], known.get(column(m))) for m in norms)
+        body.append((str(row["n"]), cells))
     # The paper's regression is over its ten widths; another range has another slope.
     complete = [row["n"] for row in rows] == [int(n) for n in paper_table(1)]
     known = paper["regression"] if complete else {}
-    slopes = tuple(Cell(regression(widths, errors[m]), known.get(m)) for m in norms)
-    theory = tuple(Cell(expected_order(m), paper["theory"].get(m)) for m in norms)
-    return PaperTable(
+    slopes = tuple(Cell(regression(widths, errors[m]), known.get(column(m))) for m in norms)
+    expected = {m: expected_order(PAPER_NAMES.get(m, m)) for m in norms}
+    theory = tuple(Cell(expected[m], paper["theory"].get(column(m))) for m in norms)
+    title = (
         "Table 2: experimental orders of convergence (EOC), their regression, and the theory's "
-        f"orders (less any epsilon);\npaper: {PAPER}; diff.: relative difference",
-        tuple(norms),
-        (*body, ("regression", slopes), ("theory", theory)),
-        ".5f",
+        f"orders (less any epsilon);\npaper: {PAPER}; diff.: relative difference"
     )
+    lines = (*body, ("regression", slopes), ("theory", theory))
+    return PaperTable(_titled(title, norms), _columns(norms), lines, ".5f")
 
 
 def paper_table(number: int) -> dict[str, dict[str, float]]:
-    """Read a table of the paper: norm and figure by row label."""
+    """Read a table of the paper: figure by row label and by the paper's name of the norm."""
     text = resources.files(__package__).joinpath(f"data/table{number}.csv").read_text()
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     return {
         row.pop("cells_per_side"): {norm: float(figure) for norm, figure in row.items()}
         for row in csv.DictReader(lines)
     }
+
+
+def _columns(norms: Sequence[str]) -> tuple[str, ...]:
+    return tuple(column(norm) for norm in norms)
+
+
+def _titled(title: str, norms: Sequence[str]) -> str:
+    """A title that says how sup norms are sampled, where there are some."""
+    return f"{title};\n{SAMPLING}" if set(norms) & set(PAPER_NAMES) else title
 
 
 def _text(figure: float | None, style: str) -> str:
