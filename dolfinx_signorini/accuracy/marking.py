@@ -19,7 +19,7 @@ from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import refined
 
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
-DEEPEST, DEEP = 12, 2  # divisions of a cell with a singular point, and of any other
+DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere
 BISECTIONS = 60  # of the interval that the threshold is in
 SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
@@ -39,6 +39,7 @@ class Outlook:
         remaining: What each owned cell leaves in the error.
         factors: By how much a division of a cell multiplies this part of the error.
         singular: Whether the cell has a singular point.
+        confirmed: Whether this was seen more than once.
         power: The exponent with which the parts add up.
         order: The order of convergence for smooth solutions.
     """
@@ -46,6 +47,7 @@ class Outlook:
     remaining: Array
     factors: Array
     singular: npt.NDArray[np.bool_]
+    confirmed: npt.NDArray[np.bool_]
     power: float
     order: float
 
@@ -157,7 +159,8 @@ class _Choice:
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         self.child = np.where(self.singular, self.factors, shared)
-        self.deepest = np.where(self.singular, DEEPEST, DEEP)
+        towards = np.where(outlook.confirmed, DEEPEST, DEEPER)
+        self.deepest = np.where(self.singular, towards, DEEP)
         self.least = self.error(self.deepest)
         self.present = self.error(0 * self.deepest)
 

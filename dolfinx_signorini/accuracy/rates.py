@@ -45,6 +45,7 @@ class Rates:
     def __init__(self, order: float, power: float, count: int, dimension: int):
         self.order, self.power, self.dimension = order, power, dimension
         self.values: Array = np.full(count, UNKNOWN * order)
+        self._confirmed = np.zeros(count, dtype=bool)
 
     def outlook(self, cells: Array) -> Outlook:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -55,7 +56,8 @@ class Rates:
         rho = 2.0**-self.values
         rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
         singular = self.values < SINGULAR * self.order
-        return Outlook(cells * rho / rest, rho, singular, self.power, self.order)
+        remaining = cells * rho / rest
+        return Outlook(remaining, rho, singular, self._confirmed, self.power, self.order)
 
     def refine(self, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.
@@ -67,6 +69,7 @@ class Rates:
         """
         smooth = NEARLY * self.order
         self.values = np.where(divided.away, smooth, self.values[divided.owners])
+        self._confirmed = self._confirmed[divided.owners] & ~divided.away
         self._before, self._marks, self._divided = before, marks, divided
 
     def measure(self, cells: Array) -> None:
@@ -94,3 +97,4 @@ class Rates:
         slow = told[owners] & (rates[owners] < SINGULAR * self.order)
         smooth = slow & (cells < NOTABLE * largest[owners])
         self.values = np.where(smooth, NEARLY * self.order, self.values)
+        self._confirmed |= slow & ~smooth & singular[owners] & ~divided.away

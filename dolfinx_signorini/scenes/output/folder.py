@@ -24,7 +24,7 @@ RECORD = "record.json"
 FILES = {
     "fields": ("fields.bp", "fields.xdmf", "fields.h5"),
     "boundary": ("boundary.csv",),
-    "pictures": ("solution.png", "contact.png"),
+    "pictures": ("solution.png", "contact.png", "accuracy.png"),
     "report": ("report.html",),
 }
 PROBE = 65_536  # bytes that must fit before a run begins
