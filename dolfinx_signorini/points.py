@@ -67,9 +67,19 @@ class Points:
 
     @functools.cached_property
     def x(self) -> list[Array]:
-        """The coordinates: for each direction of space an array of shape (n, m)."""
+        """The coordinates: for each direction of space an array of shape (n, m).
+
+        Rounding moves no point out of the box around its straight-sided cell: a formula such as
+        atan2(y, x) may jump at y = 0.
+        """
         (table,) = _tabulated(self._element, 0, self._reference)
-        return [_at_points(table, nodes) for nodes in self._nodes]
+        places = [_at_points(table, nodes) for nodes in self._nodes]
+        if self._element.degree > 1:
+            return places
+        return [
+            np.clip(x, nodes.min(axis=1, keepdims=True), nodes.max(axis=1, keepdims=True))
+            for x, nodes in zip(places, self._nodes, strict=True)
+        ]
 
     @functools.cached_property
     def jacobian(self) -> Array:

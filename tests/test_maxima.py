@@ -414,3 +414,24 @@ def test_derivatives_are_those_from_inside_of_each_cell(comm):
     jumping.interpolate(lambda x: x[0] ** 2, cells0=right)
     found = error_norms(jumping, None, ["Linf", "W1_inf"])
     assert found["W1_inf"] == pytest.approx(2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [7, 10])
+def test_rounding_moves_no_point_across_the_boundary(comm, n):
+    # The formula jumps at y = 0, where the bottom of the square lies.
+    domain = friedrichs_keller(comm, n)
+    x = ufl.SpatialCoordinate(domain)
+    a = x[0] - 0.5
+    r = ufl.sqrt(a**2 + x[1] ** 2)
+    u = r**1.5 * ufl.sin(1.5 * ufl.atan2(x[1], a))
+    space = fem.functionspace(domain, ("Lagrange", 2))
+    exact = Reference(domain, u, (ufl.grad(u)[0], ufl.grad(u)[1]))
+    u_h = fem.Function(space)
+    u_h.interpolate(
+        lambda p: (
+            np.hypot(p[0] - 0.5, p[1]) ** 1.5 * np.sin(1.5 * np.arctan2(np.abs(p[1]), p[0] - 0.5))
+        )
+    )
+    found = error_norms(u_h, exact, ["Linf", "Linf_boundary"])
+    assert found["Linf"] < 0.1 / n
+    assert found["Linf_boundary"] < 0.1 / n

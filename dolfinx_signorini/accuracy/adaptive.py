@@ -277,7 +277,7 @@ class _Loop:
         if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
             return None
-        self.rates.refine(found.cells, marks, divided)
+        self.rates.refine(self.sided.mesh, found.cells, marks, divided)
         self.sided, self.division, self.owners = divided.sided, division, divided.owners
         return divided
 

@@ -5,7 +5,7 @@ import math
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import fem, la, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import owned_cells
@@ -72,6 +72,22 @@ def collected(values: Array, owners: Indices, count: int, power: float) -> Array
     largest = float(values.max(initial=0.0)) or 1.0
     sums = np.bincount(owners, (values / largest) ** power, count)
     return np.asarray(largest * sums ** (1.0 / power))
+
+
+def summed_at_vertices(space: fem.FunctionSpace, values: Array, cells: Indices) -> Array:
+    """Return for each vertex the sum of values of cells around the vertex, on all ranks.
+
+    Args:
+        space: The linear Lagrange space of a mesh, whose dofs stand for the vertices; the call is
+            collective.
+        values: One value per cell.
+        cells: The owned cells that have the values.
+    """
+    f = fem.Function(space)
+    np.add.at(f.x.array, space.dofmap.list[cells], values[:, None])
+    f.x.scatter_reverse(la.InsertMode.add)
+    f.x.scatter_forward()
+    return np.asarray(f.x.array)
 
 
 def total(values: Array, power: float, comm: MPI.Comm) -> float:

@@ -7,14 +7,13 @@ divided towards the point: only the part at the point is divided again.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, volumes
+from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import refined
 
@@ -225,19 +224,11 @@ def _points(
     vertices = space.dofmap.list[: len(parts)]
     largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
 
-    def summed(values: Array, cells: npt.NDArray[Any]) -> Array:
-        """For each vertex the sum of values of the cells around the vertex."""
-        f = fem.Function(space)
-        np.add.at(f.x.array, vertices[cells], values[:, None])
-        f.x.scatter_reverse(la.InsertMode.add)
-        f.x.scatter_forward()
-        return np.asarray(f.x.array)
-
-    around = summed(parts / largest, np.arange(len(parts)))
+    around = summed_at_vertices(space, parts / largest, owned_cells(domain))
     best = np.take_along_axis(vertices, around[vertices].argmax(axis=1)[:, None], 1)[:, 0]
-    slow = np.flatnonzero(singular & (parts > NOTABLE * largest))
-    number = space.dofmap.index_map.local_to_global(best[slow].astype(np.int32)) + 1.0
-    count, first, second = (summed(number**k, slow) for k in range(3))
+    slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)
+    number = space.dofmap.index_map.local_to_global(best[slow]) + 1.0
+    count, first, second = (summed_at_vertices(space, number**k, slow) for k in range(3))
     mixed = np.abs(count * second - first**2) > 0.5
     isolated = np.zeros(len(parts), dtype=bool)
     isolated[slow] = ~mixed[vertices[slow]].any(axis=1)

@@ -13,13 +13,18 @@ the indicators of the cell and of its parts.
 """
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Array, collected
+from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
+from dolfinx_signorini.meshes import owned_cells
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
 UNKNOWN = 0.35  # of the rate for smooth solutions: before anything is measured
 NEARLY = 0.9  # of the same: next to a singular point
+STEEPEST = 4.0  # power of the weights in averages of rates
 NOTABLE = 0.5  # of the largest indicator of the parts of a cell
 SINGULAR = 0.75  # of the same: a cell with a smaller rate has a singular point
 
@@ -45,7 +50,7 @@ class Rates:
     def __init__(self, order: float, power: float, count: int, dimension: int):
         self.order, self.power, self.dimension = order, power, dimension
         self.values: Array = np.full(count, UNKNOWN * order)
-        self._confirmed = np.zeros(count, dtype=bool)
+        self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
     def outlook(self, cells: Array) -> Outlook:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -59,10 +64,11 @@ class Rates:
         remaining = cells * rho / rest
         return Outlook(remaining, rho, singular, self._confirmed, self.power, self.order)
 
-    def refine(self, before: Array, marks: Marks, divided: Divided) -> None:
+    def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.
 
         Args:
+            domain: The mesh so far.
             before: The indicators of the cells.
             marks: How the cells were to be divided.
             divided: The mesh that came out.
@@ -70,7 +76,8 @@ class Rates:
         smooth = NEARLY * self.order
         self.values = np.where(divided.away, smooth, self.values[divided.owners])
         self._confirmed = self._confirmed[divided.owners] & ~divided.away
-        self._before, self._marks, self._divided = before, marks, divided
+        self._domain, self._before = domain, before
+        self._marks, self._divided = marks, divided
 
     def measure(self, cells: Array) -> None:
         """Measure the rates of the cells that have been divided.
@@ -91,6 +98,7 @@ class Rates:
         told = (parts >= 2**dim) & (before > 0.0) & (now > 0.0)
         with np.errstate(all="ignore"):
             rates = np.clip(-np.log2(now / before) / depth, SLOWEST, self.order)
+        rates = self._smoothed(rates, before, told)
         self.values = np.where(told[owners] & ~divided.away, rates[owners], self.values)
         # The slow part of a slow cell is where most of the error is left.
         largest = collected(cells, owners, count, np.inf)
@@ -98,3 +106,25 @@ class Rates:
         smooth = slow & (cells < NOTABLE * largest[owners])
         self.values = np.where(smooth, NEARLY * self.order, self.values)
         self._confirmed |= slow & ~smooth & singular[owners] & ~divided.away
+
+    def _smoothed(self, rates: Array, weights: Array, told: npt.NDArray[np.bool_]) -> Array:
+        """Average rates around vertices, and give each cell the slowest one at its vertices.
+
+        A single cell may be slow by chance; at a singular point all cells around a vertex are.
+
+        Args:
+            rates: The measured rates of cells of the last mesh.
+            weights: Their indicators.
+            told: Whether the rate of a cell is known.
+        """
+        space = fem.functionspace(self._domain, ("Lagrange", 1))
+        largest = self._domain.comm.allreduce(float(weights.max(initial=0.0)), op=MPI.MAX) or 1.0
+        power = min(self.power, STEEPEST)
+        shares = np.where(told, (weights / largest) ** power, 0.0)
+        cells = owned_cells(self._domain)
+        known = np.where(told, rates, 0.0)
+        sums = summed_at_vertices(space, shares, cells)
+        with np.errstate(all="ignore"):
+            means = summed_at_vertices(space, shares * known, cells) / sums
+        means = np.where(sums > 0.0, means, self.order)
+        return np.asarray(means[space.dofmap.list[: len(cells)]].min(axis=1))
