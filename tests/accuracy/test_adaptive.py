@@ -1,0 +1,316 @@
+"""The adaptive loop on a user's own forms and meshes, for solutions that are known."""
+
+import functools
+import operator
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from scipy.integrate import quad
+from ufl.domain import extract_unique_domain
+
+from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.accuracy.adaptive import solve_adaptively
+from dolfinx_signorini.accuracy.indicators import difference, indicators
+from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, owned_cells
+from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.references import Reference
+from dolfinx_signorini.refinement import Transfer, refined
+
+POINT = 0.41337
+
+
+def known(x, y):
+    """The solution: -r^(3/2) sin(3t/2) around the point where contact ends."""
+    x = x - POINT
+    return -(np.hypot(x, y) ** 1.5) * np.sin(1.5 * np.arctan2(np.abs(y), x))
+
+
+def known_in_ufl(domain):
+    x, y = ufl.SpatialCoordinate(domain)
+    r = ufl.sqrt((x - POINT) ** 2 + y**2)
+    return -(r**1.5) * ufl.sin(1.5 * ufl.atan2(abs(y), x - POINT))
+
+
+def square(comm, n=4):
+    domain = friedrichs_keller(comm, n)
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    top = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
+    rest = mesh.locate_entities_boundary(
+        domain, 1, lambda x: np.isclose(x[1], 1.0) | np.isclose(np.abs(x[0] - 0.5), 0.5)
+    )
+    return SidedMesh(domain, {"bottom": bottom, "top": top, "rest": rest})
+
+
+def poser(degree=2, sign=1.0, contact="bottom"):
+    """Pose -div grad u + u = f, with contact below and Dirichlet data elsewhere."""
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", degree))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        data = fem.Function(space)
+        data.interpolate(lambda x: sign * known(x[0], x[1]))
+        dofs = fem.locate_dofs_topological(space, 1, sided.sides["rest"])
+        dx = ufl.dx(metadata={"quadrature_degree": 2 * degree + 2})
+        return SignoriniProblem(
+            (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * dx,
+            sign * known_in_ufl(sided.mesh) * v * dx,
+            contact=sided.sides[contact],
+            obstacle=0.0,
+            bound="lower" if sign > 0.0 else "upper",
+            bcs=[fem.dirichletbc(data, dofs)],
+        )
+
+    return pose
+
+
+def true_error(found, norm, exact):
+    """The norm of the error of the solution that was found, for an expression in coordinates."""
+    u = found.problem.u
+    reference = expression(u.function_space.mesh, exact)
+    return error_norms(u, reference, [norm])[norm]
+
+
+def expression(domain, exact):
+    value = exact(domain)
+    gradient = ufl.grad(value)
+    return Reference(domain, value, tuple(gradient[k] for k in range(domain.geometry.dim)))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("norm", "accuracy"), [("L4", 1e-3), ("H1", 3e-2), ("Linf", 3e-3), ("L2_boundary", 2e-4)]
+)
+def test_the_accuracy_is_met_and_not_by_far(comm, degree, norm, accuracy):
+    found = solve_adaptively(
+        poser(degree), square(comm), norm=norm, accuracy=accuracy, max_unknowns=200_000
+    )
+    error = true_error(found, norm, known_in_ufl)
+    assert found.reached and found.stopped == "the accuracy is reached"
+    assert error <= found.estimate <= accuracy
+    assert error >= 0.02 * accuracy
+    # The loop ends at the first step that it may believe.
+    assert all(step.estimate > accuracy for step in found.steps[1:-1])
+    assert len(found.steps) >= 2
+    assert found.problem.unknowns == found.steps[-1].unknowns
+    found.problem.destroy()
+
+
+def mean():
+    """The mean of the known solution, by adaptive quadrature along each line."""
+    inner = lambda y: quad(known, 0.0, 1.0, (y,), points=[POINT], epsabs=1e-12)[0]  # noqa: E731
+    return quad(inner, 0.0, 1.0, epsabs=1e-10, limit=200)[0]
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5])
+def test_a_functional_of_the_solution_is_met(comm, degree, accuracy):
+    found = solve_adaptively(
+        poser(degree), square(comm), norm=lambda v: v * ufl.dx, accuracy=accuracy
+    )
+    value = comm.allreduce(fem.assemble_scalar(fem.form(found.problem.u * ufl.dx)))
+    assert found.reached
+    assert abs(value - mean()) <= accuracy
+    assert found.estimate <= accuracy
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_an_upper_obstacle_is_a_lower_one_upside_down(comm, degree):
+    lower, upper = (
+        solve_adaptively(poser(degree, sign), square(comm), norm="L4", accuracy=1e-3)
+        for sign in (1.0, -1.0)
+    )
+    steps = [[(s.unknowns, s.estimate) for s in f.steps] for f in (lower, upper)]
+    assert [s[0] for s in steps[0]] == [s[0] for s in steps[1]]
+    assert [s[1] for s in steps[0]] == pytest.approx([s[1] for s in steps[1]], rel=1e-4)
+    assert true_error(upper, "L4", lambda domain: -known_in_ufl(domain)) <= 1e-3
+    for found in (lower, upper):
+        found.problem.destroy()
+
+
+@pytest.mark.parametrize("limit", [400, 1500, 6000])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_limit_on_unknowns_is_kept(comm, degree, limit):
+    told = []
+    found = solve_adaptively(
+        poser(degree),
+        square(comm),
+        norm="H1",
+        accuracy=1e-9,
+        max_unknowns=limit,
+        on_step=told.append,
+    )
+    assert not found.reached
+    assert found.stopped == f"a finer mesh has more than {limit} unknowns"
+    assert tuple(told) == found.steps
+    assert all(step.unknowns <= limit for step in found.steps)
+    assert found.problem.unknowns >= limit / 8
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_first_mesh_that_is_too_large_is_refused(comm, degree):
+    nodes = (degree * 8 + 1) ** 2
+    with pytest.raises(InputError, match=f"need {nodes}, not {nodes - 1}"):
+        solve_adaptively(poser(degree), square(comm), accuracy=1.0, max_unknowns=nodes - 1)
+
+
+def test_the_errors_of_cells_add_up_to_the_estimate(comm):
+    found = solve_adaptively(poser(), square(comm), norm="H1", accuracy=0.05)
+    assert len(found.cells) == len(owned_cells(found.problem.space.mesh))
+    # Each division into four cells has the error of the cell four times.
+    whole = np.sqrt(comm.allreduce((found.cells**2).sum()) / 4.0)
+    assert whole <= found.estimate <= 10.0 * whole
+    found.problem.destroy()
+
+
+def smooth_poser(comm, width):
+    """Pose a problem whose solution, a bump of a width, is smooth; return the solution, too."""
+
+    def value(domain):
+        x, y = ufl.SpatialCoordinate(domain)
+        return ufl.exp(-((x - 0.53) ** 2 + (y - 0.57) ** 2) / width**2)
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        exact = value(sided.mesh)
+        load = exact - ufl.div(ufl.grad(exact))
+        dx = ufl.dx(metadata={"quadrature_degree": 12})
+        dofs = fem.locate_dofs_topological(space, 1, boundary_facets(sided.mesh))
+        zero = fem.Function(space)
+        zero.interpolate(lambda x: np.exp(-((x[0] - 0.53) ** 2 + (x[1] - 0.57) ** 2) / width**2))
+        return SignoriniProblem(
+            (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * dx,
+            load * v * dx,
+            contact=sided.sides["bottom"],
+            obstacle=-1.0,
+            bcs=[fem.dirichletbc(zero, dofs)],
+        )
+
+    return pose, value
+
+
+@pytest.mark.parametrize("norm", ["H1", "L4", "Linf"])
+def test_estimates_of_smooth_solutions_are_safe_and_sharp(comm, norm):
+    pose, exact = smooth_poser(comm, 0.3)
+    accuracy = {"H1": 1e-2, "L4": 1e-4, "Linf": 1e-3}[norm]
+    found = solve_adaptively(pose, square(comm), norm=norm, accuracy=accuracy)
+    error = true_error(found, norm, exact)
+    assert 1.0 <= found.estimate / error <= 4.0
+    found.problem.destroy()
+
+
+def test_a_bump_between_the_nodes_is_found(comm):
+    pose, exact = smooth_poser(comm, 0.03)
+    found = solve_adaptively(pose, square(comm), norm="L4", accuracy=1e-3)
+    assert true_error(found, "L4", exact) <= found.estimate <= 1e-3
+    found.problem.destroy()
+
+
+@pytest.fixture
+def two_solutions(comm):
+    """The solution on a mesh, the solved problem on its division, and the parents."""
+    sided = square(comm)
+    division = refined(sided)
+    problems = [poser()(sided), poser()(division.sided)]
+    for problem in problems:
+        problem.solve()
+    yield problems[0].u, problems[1], division.parents
+    for problem in problems:
+        problem.destroy()
+
+
+def test_indicators_follow_the_unit_of_a_functional(two_solutions):
+    once, tenfold = (
+        indicators(*two_solutions, target(lambda v, k=k: k * v * ufl.dx)) for k in (1.0, 10.0)
+    )
+    assert tenfold.difference == pytest.approx(10.0 * once.difference, rel=1e-9)
+    assert tenfold.cells == pytest.approx(10.0 * once.cells, rel=1e-2)
+
+
+def part(v, side):
+    x = ufl.SpatialCoordinate(extract_unique_domain(v))
+    return ufl.conditional(ufl.gt(side * (x[0] - 0.5), 0.0), 1.0, 0.0) * v * ufl.dx
+
+
+@pytest.mark.parametrize(
+    "asked",
+    ["L2", "L4", "L2_boundary", lambda v: v * ufl.dx, lambda v: part(v, 1.0), lambda v: v * ufl.ds],
+)
+def test_weighted_indicators_make_up_the_difference(comm, two_solutions, asked):
+    found = indicators(*two_solutions, target(asked))
+    # The bound of duality, but for the dofs that change between contact and no contact.
+    assert comm.allreduce(found.cells.sum()) >= 0.75 * found.difference > 0.0
+
+
+def test_a_functional_of_one_side_asks_for_cells_there(comm, two_solutions):
+    domain = two_solutions[0].function_space.mesh
+    x = mesh.compute_midpoints(domain, 2, owned_cells(domain))[:, 0]
+    left, right = (
+        indicators(*two_solutions, target(lambda v, s=s: part(v, s))).cells for s in (-1.0, 1.0)
+    )
+    ratio = left / right
+    inside = comm.allgather((ratio[x < 0.3].tolist(), ratio[x > 0.7].tolist()))
+    lefts, rights = (functools.reduce(operator.iadd, (part[k] for part in inside), []) for k in (0, 1))
+    assert np.median(lefts) > 3.0 * np.median(rights)
+
+
+def test_sup_norm_indicators_are_local(comm, two_solutions):
+    u, fine, parents = two_solutions
+    found = indicators(u, fine, parents, target("Linf"))
+    transfer = Transfer(u.function_space, fine.space, parents)
+    detail = difference(fine.u, transfer.prolong(transfer.restrict(fine.u)))
+    nodes = np.abs(detail.x.array[fine.space.dofmap.list[: len(parents)]]).max(axis=1)
+    largest = np.zeros(len(found.cells))
+    np.maximum.at(largest, parents, nodes)
+    assert (found.cells >= largest - 1e-14).all()
+    assert (found.cells <= 3.0 * largest + 1e-12).all()
+
+
+@pytest.mark.parametrize("kind", ["square", "cube"])
+def test_a_mesh_of_ones_own_is_adapted(comm, kind):
+    """A mesh without sides, and forms with a Robin condition in place of Dirichlet data."""
+
+    def exact(domain):
+        x = ufl.SpatialCoordinate(domain)
+        return 1.0 + ufl.exp(-x[0] * x[1]) + x[1]
+
+    domain = mesh.create_unit_cube(comm, 2, 2, 2) if kind == "cube" else friedrichs_keller(comm, 6)
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        value = exact(sided.mesh)
+        n = ufl.FacetNormal(sided.mesh)
+        dx = ufl.dx(metadata={"quadrature_degree": 8})
+        ds = ufl.ds(metadata={"quadrature_degree": 8})
+        return SignoriniProblem(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * dx + u * v * ds,
+            -ufl.div(ufl.grad(value)) * v * dx + (value + ufl.dot(ufl.grad(value), n)) * v * ds,
+            contact=boundary_facets(sided.mesh),
+            obstacle=0.0,
+        )
+
+    found = solve_adaptively(pose, SidedMesh(domain, {}), norm="H1", accuracy=2e-2)
+    assert found.reached
+    assert true_error(found, "H1", exact) <= found.estimate <= 2e-2
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize("name", ["accuracy", "budget", "max_unknowns"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), "1"])
+def test_limits_that_make_no_sense_are_refused(comm, name, value):
+    given = {"accuracy": 1e-3} | {name: value}
+    with pytest.raises(InputError) as refusal:
+        solve_adaptively(poser(), square(comm), **given)
+    assert refusal.value.subject == name
+
+
+def test_an_accuracy_or_a_budget_is_needed(comm):
+    with pytest.raises(InputError, match="accuracy or a budget"):
+        solve_adaptively(poser(), square(comm))

@@ -1,0 +1,104 @@
+"""Marks, and the meshes that follow from them, for errors that are known."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.cells import volumes
+from dolfinx_signorini.accuracy.marking import Outlook, mark, mark_all
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
+
+N = 8
+
+
+def outlook(remaining, rates, singular, power=2.0, order=3.0):
+    return Outlook(remaining, 2.0**-rates, singular, power, order)
+
+
+def corners(sided):
+    domain = sided.mesh
+    return domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+
+
+def square(comm):
+    sided = SidedMesh(friedrichs_keller(comm, N), {})
+    return sided, corners(sided).mean(axis=1)
+
+
+def count(comm, sided):
+    return comm.allreduce(len(owned_cells(sided.mesh)))
+
+
+def test_all_cells_are_divided_once(comm):
+    sided, _ = square(comm)
+    divided = mark_all(sided).apply(sided)
+    assert count(comm, divided.sided) == 4 * 2 * N**2
+    assert divided.levels == pytest.approx(1.0)
+    assert not divided.away.any()
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, np.inf])
+def test_cells_with_the_error_are_divided(comm, power):
+    sided, middle = square(comm)
+    bad = np.hypot(*(middle[:, :2] - 0.5).T) < 0.2
+    values = np.where(bad, 1.0, 1e-4)
+    smooth = np.zeros(len(bad), bool)
+    marks = mark(sided, outlook(values, np.full(len(bad), 3.0), smooth, power), 0.2, 3.0)
+    assert (marks.levels[bad] >= 1).all()
+    assert (marks.levels[~bad] == 0).all()
+    divided = marks.apply(sided)
+    parts = np.bincount(divided.owners, minlength=len(bad))
+    assert (parts[bad] >= 4).all()
+    assert (parts[np.hypot(*(middle[:, :2] - 0.5).T) > 0.4] == 1).all()
+
+
+def test_the_error_that_is_asked_for_is_aimed_at(comm):
+    sided, middle = square(comm)
+    values = 10.0 ** (-3.0 * middle[:, 0])
+    rates, smooth = np.full(len(values), 2.0), np.zeros(len(values), bool)
+    for goal in (0.9, 0.6, 0.3):
+        marks = mark(sided, outlook(values, rates, smooth), goal, 100.0)
+        after = comm.allreduce((values**2 * 4.0 ** (-2.0 * marks.levels)).sum())
+        share = np.sqrt(after / comm.allreduce((values**2).sum()))
+        # Half of the error's square is reduced in any case.
+        assert 0.4 * goal <= share <= goal
+
+
+def test_meshes_grow_no_more_than_allowed(comm):
+    sided, middle = square(comm)
+    values = 10.0 ** (-3.0 * middle[:, 0] - 0.3 * middle[:, 1])
+    rates, smooth = np.full(len(values), 2.0), np.zeros(len(values), bool)
+    for growth in (1.5, 2.0, 3.0):
+        marks = mark(sided, outlook(values, rates, smooth), 0.0, growth)
+        wanted = comm.allreduce((4.0**marks.levels).sum()) / (2 * N**2)
+        assert 0.6 * growth <= wanted <= 1.1 * growth
+
+
+def at_centre(sided):
+    return np.linalg.norm(corners(sided) - (0.5, 0.5, 0.0), axis=2).min(axis=1) < 1e-9
+
+
+def test_a_cell_is_divided_towards_its_singular_point(comm):
+    sided, _middle = square(comm)
+    at = at_centre(sided)
+    values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
+    marks = mark(sided, outlook(values, rates, at), 0.05, 5.0)
+    assert (marks.singular == at).all()
+    assert np.abs(marks.points[at] - (0.5, 0.5, 0.0)).max(initial=0.0) < 1e-9
+    assert (marks.levels[at] >= 5).all()
+    divided = marks.apply(sided)
+    there = at_centre(divided.sided)
+    size = volumes(divided.sided.mesh)
+    deepest = comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX)
+    assert size[there] == pytest.approx(4.0**-deepest / N**2, rel=1e-9)
+    assert count(comm, divided.sided) < 2 * N**2 + 100 * deepest
+    assert (divided.away == (at[divided.owners] & ~there)).all()
+
+
+def test_a_singular_line_is_no_point(comm):
+    sided, middle = square(comm)
+    bottom = (corners(sided)[:, :, 1] < 1e-9).sum(axis=1) == 2
+    values, rates = np.where(bottom, 1.0, 1e-4), np.where(bottom, 0.5, 3.0)
+    marks = mark(sided, outlook(values, rates, bottom), 0.5, 5.0)
+    inner = bottom & (np.abs(middle[:, 0] - 0.5) < 0.3)
+    assert not marks.singular[inner].any()

@@ -1,0 +1,74 @@
+"""Rates of cells, on indicators that fall by known rates."""
+
+import numpy as np
+import pytest
+
+from dolfinx_signorini.accuracy.marking import Marks, mark_all
+from dolfinx_signorini.accuracy.rates import NEARLY, SLOWEST, Rates
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
+
+ORDER = 3.0
+
+
+@pytest.mark.parametrize(("power", "rate"), [(1.0, 0.5), (2.0, 0.5), (2.0, 2.0), (4.0, 1.0)])
+def test_what_remains_is_the_sum_of_all_later_differences(power, rate):
+    rates = Rates(ORDER, power, 3, 2)
+    rates.values[:] = rate
+    cells = np.array([1.0, 2.0, 0.0])
+    later = 2.0 ** (-rate * np.arange(1, 200))
+    # Differences add up as they are, or in squares where they are orthogonal.
+    expected = later.sum() if power == 1.0 else np.sqrt((later**2).sum())
+    outlook = rates.outlook(cells)
+    assert outlook.remaining == pytest.approx(cells * expected, rel=1e-12)
+    assert outlook.factors == pytest.approx(2.0**-rate)
+    assert (outlook.singular == (rate < 0.75 * ORDER)).all()
+
+
+def fallen(comm, power, marks, rate):
+    """Return the rates after cells of a mesh whose largest parts fall by a rate were divided."""
+    sided = SidedMesh(friedrichs_keller(comm, 4), {})
+    count = len(owned_cells(sided.mesh))
+    divided = marks(sided, count).apply(sided)
+    rates = Rates(ORDER, power, count, 2)
+    before = np.full(count, 7.0)
+    rates.refine(before, marks(sided, count), divided)
+    return rates, divided, before
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("rate", [1.0, 2.0, ORDER])
+def test_the_rate_of_a_divided_cell_is_measured(comm, power, rate):
+    rates, divided, before = fallen(comm, power, lambda sided, _: mark_all(sided), rate)
+    share = 4.0 ** (-1.0 / power)
+    rates.measure(before[divided.owners] * 2.0**-rate * share)
+    assert rates.values == pytest.approx(rate, rel=1e-9)
+
+
+def test_rates_are_those_of_smooth_solutions_at_most(comm):
+    rates, divided, before = fallen(comm, 2.0, lambda sided, _: mark_all(sided), 9.0)
+    rates.measure(before[divided.owners] * 2.0**-9.0)
+    assert (rates.values == ORDER).all()
+    rates.measure(before[divided.owners] * 2.0**9.0)
+    assert (rates.values == SLOWEST).all()
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, np.inf])
+def test_towards_a_singular_point_the_cells_at_the_point_tell(comm, power):
+    levels = 3
+
+    def marks(sided, count):
+        """Cells at the origin are divided three times towards the origin."""
+        domain = sided.mesh
+        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+        at = np.linalg.norm(x, axis=2).min(axis=1) < 1e-9
+        return Marks(np.where(at, levels, 0), at, np.zeros((count, 3)))
+
+    rates, divided, before = fallen(comm, power, marks, 0.5)
+    towards = marks(SidedMesh(friedrichs_keller(comm, 4), {}), len(before)).singular
+    tips = np.flatnonzero(towards[divided.owners] & ~divided.away)
+    assert comm.allreduce(len(tips)) == comm.allreduce(int(towards.sum()))
+    cells = np.full(len(divided.owners), 1e-9)
+    cells[tips] = 7.0 * 2.0 ** (-0.5 * levels)
+    rates.measure(cells)
+    assert rates.values[tips] == pytest.approx(0.5, rel=1e-3)
+    assert (rates.values[towards[divided.owners] & divided.away] == NEARLY * ORDER).all()

@@ -1,0 +1,168 @@
+"""Refined meshes: sides, parents, and functions carried between a mesh and its refinement."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, geometry, mesh
+from scipy.spatial import cKDTree
+
+from dolfinx_signorini.accuracy.cells import volumes
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
+from dolfinx_signorini.refinement import Transfer, carried_across, refined
+
+KINDS = ["square", "cube"]
+CASES = [(kind, degree) for kind in KINDS for degree in (1, 2, 3)]
+PLANES = {"low x": (0, 0.0), "high x": (0, 1.0), "low y": (1, 0.0), "high y": (1, 1.0)}
+
+
+def sided_mesh(comm, kind):
+    domain = (
+        friedrichs_keller(comm, 5) if kind == "square" else mesh.create_unit_cube(comm, 3, 2, 2)
+    )
+    dim = domain.topology.dim - 1
+    sides = {
+        name: mesh.locate_entities_boundary(
+            domain, dim, lambda x, a=axis, v=at: np.isclose(x[a], v)
+        )
+        for name, (axis, at) in PLANES.items()
+    }
+    return SidedMesh(domain, sides)
+
+
+def middles(domain):
+    return mesh.compute_midpoints(domain, domain.topology.dim, owned_cells(domain))
+
+
+def at_corner(sided, reach=0.4):
+    return np.flatnonzero(np.linalg.norm(middles(sided.mesh), axis=1) < reach).astype(np.int32)
+
+
+def refinements(sided):
+    """All cells divided; those at a corner; and these again with their ancestors."""
+    local = refined(sided, at_corner(sided))
+    again = refined(local.sided, at_corner(local.sided, 0.25))
+    return [refined(sided), local, again.after(local)]
+
+
+def random_function(space):
+    """A function of a space that all ranks agree on, and that is no polynomial across cells."""
+    x = space.tabulate_dof_coordinates().T
+    f = fem.Function(space)
+    f.x.array[:] = np.cos(1e4 * (x[0] + 2.0 * x[1] + 3.0 * x[2]))
+    f.x.scatter_forward()
+    return f
+
+
+def polynomial(space):
+    degree = space.element.basix_element.degree
+    f = fem.Function(space)
+    f.interpolate(
+        lambda x: (1.0 + x[0] - 2.0 * x[1] + 3.0 * x[2]) ** degree - x[0] * x[1] ** (degree - 1)
+    )
+    return f
+
+
+def owned(f):
+    return f.x.array[: f.function_space.dofmap.index_map.size_local]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_refined_meshes_keep_their_sides(comm, kind):
+    for refinement in refinements(sided_mesh(comm, kind)):
+        domain, sides = refinement.sided.mesh, refinement.sided.sides
+        for name, (axis, at) in PLANES.items():
+            middle = mesh.compute_midpoints(domain, domain.topology.dim - 1, sides[name])
+            assert np.abs(middle[:, axis] - at).max(initial=0.0) < 1e-12
+            facets = np.sort(sides[name])
+            tags = mesh.meshtags(domain, domain.topology.dim - 1, facets, np.ones_like(facets))
+            one = fem.Constant(domain, 1.0)
+            size = fem.assemble_scalar(
+                fem.form(one * ufl.Measure("ds", domain, subdomain_data=tags)(1))
+            )
+            assert comm.allreduce(size) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cells_lie_in_their_parents_and_fill_them(comm, kind):
+    sided = sided_mesh(comm, kind)
+    shape = geometry.bb_tree(sided.mesh, sided.mesh.topology.dim)
+    for refinement in refinements(sided):
+        inside = middles(refinement.sided.mesh)
+        found = geometry.compute_colliding_cells(
+            sided.mesh, geometry.compute_collisions_points(shape, inside), inside
+        )
+        assert all(p in found.links(k) for k, p in enumerate(refinement.parents))
+        parts = np.bincount(
+            refinement.parents, volumes(refinement.sided.mesh), len(owned_cells(sided.mesh))
+        )
+        assert parts == pytest.approx(volumes(sided.mesh), rel=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "degree"), CASES)
+def test_polynomials_are_carried_to_and_fro_exactly(comm, kind, degree):
+    sided = sided_mesh(comm, kind)
+    coarse = fem.functionspace(sided.mesh, ("Lagrange", degree))
+    for refinement in refinements(sided):
+        fine = fem.functionspace(refinement.sided.mesh, ("Lagrange", degree))
+        transfer = Transfer(coarse, fine, refinement.parents)
+        up, down = transfer.prolong(polynomial(coarse)), transfer.restrict(polynomial(fine))
+        assert up.x.array == pytest.approx(polynomial(fine).x.array, abs=1e-11)
+        assert down.x.array == pytest.approx(polynomial(coarse).x.array, abs=1e-11)
+
+
+@pytest.mark.parametrize(("kind", "degree"), CASES)
+def test_prolonged_functions_are_the_same_functions(comm, kind, degree):
+    sided = sided_mesh(comm, kind)
+    coarse = fem.functionspace(sided.mesh, ("Lagrange", degree))
+    u = random_function(coarse)
+    for refinement in refinements(sided):
+        domain = refinement.sided.mesh
+        transfer = Transfer(
+            coarse, fem.functionspace(domain, ("Lagrange", degree)), refinement.parents
+        )
+        up = transfer.prolong(u)
+        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+        for weights in (np.ones(x.shape[1]), np.arange(1.0, x.shape[1] + 1.0)):
+            points = np.einsum("v,cvi->ci", weights / weights.sum(), x)
+            here = u.eval(points, refinement.parents).ravel()
+            there = up.eval(points, owned_cells(domain)).ravel()
+            assert there == pytest.approx(here, abs=1e-10)
+        assert transfer.restrict(up).x.array == pytest.approx(u.x.array, abs=1e-10)
+
+
+@pytest.mark.parametrize(("kind", "degree"), [case for case in CASES if case[1] < 3])
+def test_restricted_functions_interpolate(comm, kind, degree):
+    sided = sided_mesh(comm, kind)
+    refinement = refined(sided)
+    coarse = fem.functionspace(sided.mesh, ("Lagrange", degree))
+    fine = fem.functionspace(refinement.sided.mesh, ("Lagrange", 2 * degree))
+    # Halved cells with twice the degree have nodes at the nodes of the mesh before.
+    u = random_function(fine)
+    near, place = cKDTree(fine.tabulate_dof_coordinates()).query(
+        coarse.tabulate_dof_coordinates()[: coarse.dofmap.index_map.size_local]
+    )
+    assert near.max(initial=0.0) < 1e-12
+    down = Transfer(coarse, fine, refinement.parents).restrict(u)
+    assert owned(down) == pytest.approx(u.x.array[place], abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "degree"), CASES)
+def test_functions_are_carried_across_between_refinements(comm, kind, degree):
+    sided = sided_mesh(comm, kind)
+    division = refined(sided)
+    source = fem.functionspace(division.sided.mesh, ("Lagrange", degree))
+    tree = geometry.bb_tree(division.sided.mesh, sided.mesh.topology.dim)
+    for other in refinements(sided)[1:]:
+        space = fem.functionspace(other.sided.mesh, ("Lagrange", degree))
+        found = carried_across(polynomial(source), division.parents, space, other.parents)
+        assert found.x.array == pytest.approx(polynomial(space).x.array, abs=1e-11)
+        u = random_function(source)
+        found = carried_across(u, division.parents, space, other.parents)
+        x = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local]
+        cells = geometry.compute_colliding_cells(
+            division.sided.mesh, geometry.compute_collisions_points(tree, x), x
+        )
+        known = np.flatnonzero(np.diff(cells.offsets) > 0)
+        expected = u.eval(x[known], cells.array[cells.offsets[known]]).ravel()
+        assert owned(found)[known] == pytest.approx(expected, abs=1e-9)
+        assert comm.allreduce(len(known)) > 0.9 * space.dofmap.index_map.size_global
