@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import checks, compat
+from dolfinx_signorini.bodies import bodies
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.errors import InputError, require
@@ -178,9 +179,11 @@ class Assembly:
         assembled = old.assembled + matrix if old is not None else 1
         if old is None or matrix:
             checks.check_symmetry(A)
-            singular = checks.vanishes_on_constants(self._form, A, self.layout.fixed_dofs, diagonal)
+            parts = bodies(self.layout.space) if old is None else old.bodies
+            fixed = self.layout.fixed_dofs
+            loose = checks.vanishes_on_constants(self._form, A, fixed, diagonal, parts)
         else:
-            singular = old.singular
+            parts, loose = old.bodies, old.loose
         made = System(
             layout=self.layout,
             A=A,
@@ -188,7 +191,8 @@ class Assembly:
             obstacle=bounds[0],
             contact_diagonal=diagonal[self.layout.contact_dofs],
             fixed_values=bounds[1],
-            singular=singular,
+            bodies=parts,
+            loose=loose,
             assembled=assembled,
         )
         checks.check_range(made, diagonal)

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
+from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.system import System
 
@@ -154,8 +155,10 @@ def check_symmetry(A: PETSc.Mat) -> None:
     require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
 
 
-def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: Array) -> bool:
-    """Return whether a form vanishes on constants; refuse one with a(1, 1) < 0.
+def vanishes_on_constants(
+    a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: Array, parts: Bodies
+) -> npt.NDArray[np.bool_]:
+    """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
     reaction. Where they leave a doubt, the form itself is asked: a(1, v) is assembled without the
@@ -167,6 +170,7 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: A
         A: Its matrix.
         fixed: The owned dofs with Dirichlet data.
         diagonal: The diagonal of the matrix, the rows of this rank.
+        parts: The bodies.
 
     Raises:
         InputError: The subject is "form a".
@@ -177,23 +181,24 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: A
     x.array_w[fixed] = 0.0
     A.mult(x, product)
     energy, bound = x.dot(product), comm.allreduce(float(diagonal.sum()))
-    doubtful = product.norm(PETSc.NormType.NORM_1) <= DOUBTFUL * bound
+    left = parts.sums(np.abs(product.array_r))
     x.destroy()
     product.destroy()
     definite = energy >= -VANISHING * bound
     require(comm, definite, "not positive definite, a(1, 1) is negative", "form a")
-    if not doubtful or comm.allreduce(len(fixed)) > 0:
-        return False
+    loose = (left <= DOUBTFUL * bound) & (parts.counts(fixed) == 0)
+    if not loose.any():
+        return loose
     space = a.arguments()[0].ufl_function_space()
     one = fem.Constant(space.mesh, default_scalar_type(1.0))
     reaction = apply_derivatives(ufl.replace(a, {a.arguments()[1]: one}))
     if reaction.empty():
-        return True
+        return loose
     vector = fem_petsc.assemble_vector(fem.form(reaction))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    energy = vector.sum()
+    energies = parts.sums(vector.array_r)
     vector.destroy()
-    return bool(energy <= VANISHING * _energy_of_coordinates(A, space))
+    return loose & (energies <= VANISHING * _energy_of_coordinates(A, space))
 
 
 def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
@@ -288,33 +293,35 @@ def _hats(space: fem.FunctionSpace, fixed: Indices) -> PETSc.Mat:
 
 
 def check_held(system: System) -> None:
-    """Refuse a system without a unique solution where its form vanishes on constants.
+    """Refuse a system without a unique solution where its form vanishes on constants of a body.
 
-    The constants are the only functions on which a form may vanish. Where a form does, the load has
-    to press against the obstacle.
+    These constants are the only functions on which a form may vanish. Where a form does, the load
+    has to press the body against the obstacle.
 
     Raises:
         InputError: The subject is "contact" or "load".
     """
     if not system.singular:
         return
-    comm = system.comm
-    require(
-        comm,
-        comm.allreduce(len(system.contact_dofs)) > 0,
-        "empty, while the form a vanishes on constants: the operator is singular; "
-        "give contact facets, a Dirichlet condition or a reaction term",
-        "contact",
-    )
-    work, loads = system.b.sum(), system.b.norm(PETSc.NormType.NORM_1)
-    require(
-        comm,
-        work < -VANISHING * loads,
-        f"L(1) = {work:.6g} is not negative, while the form a vanishes on constants: "
-        + ("the energy is unbounded" if work > VANISHING * loads else "the solution is not unique")
-        + "; the load must press against the obstacle",
-        "load",
-    )
+    parts = system.bodies
+    touchable = parts.counts(system.contact_dofs)
+    work, loads = parts.sums(system.b.array_r), parts.sums(np.abs(system.b.array_r))
+    for k in np.flatnonzero(system.loose):
+        where = f" on {parts.names[k]}, where" if parts.count > 1 else ", while"
+        if not touchable[k]:
+            raise InputError(
+                f"empty{where} the form a vanishes on constants: the operator is singular; "
+                "give contact facets, a Dirichlet condition or a reaction term",
+                "contact",
+            )
+        if not work[k] < -VANISHING * loads[k]:
+            unbounded = work[k] > VANISHING * loads[k]
+            raise InputError(
+                f"L(1) = {work[k]:.6g} is not negative{where} the form a vanishes on constants: "
+                + ("the energy is unbounded" if unbounded else "the solution is not unique")
+                + "; the load must press against the obstacle",
+                "load",
+            )
 
 
 def _place(space: fem.FunctionSpace, dof: int) -> str:

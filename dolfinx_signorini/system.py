@@ -20,6 +20,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.meshes import facet_cells
 
@@ -107,7 +108,9 @@ class System:
         obstacle: The obstacle at the contact dofs.
         contact_diagonal: The diagonal entries of A at the contact dofs.
         fixed_values: The Dirichlet data at the fixed dofs.
-        singular: Whether the form vanishes on constants, so that only contact holds the solution.
+        bodies: The connected parts of the mesh.
+        loose: For each body whether the form vanishes on the constants there, so that only contact
+            holds the body.
         assembled: How often the matrix has been assembled.
     """
 
@@ -117,8 +120,14 @@ class System:
     obstacle: Array
     contact_diagonal: Array
     fixed_values: Array
-    singular: bool
+    bodies: Bodies
+    loose: npt.NDArray[np.bool_]
     assembled: int = 1
+
+    @property
+    def singular(self) -> bool:
+        """Whether only contact holds some body, so that A has a kernel."""
+        return bool(self.loose.any())
 
     @property
     def space(self) -> fem.FunctionSpace:

@@ -73,8 +73,8 @@ def solve_active_set(
         careful = stalled == STALL
         if careful and _any_equal(system, exact, held):
             break
-        if system.singular and not system.comm.allreduce(int(held.sum())):
-            held = _closest(system, measure, x)
+        if system.singular:
+            held = _hold_loose(system, measure, x, held)
         target = rtol * fraction
         if not (trusted or careful):
             target = max(target, LOOSE * residual)
@@ -100,12 +100,21 @@ def solve_active_set(
     return residual
 
 
-def _closest(system: System, measure: NaturalResidual, x: PETSc.Vec) -> Mask:
-    """Return the set of the contact dofs next to being held: without any, no forces balance."""
+def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Mask) -> Mask:
+    """Return a set that holds each loose body, if only at the dofs next to being held.
+
+    Without any dof held, no forces on the body balance.
+    """
+    parts, dofs = system.bodies, system.contact_dofs
+    free = system.loose & (parts.counts(dofs[held]) == 0)
+    if not free.any():
+        return held
     measure(x)
-    defect = measure.defect(x)
-    largest = system.comm.allreduce(float(defect.max(initial=-np.inf)), op=MPI.MAX)
-    return np.asarray(defect == largest)
+    defect, numbers = measure.defect(x), parts.numbers[dofs]
+    largest = np.full(parts.count, -np.inf)
+    np.maximum.at(largest, numbers, defect)
+    largest = np.max(system.comm.allgather(largest), axis=0)
+    return np.asarray(held | (free[numbers] & (defect == largest[numbers])))
 
 
 def _any_equal(system: System, sets: Sequence[Mask], held: Mask) -> bool:
