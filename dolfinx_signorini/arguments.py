@@ -74,6 +74,8 @@ def checked_facets(domain: mesh.Mesh, contact: Any) -> Indices:
     inner = np.setdiff1d(owned, boundary_facets(domain))
     message = f"facet {inner[0]} is not on the boundary" if len(inner) else ""
     require(domain.comm, not message, message, "contact")
+    message = "there is no facet: the problem is linear, see dolfinx.fem.petsc.LinearProblem"
+    require(domain.comm, domain.comm.allreduce(len(facets)) > 0, message, "contact")
     return np.unique(facets).astype(np.int32)
 
 

@@ -1,5 +1,6 @@
 """How pictures are saved."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
@@ -9,6 +10,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+SUFFIXES = (".png", ".svg")
+
+
+def picture_files(names: Iterable[str]) -> list[str]:
+    """Return the names of the files of some pictures."""
+    return [name + suffix for name in names for suffix in SUFFIXES]
+
 
 def save(figure: Figure, path: Path) -> None:
     """Save a figure as PNG and as SVG, and close the figure.
@@ -17,6 +25,6 @@ def save(figure: Figure, path: Path) -> None:
         figure: The figure.
         path: The name of both files, which their suffixes complete.
     """
-    for suffix in (".png", ".svg"):
+    for suffix in SUFFIXES:
         figure.savefig(path.with_suffix(suffix), dpi=150)
     plt.close(figure)

@@ -10,7 +10,7 @@ import argparse
 import json
 import os
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -22,6 +22,8 @@ from petsc4py import PETSc
 from dolfinx_signorini.errors import InputError
 
 T = TypeVar("T")
+
+ROWS = "rows.jsonl"  # the records file of a job
 
 
 class Records:
@@ -97,6 +99,45 @@ def on_first(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
     if failure is not None:
         raise InputError(*failure)
     return cast(T, value)
+
+
+def refuse_foreign(folder: Path, names: Iterable[str], own: Collection[str] = ()) -> None:
+    """Refuse a folder with files in the way that this program did not write; rank 0 only.
+
+    Args:
+        folder: The output folder.
+        names: The files that are going to be written there.
+        own: The files that an earlier run wrote there.
+
+    Raises:
+        InputError: One of the other files is there.
+    """
+    for name in names:
+        if os.path.lexists(folder / name) and name not in own:
+            raise InputError(
+                f"has a {name} that is no result of this program; choose another --out",
+                f"output folder {folder}",
+            )
+
+
+def check_outputs(comm: MPI.Comm, folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder without rows of an earlier run where files are in the way.
+
+    Args:
+        comm: The communicator; the call is collective.
+        folder: The output folder of a job whose rows are in `ROWS`.
+        names: The files that the job writes beside the rows.
+
+    Raises:
+        InputError: One of the files is there, and no rows.
+    """
+
+    def check() -> None:
+        rows = folder / ROWS
+        if not (rows.is_file() and rows.stat().st_size):
+            refuse_foreign(folder, names)
+
+    on_first(comm, folder, check)
 
 
 def versions() -> dict[str, str]:

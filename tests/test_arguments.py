@@ -83,6 +83,7 @@ WRONG = {
     "contact: out of range": ("contact", lambda s: {"contact": np.array([10**6])}),
     "contact: too large for a facet": ("contact", lambda s: {"contact": np.array([2**40])}),
     "contact: an interior facet": ("contact", lambda s: {"contact": s.interior()}),
+    "contact: no facet": ("contact", lambda s: {"contact": np.empty(0, dtype=np.int32)}),
     "contact: a table": ("contact", lambda s: {"contact": s.facets.reshape(-1, 1)}),
     "contact: a mask": ("contact", lambda s: {"contact": np.ones(10, dtype=bool)}),
     "contact: tags of cells": ("contact", lambda s: {"contact": s.tags(2)}),

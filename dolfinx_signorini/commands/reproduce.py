@@ -15,12 +15,14 @@ from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
-from dolfinx_signorini.plotting import save
-from dolfinx_signorini.records import folder_name, on_first, versions, write_file
+from dolfinx_signorini.plotting import picture_files, save
+from dolfinx_signorini.records import check_outputs, folder_name, on_first, versions, write_file
 from dolfinx_signorini.solvers import METHODS
 
 FIRST, STEP, LARGEST = 101, 100, 5001
 PICTURE_CELLS = 101
+PICTURES = ("solution_and_load", "convergence", "bottom_edge")
+TABLES = ("table1.md", "table1.csv", "table2.md", "table2.csv", "tables.txt", "results.json")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     """
     comm = MPI.COMM_WORLD
     settings = _settings(args)
+    check_outputs(comm, args.out, (*TABLES, *picture_files(PICTURES)))
     rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
     picture = pictures.paper_picture(comm, PICTURE_CELLS)
     on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))

@@ -19,11 +19,12 @@ from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
 from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
-from dolfinx_signorini.plotting import save
-from dolfinx_signorini.records import folder_name, on_first, write_file
+from dolfinx_signorini.plotting import picture_files, save
+from dolfinx_signorini.records import check_outputs, folder_name, on_first, write_file
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
 PICTURE_CELLS = 31
+DOCUMENT, ONE_SIDED = "theory.md", "one_sided"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -63,9 +64,11 @@ def run(args: argparse.Namespace) -> int:
     chosen = _statements(args)
     needed = {name for statement in chosen for name in statement.experiments}
     names = [name for name in experiments() if name in needed]
+    files = [f"{PICTURES}/{name}" for name in picture_files((*FIGURES, ONE_SIDED))]
+    check_outputs(comm, args.out, (DOCUMENT, *files))
     rows = run_experiments(comm, names, args.max_n, args.out)
     approximation = None
-    if any(statement.figure == "one_sided" for statement in chosen):
+    if any(statement.figure == ONE_SIDED for statement in chosen):
         discretisation = discretise(comm, paper_example(), PICTURE_CELLS)
         approximation = one_sided_approximation(discretisation)
         discretisation.destroy()
@@ -89,8 +92,8 @@ def _write(
     for name in {statement.figure for statement in chosen} & FIGURES.keys():
         save(FIGURES[name](rows), pictures / name)
     if approximation is not None:
-        save(draw_one_sided(approximation), pictures / "one_sided")
-    write_file(args.out / "theory.md", document.text(_command(args)))
+        save(draw_one_sided(approximation), pictures / ONE_SIDED)
+    write_file(args.out / DOCUMENT, document.text(_command(args)))
     print(f"document and pictures: {args.out}/", file=sys.stderr)
 
 

@@ -10,14 +10,14 @@ from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.records import Records, folder_name, on_first
+from dolfinx_signorini.records import ROWS, Records, check_outputs, folder_name, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
 from dolfinx_signorini.tradeoff.family import Family, scene_family
 from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
 from dolfinx_signorini.tradeoff.measuring import is_known, measure_grid
 from dolfinx_signorini.tradeoff.page import write_page
-from dolfinx_signorini.tradeoff.results import write_results
+from dolfinx_signorini.tradeoff.results import result_files, write_results
 
 NORMS = "L4,Linf,W1_4,W1_inf"
 
@@ -83,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
         "repeats": args.repeats,
         "reference": "exact" if reference is None else str(reference),
     }
-    records = Records(comm, args.out / "rows.jsonl", settings)
+    check_outputs(comm, args.out, result_files(norms))
+    records = Records(comm, args.out / ROWS, settings)
     rows = measure_grid(records, make_family, items, norms, args.repeats, reference)
     tables = on_first(comm, args.out, lambda: write_results(args.out, rows, settings))
     if comm.rank == 0:

@@ -49,8 +49,17 @@ class Expectation:
     worst: Corner | None = None
 
     def __str__(self) -> str:
-        orders = (f"{name} {order:.3g}" for name, order in self.orders.items())
-        return ", ".join(orders) + " (uniform meshes, up to logarithms)"
+        orders = (f"{name} {order:.3g}" for name, order in self.orders.items() if order > 0.0)
+        rest = [name for name, order in self.orders.items() if order <= 0.0]
+        infinite = [name for name in rest if self.infinite(name)]
+        unknown = [name for name in rest if name not in infinite]
+        text = ", ".join(orders) + " (uniform meshes, up to logarithms)"
+        text += f"; {', '.join(unknown)} unknown" if unknown else ""
+        return text + (f"; {', '.join(infinite)} of the solution infinite" if infinite else "")
+
+    def infinite(self, norm: str) -> bool:
+        """Return whether a norm of the solution is infinite, as far as is known."""
+        return self.worst is not None and not is_finite(norm, self.worst.exponent)
 
 
 def expect(scene: Scene, sided: SidedMesh) -> Expectation:
@@ -86,14 +95,14 @@ def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) ->
     Raises:
         InputError: A norm is infinite, or no norm.
     """
-    worst = expectation.worst
     for norm in norms:
         try:
             parse_norm(norm)
         except ValueError as error:
             raise InputError(str(error), subject) from None
-        if worst is not None and not is_finite(norm, worst.exponent):
-            raise InputError(f"{norm} of the solution is infinite near {worst}", subject)
+        if expectation.infinite(norm):
+            message = f"{norm} of the solution is infinite near {expectation.worst}"
+            raise InputError(message, subject)
 
 
 def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:

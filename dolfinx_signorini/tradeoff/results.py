@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,15 @@ from dolfinx_signorini import plotting
 from dolfinx_signorini.records import versions, write_file
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.comparing import Row, describe, pareto_front, target_table
+
+TARGETS, REPORT, TABLE = "targets.txt", "tradeoff.json", "tradeoff.csv"
+DIAGRAM = "work_precision"  # with the norm
+
+
+def result_files(norms: Iterable[str]) -> list[str]:
+    """Return the names of the files of a comparison, for the norms in which errors are measured."""
+    pictures = plotting.picture_files(f"{DIAGRAM}_{norm}" for norm in norms)
+    return [TARGETS, REPORT, TABLE, *pictures]
 
 
 def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -> str:
@@ -29,13 +38,13 @@ def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -
         f"errors against: {settings['reference']}; *: the best of uniform P1 here\n"
     )
     tables = "\n".join([notes, *(target_table(main, norm) for norm in norms)])
-    write_file(folder / "targets.txt", tables)
+    write_file(folder / TARGETS, tables)
     fronts = {norm: [_short(row, norm) for row in pareto_front(main, norm)] for norm in norms}
     report = {"versions": versions(), "settings": settings, "rows": rows, "pareto": fronts}
-    write_file(folder / "tradeoff.json", json.dumps(report, indent=1) + "\n")
-    write_file(folder / "tradeoff.csv", _csv(rows))
+    write_file(folder / REPORT, json.dumps(report, indent=1) + "\n")
+    write_file(folder / TABLE, _csv(rows))
     for norm in norms:
-        plotting.save(plots.draw_work_precision(main, norm), folder / f"work_precision_{norm}")
+        plotting.save(plots.draw_work_precision(main, norm), folder / f"{DIAGRAM}_{norm}")
     return tables
 
 

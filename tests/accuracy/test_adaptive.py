@@ -149,7 +149,7 @@ def test_the_limit_on_unknowns_is_kept(comm, degree, limit):
     found.problem.destroy()
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, 2, 3])
 def test_a_first_mesh_that_is_too_large_is_refused(comm, degree):
     nodes = (degree * 8 + 1) ** 2
     with pytest.raises(InputError, match=f"need {nodes}, not {nodes - 1}"):
@@ -165,7 +165,7 @@ def test_the_errors_of_cells_add_up_to_the_estimate(comm):
     found.problem.destroy()
 
 
-def smooth_poser(comm, width):
+def smooth_poser(comm, width, degree=2):
     """Pose a problem whose solution, a bump of a width, is smooth; return the solution, too."""
 
     def value(domain):
@@ -173,7 +173,7 @@ def smooth_poser(comm, width):
         return ufl.exp(-((x - 0.53) ** 2 + (y - 0.57) ** 2) / width**2)
 
     def pose(sided):
-        space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        space = fem.functionspace(sided.mesh, ("Lagrange", degree))
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         exact = value(sided.mesh)
         load = exact - ufl.div(ufl.grad(exact))
@@ -190,6 +190,24 @@ def smooth_poser(comm, width):
         )
 
     return pose, value
+
+
+@pytest.mark.parametrize("asked", ["L2", "W1_4", "L2_boundary", lambda v: v * ufl.dx])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_smooth_solutions_converge_as_fast_as_a_target_says(comm, degree, asked):
+    pose, exact = smooth_poser(comm, 0.4, degree)
+    wanted, errors = target(asked), []
+    for n in (16, 32):
+        problem = pose(square(comm, n))
+        u = problem.solve()
+        reference = expression(u.function_space.mesh, exact)
+        if wanted.norm is not None:
+            errors.append(error_norms(u, reference, [asked])[asked])
+        else:
+            form = fem.form((u - reference.u) * ufl.dx(metadata={"quadrature_degree": 12}))
+            errors.append(abs(comm.allreduce(fem.assemble_scalar(form))))
+        problem.destroy()
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(wanted.order(degree), abs=0.4)
 
 
 @pytest.mark.parametrize("norm", ["H1", "L4", "Linf"])

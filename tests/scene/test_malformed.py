@@ -523,7 +523,7 @@ def test_infinite_norms_are_refused(value, solution, top, arguments, wanted, com
             )
 
 
-def test_finite_norms_are_measured(comm, folder):
+def test_finite_norms_are_measured(comm, folder, capsys):
     pytest.importorskip("gmsh")
     for formula, norms in ((ROOT, "['L2', 'W1_3', 'H1']"), ('"1 - y + x^2"', "['W1_inf', 'W1_4']")):
         solution = f"[solution]\nu = {formula}\nnorms = {norms}"
@@ -532,6 +532,8 @@ def test_finite_norms_are_measured(comm, folder):
             (folder / "scene.toml").write_text(MIXED.format(value=value, solution=solution))
         comm.barrier()
         assert main(["check", str(folder / "scene.toml")]) == 0
+        infinite = "W1_4, W1_inf of the solution infinite" in capsys.readouterr().out
+        assert infinite == (formula == ROOT and comm.rank == 0)
 
 
 def test_infinite_norms_are_not_compared(comm, folder, capsys):

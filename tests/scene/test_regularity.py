@@ -132,7 +132,8 @@ def test_the_command_says_why_orders_are_reduced(job, comm, folder, capsys):
     assert main([job, str(path)]) == 0
     if comm.rank == 0:
         out = capsys.readouterr().out
-        assert "expected orders          L2 1, L4 1, Linf 0.5, H1 0.5, W1_4 0, W1_inf 0" in out
+        assert "expected orders          L2 1, L4 1, Linf 0.5, H1 0.5 (uniform meshes" in out
+        assert "; W1_4, W1_inf of the solution infinite" in out
         assert "reduced orders" in out
         assert "(0.5, 0), angle 180 degrees, Dirichlet meets Neumann: u ~ r^0.5" in out
 

@@ -22,6 +22,7 @@ from dolfinx_signorini.tradeoff.comparing import cheapest, pareto_front, targets
 from dolfinx_signorini.tradeoff.grid import Item, grid
 from dolfinx_signorini.tradeoff.kinds import GRADED_P1, GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.tradeoff.measuring import measure_grid
+from dolfinx_signorini.tradeoff.results import result_files
 from dolfinx_signorini.tradeoff.runs import (
     Configuration,
     exact_solution,
@@ -193,6 +194,8 @@ def test_the_command_on_the_paper(comm: MPI.Comm, folder: Path) -> None:
             errors = [entry["error"] for entry in report["pareto"][norm]]
             assert errors == sorted(errors, reverse=True)
         assert "uniform P1" in (out / "targets.txt").read_text()
+        written = {path.name for path in out.iterdir()} - {"rows.jsonl"}
+        assert written == set(result_files(report["settings"]["norms"]))
     assert main([*arguments, "--page", str(folder / "page.md")]) == 2  # rows are missing
 
 

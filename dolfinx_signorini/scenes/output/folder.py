@@ -17,7 +17,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.records import on_first
+from dolfinx_signorini.records import on_first, refuse_foreign
 
 RECORD = "record.json"
 # The files of each of the `OUTPUTS`, of which a run writes some; the record comes with all of them.
@@ -79,11 +79,7 @@ def _prepare(folder: Path, outputs: Sequence[str]) -> tuple[Path, bool]:
     if not made and not folder.is_dir():
         raise InputError("cannot be written, it is no folder", subject)
     own = _own_files(folder)
-    for name in (RECORD, *(name for output in outputs for name in FILES[output])):
-        if os.path.lexists(folder / name) and name not in own:
-            raise InputError(
-                f"has a {name} that is no result of this program; choose another --out", subject
-            )
+    refuse_foreign(folder, (RECORD, *(name for output in outputs for name in FILES[output])), own)
     folder.mkdir(exist_ok=True)
     part = folder
     try:
