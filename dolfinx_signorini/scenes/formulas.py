@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import ufl
 from ufl.core.expr import Expr
 
@@ -41,6 +43,23 @@ OPERATORS: dict[type[ast.AST], tuple[str, Callable[..., float], Callable[..., Ex
     ast.Gt: (">", operator.gt, ufl.gt),
     ast.GtE: (">=", operator.ge, ufl.ge),
 }
+NAMES = {
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "atan2": "arctan2",
+    "min": "minimum",
+    "max": "maximum",
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "^": "power",
+    "<": "less",
+    "<=": "less_equal",
+    ">": "greater",
+    ">=": "greater_equal",
+}  # of operations in NumPy, where they differ
 OPERATIONS = {name: functions for name, (_, *functions) in FUNCTIONS.items()}
 OPERATIONS |= {sign: functions for sign, *functions in OPERATORS.values()}
 
@@ -118,6 +137,18 @@ def number(value: float) -> Formula:
     return Formula(f"{value:.17g}", Node("number", value=float(value)))
 
 
+def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the values of a formula's tree at many points; NaN or infinity where there is none.
+
+    Args:
+        node: The root of the tree.
+        x: The points, shape (..., dimension).
+    """
+    with np.errstate(all="ignore"):
+        values = _evaluated(node, x, {})
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape[:-1])
+
+
 def shortened(text: str) -> str:
     """Return a text for a message: in quotes, and cut to 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
@@ -142,4 +173,17 @@ def _build(node: Node, x: Expr, done: dict[int, Any]) -> Any:
             done[id(node)] = x[int(node.value)]
         else:
             done[id(node)] = OPERATIONS[node.op][1](*(_build(a, x, done) for a in node.args))
+    return done[id(node)]
+
+
+def _evaluated(node: Node, x: npt.NDArray[np.float64], done: dict[int, Any]) -> Any:
+    """The value of a formula at points x."""
+    if id(node) not in done:
+        if node.op == "number":
+            done[id(node)] = node.value
+        elif node.op == "coordinate":
+            done[id(node)] = x[..., int(node.value)]
+        else:
+            function: Callable[..., Any] = getattr(np, NAMES.get(node.op, node.op))
+            done[id(node)] = function(*(_evaluated(a, x, done) for a in node.args))
     return done[id(node)]

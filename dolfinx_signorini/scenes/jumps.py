@@ -6,8 +6,7 @@ the same integrals with the basis functions. The integrals of the projection are
 cell, which are divided again and again where the formula is not smooth.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,8 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
+from dolfinx_signorini.scenes.pieces import divided, inside
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -25,38 +25,6 @@ Indices = npt.NDArray[np.int64]
 SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more
-NAMES = {
-    "asin": "arcsin",
-    "acos": "arccos",
-    "atan": "arctan",
-    "atan2": "arctan2",
-    "min": "minimum",
-    "max": "maximum",
-    "+": "add",
-    "-": "subtract",
-    "*": "multiply",
-    "/": "divide",
-    "^": "power",
-    "<": "less",
-    "<=": "less_equal",
-    ">": "greater",
-    ">=": "greater_equal",
-}  # of operations in NumPy, where they differ
-# The children of a triangle and of a tetrahedron: vertex 10 i + j is the middle of
-# vertices i and j.
-CHILDREN = {
-    2: [[0, 1, 2], [11, 1, 12], [22, 2, 12], [1, 12, 2]],
-    3: [
-        [0, 1, 2, 3],
-        [11, 1, 12, 13],
-        [22, 2, 12, 23],
-        [33, 3, 13, 23],
-        [1, 2, 3, 13],
-        [1, 2, 12, 13],
-        [2, 3, 13, 23],
-        [2, 12, 13, 23],
-    ],
-}
 
 
 def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
@@ -116,7 +84,7 @@ class _Projection:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = np.flatnonzero(self._broken(self.whole))
         coarse = self._moments(self.whole[cells], cells)
-        finer = self._moments(*_divided(self.whole[cells], cells))
+        finer = self._moments(*divided(self.whole[cells], cells))
         defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
         cells = cells[defect > SMOOTH * self._mean() * self.weights.sum()]
         moments = np.zeros_like(coarse)
@@ -136,7 +104,7 @@ class _Projection:
         order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
         while width > target and len(cells) <= MOST_PIECES:
-            pieces, cells = _divided(pieces, cells)
+            pieces, cells = divided(pieces, cells)
             broken = self._broken(pieces)
             yield pieces[~broken], cells[~broken]
             pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
@@ -152,7 +120,7 @@ class _Projection:
     def _moments(self, pieces: Array, cells: Indices) -> Array:
         """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
         edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
-        points = _inside(pieces, self.points)
+        points = inside(pieces, self.points)
         values = self._values(self.formula.root, points)
         weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
         basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
@@ -161,7 +129,7 @@ class _Projection:
 
     def _broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
         """Whether one of the switches changes its sign in a piece."""
-        points = _inside(pieces, self.lattice)
+        points = inside(pieces, self.lattice)
         broken = np.zeros(len(pieces), dtype=bool)
         for switch in self.switches:
             values = self._values(switch, points)
@@ -171,26 +139,11 @@ class _Projection:
 
     def _values(self, node: Node, points: Array) -> Array:
         """The values of a formula at points of pieces, shape (points, pieces)."""
-        with np.errstate(all="ignore"):
-            values = _evaluated(node, points[..., self.dimension :], {})
-        return np.array(np.broadcast_to(values, points.shape[:2]), dtype=np.float64)
+        return evaluated(node, points[..., self.dimension :])
 
     def _basis(self, points: Array) -> Array:
         """The basis of the polynomials at points of the reference cell, shape (points, basis)."""
         return np.asarray(self.element.tabulate(0, np.ascontiguousarray(points))[0, :, :, 0])
-
-
-def _inside(pieces: Array, points: Array) -> Array:
-    """Points of the reference cell in each piece, shape (points, pieces, coordinates)."""
-    shares = np.column_stack((1.0 - points.sum(axis=1), points))
-    return np.tensordot(shares, pieces, axes=(1, 1))
-
-
-def _divided(pieces: Array, cells: Indices) -> tuple[Array, Indices]:
-    """Divide each piece into 4 triangles or 8 tetrahedra."""
-    middles = 0.5 * (pieces[:, :, None] + pieces[:, None])
-    children = [middles[:, *np.divmod(c, 10)] for c in CHILDREN[pieces.shape[1] - 1]]
-    return np.concatenate(children), np.tile(cells, len(children))
 
 
 def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
@@ -206,16 +159,3 @@ def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
         yield Node("-", node.args[0].args)
     for argument in node.args:
         yield from _switches(argument, seen)
-
-
-def _evaluated(node: Node, x: Array, done: dict[int, Any]) -> Any:
-    """The value of a formula at points x, shape (..., dimension)."""
-    if id(node) not in done:
-        if node.op == "number":
-            done[id(node)] = node.value
-        elif node.op == "coordinate":
-            done[id(node)] = x[..., int(node.value)]
-        else:
-            function: Callable[..., Any] = getattr(np, NAMES.get(node.op, node.op))
-            done[id(node)] = function(*(_evaluated(a, x, done) for a in node.args))
-    return done[id(node)]
