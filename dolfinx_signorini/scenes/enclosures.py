@@ -1,0 +1,181 @@
+"""Enclosures of formulas: intervals that contain all values of a formula on a box or a simplex.
+
+The natural enclosure puts the enclosures of the operations together. Where an argument appears more
+than once, the natural enclosure is too wide by a multiple of the width of the box. The mean value
+form f(c) + f'(X) (x - c), with the derivatives enclosed on the box, is too wide by a multiple of
+the square of the width only. On a simplex its largest value is at a vertex.
+
+Source: Moore, Kearfott and Cloud, Introduction to Interval Analysis (2009), Chapters 5 and 6.
+"""
+
+from collections.abc import Callable
+from functools import reduce
+
+import numpy as np
+
+from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.intervals import (
+    ONE,
+    OPERATIONS,
+    Array,
+    add,
+    choose,
+    cosine,
+    cut,
+    divide,
+    line_where,
+    multiply,
+    negative,
+    outward,
+    power,
+    reciprocal,
+    sine,
+    subtract,
+)
+
+# A value and, where asked for, its derivatives: shapes (2, 1, boxes) and (2, dimension, boxes).
+Pair = tuple[Array, Array | None]
+
+# The derivative of each function of one argument a with the value v.
+DERIVATIVES: dict[str, Callable[[Array, Array], Array]] = {
+    "sqrt": lambda a, v: divide(0.5 * ONE, v),
+    "exp": lambda a, v: v,
+    "sin": lambda a, v: cosine(a),
+    "cos": lambda a, v: negative(sine(a)),
+    "tan": lambda a, v: add(ONE, power(v, 2.0)),
+    "asin": lambda a, v: _of_arcsine(a),
+    "acos": lambda a, v: negative(_of_arcsine(a)),
+    "atan": lambda a, v: reciprocal(add(ONE, power(a, 2.0))),
+    "sinh": lambda a, v: OPERATIONS["cosh"](a),
+    "cosh": lambda a, v: OPERATIONS["sinh"](a),
+    "tanh": lambda a, v: subtract(ONE, power(v, 2.0)),
+    "log": lambda a, v: reciprocal(a),
+    "abs": lambda a, v: np.sign(a),
+    "sign": lambda a, v: line_where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0 * v),
+    "negative": lambda a, v: -ONE,
+}
+
+
+def enclosed_on_boxes(formula: Formula, low: Array, high: Array) -> Array:
+    """Return the natural enclosures of a formula on boxes.
+
+    Args:
+        formula: The formula.
+        low, high: The least and the largest coordinates of each box, shape (boxes, dimension).
+
+    Returns:
+        The lower and the upper ends, shape (2, boxes).
+    """
+    value, _ = _enclosed(formula, low, high, False)
+    return np.broadcast_to(value[:, 0], (2, len(low)))
+
+
+def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
+    """Return enclosures of a formula on simplices: natural ones cut down by mean value forms.
+
+    Args:
+        formula: The formula.
+        corners: The vertices of the simplices, which may be segments, triangles or tetrahedra in
+            any space, shape (simplices, vertices, dimension).
+
+    Returns:
+        The lower and the upper ends, shape (2, simplices).
+    """
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    centres = np.clip(corners.mean(axis=1), low, high)
+    value, slopes = _enclosed(formula, low, high, True)
+    assert slopes is not None
+    middle, _ = _enclosed(formula, centres, centres, False)
+    with np.errstate(all="ignore"):
+        changes = []
+        for vertex in np.moveaxis(corners, 1, 0):
+            offset = (vertex - centres).T
+            terms = multiply(slopes, outward(offset, offset, 0.0))
+            changes.append(reduce(add, (terms[:, k : k + 1] for k in range(len(offset)))))
+        change = np.stack((np.min(changes, axis=0)[0], np.max(changes, axis=0)[1]))
+        mean = add(middle, change)
+    both = np.stack((np.maximum(value[0], mean[0]), np.minimum(value[1], mean[1])))
+    return np.broadcast_to(both[:, 0], (2, len(corners)))
+
+
+def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
+    ends = np.stack((low.T, high.T))
+    with np.errstate(all="ignore"):
+        return _Tree(ends, slopes).enclosed(formula.root)
+
+
+class _Tree:
+    """Encloses the nodes of formulas on boxes, a node that is used twice only once.
+
+    Args:
+        ends: The least and the largest coordinates, shape (2, dimension, boxes).
+        slopes: Whether derivatives are enclosed, too.
+    """
+
+    def __init__(self, ends: Array, slopes: bool):
+        self.ends, self.slopes = ends, slopes
+        self.done: dict[int, Pair] = {}
+
+    def enclosed(self, node: Node) -> Pair:
+        if id(node) not in self.done:
+            self.done[id(node)] = self._enclosed(node)
+        return self.done[id(node)]
+
+    def _enclosed(self, node: Node) -> Pair:
+        if node.op == "number":
+            return node.value * ONE, 0.0 * ONE if self.slopes else None
+        if node.op == "coordinate":
+            k = int(node.value)
+            unit = np.eye(self.ends.shape[1])[None, :, k, None]
+            return self.ends[:, k : k + 1], np.concatenate((unit, unit)) if self.slopes else None
+        pairs = [self.enclosed(a) for a in node.args]
+        values = [value for value, _ in pairs]
+        if node.op == "^":
+            result = power(values[0], node.args[1].value)
+        else:
+            result = OPERATIONS[node.op](*values)
+        slopes = [slope for _, slope in pairs if slope is not None]
+        if not slopes:
+            return result, None
+        # Next to a pole the derivative has a sign that the differences across the pole do not have.
+        pole = np.asarray(~np.isfinite(result).all(axis=0))
+        return result, line_where(pole, _slopes(node, values, result, slopes))
+
+
+def _slopes(node: Node, values: list[Array], result: Array, slopes: list[Array]) -> Array:
+    """Enclose the derivatives of an operation by those of its arguments."""
+    a, b = values[0], values[-1]
+    da, db = slopes[0], slopes[-1]
+    if node.op in DERIVATIVES:
+        return multiply(DERIVATIVES[node.op](a, result), da)
+    if node.op == "^":
+        exponent = node.args[1].value
+        if exponent == 0.0:
+            return 0.0 * ONE
+        return multiply(multiply(exponent * ONE, power(a, exponent - 1.0)), da)
+    if node.op == "+":
+        return add(da, db)
+    if node.op == "-":
+        return subtract(da, db)
+    if node.op == "*":
+        return add(multiply(a, db), multiply(b, da))
+    if node.op == "/":
+        return divide(subtract(da, multiply(result, db)), b)
+    if node.op == "hypot":
+        shares = [np.clip(divide(c, result), -1.0, 1.0) for c in (a, b)]
+        return add(multiply(shares[0], da), multiply(shares[1], db))
+    if node.op == "atan2":
+        turn = subtract(multiply(b, da), multiply(a, db))
+        turn = divide(turn, power(OPERATIONS["hypot"](a, b), 2.0))
+        return line_where(cut(a, b), turn)
+    if node.op in ("min", "max"):
+        below = OPERATIONS["<=" if node.op == "min" else ">="](a, b)
+        return choose(below, da, db)
+    if node.op == "where":
+        decided = values[0][0] == values[0][1]
+        return line_where(~decided, choose(values[0], slopes[1], slopes[2]))
+    return 0.0 * ONE  # of a comparison, which only `where` uses
+
+
+def _of_arcsine(a: Array) -> Array:
+    return reciprocal(OPERATIONS["sqrt"](subtract(ONE, power(a, 2.0))))
