@@ -125,6 +125,7 @@ def solve_adaptively(
     budget: float | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
     on_step: Callable[[Step], None] = lambda step: None,
+    began: float | None = None,
 ) -> AdaptiveSolution:
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
@@ -137,6 +138,7 @@ def solve_adaptively(
         budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
         on_step: Is told of each step when the step has been done.
+        began: When the seconds began, by `time.perf_counter`; now by default.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
@@ -153,7 +155,7 @@ def solve_adaptively(
         if limit is not None:
             check_positive(limit, name)
     request = Request(target(norm), accuracy, budget, max_unknowns)
-    loop = _Loop(sided, request, on_step)
+    loop = _Loop(sided, request, on_step, time.perf_counter() if began is None else began)
     for problem in ascend(lambda level, _: pose(level), loop.levels()):
         loop.problem = problem
     return AdaptiveSolution(
@@ -173,6 +175,7 @@ class _Loop:
         sided: The first mesh.
         request: What is asked for.
         on_step: Is told of each step.
+        began: When the seconds began.
 
     Attributes:
         problem: The problem that was solved last.
@@ -188,9 +191,11 @@ class _Loop:
     outlook: Outlook
     last: tuple[fem.Function, Indices, float]
 
-    def __init__(self, sided: SidedMesh, request: Request, on_step: Callable[[Step], None]):
+    def __init__(
+        self, sided: SidedMesh, request: Request, on_step: Callable[[Step], None], began: float
+    ):
         self.sided, self.request, self.on_step = sided, request, on_step
-        self.comm, self.began = sided.mesh.comm, time.perf_counter()
+        self.comm, self.began = sided.mesh.comm, began
         self.steps: list[Step] = []
         self.stopped = ""
         self.correction = 1.0

@@ -17,6 +17,7 @@ from dolfinx_signorini.accuracy.adaptive import (
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
+from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
@@ -99,7 +100,7 @@ def solve_scene(
     """Solve a scene.
 
     With an accuracy or a budget, the mesh is not that of the scene: a coarse mesh is refined where
-    the solution needs it, see `solve_adaptively`.
+    the data need it, see `resolved_mesh`, and then where the solution does, see `solve_adaptively`.
 
     Args:
         scene: The scene.
@@ -125,6 +126,8 @@ def solve_scene(
     scene = replace(scene, domain=scene.domain.first(), degree=degree)
     expectation = _look_at_solution(scene, comm, norm)
     began = time.perf_counter()
+    first = _first_mesh(scene, comm, max_unknowns)
+    expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
     posed: list[PosedScene] = []
 
     def pose_on(sided: SidedMesh) -> SignoriniProblem:
@@ -133,12 +136,13 @@ def solve_scene(
 
     found = solve_adaptively(
         pose_on,
-        scene.domain.make(comm),
+        first.sided,
         norm=norm,
         accuracy=accuracy,
         budget=budget,
         max_unknowns=max_unknowns,
         on_step=on_step,
+        began=began,
     )
     seconds = comm.bcast(time.perf_counter() - began)
     return _result(posed[0], expectation, seconds, found=found)
@@ -157,6 +161,12 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
         finally:
             posed.problem.destroy()
     return expectation
+
+
+def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
+    """Return the first mesh of the adaptive loop, with room for the division of all cells."""
+    per_cell = (2 * scene.degree) ** scene.domain.dimension
+    return resolved_mesh(scene, scene.domain.make(comm), min(MOST_CELLS, max_unknowns // per_cell))
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:

@@ -1,0 +1,243 @@
+"""The data of a scene before a mesh is believed: no narrow load, flux or obstacle is overlooked.
+
+An adaptive loop knows the data from their values at points of a mesh, and data that vanish at all
+of these points are not there for the loop. So the first mesh is refined until polynomials on the
+cells follow the data. The data are looked at by samples and enclosures, which no feature escapes.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells, owned_cells
+from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.scenes.features import Datum, Samples, look_at
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
+from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.scenes.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+ROUNDS = 14  # of refinements
+MOST_CELLS = 3_000
+# Of the polynomials that follow data which are integrated: about as many points as quadrature has.
+DEGREE = 4
+# What the deviation of a datum from polynomials may be, of the norm of the datum.
+MASS_OF_CELL = 0.02
+MASS = 0.1  # in all cells
+BULK = 0.3  # of the largest deviation of a cell: such cells are refined where the sum is too large
+HEIGHT = 0.05
+JUMP = 1.0 / 32.0  # of the domain: where the values of a datum jump, cells are not made smaller
+NOTABLE = 0.1  # what one piece may hide of the norm of a datum, and no note tells
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A mesh on which polynomials follow the data of a scene:
+
+        first = resolved_mesh(scene, sided, max_cells=3000)
+        print(*first.notes, sep="; ")
+
+    Attributes:
+        sided: The mesh with its sides.
+        notes: What is not known or not resolved, in words.
+    """
+
+    sided: SidedMesh
+    notes: tuple[str, ...]
+
+
+def resolved_mesh(scene: Scene, sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:
+    """Refine a mesh until polynomials on the cells follow the data; the call is collective.
+
+    Args:
+        scene: The scene.
+        sided: A coarse mesh of its domain.
+        max_cells: The limit on the number of cells.
+    """
+    x, comm = sided.mesh.geometry.x, sided.mesh.comm
+    ends = np.stack((x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)))
+    size = float(np.max(comm.allgather(ends), axis=0).sum(axis=0).max())
+    looks = [_Look(datum, sided.mesh, size) for datum in _data(scene, sided)]
+    notes = [look.doubt for look in looks if look.doubt]
+    for _ in range(ROUNDS):
+        marks = np.zeros(len(owned_cells(sided.mesh)), dtype=bool)
+        for look in looks:
+            marks |= look.marks(sided.mesh)
+        if not comm.allreduce(bool(marks.any()), op=MPI.LOR):
+            return Resolved(sided, tuple(notes))
+        refinement = refined(sided, np.flatnonzero(marks).astype(np.int32))
+        if comm.allreduce(len(refinement.parents)) > max_cells:
+            break
+        sided = refinement.sided
+        for look in looks:
+            look.follow(sided.mesh, refinement.parents)
+    rough = [f"the first mesh is too coarse for {look.name}" for look in looks if look.rough(sided)]
+    return Resolved(sided, (*notes, *rough))
+
+
+def _data(scene: Scene, sided: SidedMesh) -> Iterator[Datum]:
+    """The data of a scene that depend on the coordinates."""
+    domain = sided.mesh
+    dim, cells = domain.topology.dim, owned_cells(domain)
+    x: Array = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
+    whole = x[domain.geometry.dofmap[cells]]
+    for name, formula, measure in _on_cells(scene):
+        if formula.constant is None:
+            degree = max(DEGREE, scene.degree)
+            yield Datum(name, formula, measure, degree, whole, cells.astype(np.int64))
+    ends = np.array(basix.topology(basix.CellType[domain.topology.cell_name()])[dim - 1])
+    for condition in scene.conditions:
+        if condition.value is None or condition.value.constant is not None:
+            continue
+        facets = np.intersect1d(sided.facets(condition.sides), boundary_facets(domain))
+        owners, local = facet_cells(domain, facets.astype(np.int32)).T
+        corners = x[domain.geometry.dofmap[owners[:, None], ends[local]]]
+        nodal = condition.acts_like != "Neumann"
+        measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
+        name = f"the {condition.value_key} of '{condition.key}'"
+        yield Datum(name, condition.value, measure, degree, corners, owners.astype(np.int64))
+
+
+def _on_cells(scene: Scene) -> Iterator[tuple[str, Formula, str]]:
+    """The names, formulas and measures of the data on cells."""
+    if scene.solution is not None and scene.manufactured:
+        yield "the solution", scene.solution, "height"
+    if scene.load is not None:
+        yield "the load", scene.load, "mass"
+    if scene.reaction is not None:
+        yield "the reaction", scene.reaction, "mass"
+    for i, row in enumerate(scene.diffusion):
+        for entry in row[i:]:
+            yield "the diffusion", entry, "mass"
+        # A thin layer that lets nothing through is narrow in the reciprocal only.
+        inverse = Node("/", (number(1.0).root, row[i].root))
+        if row[i].constant is None:
+            yield "the diffusion", Formula(f"1/({row[i].text})", inverse), "mass"
+
+
+class _Look:
+    """A datum, and how far polynomials on the cells of a mesh are away from the datum.
+
+    Args:
+        datum: The datum.
+        domain: The mesh.
+        size: The width of the domain.
+
+    Attributes:
+        name: What the datum is called.
+        doubt: What is not known, in words; "" for nothing.
+    """
+
+    def __init__(self, datum: Datum, domain: mesh.Mesh, size: float):
+        self.datum, self.size, self.name = datum, size, datum.name
+        cell = basix.CellType[domain.topology.cell_name()]
+        variant = basix.LagrangeVariant.gll_warped
+        self.element = basix.create_element(basix.ElementFamily.P, cell, datum.degree, variant)
+        self.samples: Samples = look_at(datum, domain.comm, size)
+        self.deviations = np.zeros(len(self.samples.points))
+        self._fit(_Cells(domain), np.arange(len(self.samples.points)))
+        self.doubt = ""
+        if self.samples.hidden > NOTABLE:
+            self.doubt = f"{self.name} may have features so narrow that they are overlooked"
+
+    def marks(self, domain: mesh.Mesh) -> npt.NDArray[np.bool_]:
+        """Return whether each owned cell is too large for the datum; the call is collective."""
+        samples, count = self.samples, len(owned_cells(domain))
+        if samples.norm == 0.0:
+            return np.zeros(count, dtype=bool)
+        if self.datum.measure == "height":
+            wide = _Cells(domain).widths() > JUMP * self.size
+            jumping = np.bincount(samples.owners, samples.unclear, count) > 0.0
+            return (self._shares(count) > HEIGHT) & (wide | ~jumping)
+        shares = self._shares(count)
+        marks = shares > MASS_OF_CELL
+        if domain.comm.allreduce(float(shares.sum())) > MASS:
+            largest = domain.comm.allreduce(float(shares.max(initial=0.0)), op=MPI.MAX)
+            marks |= shares > BULK * largest
+        return marks
+
+    def rough(self, sided: SidedMesh) -> bool:
+        """Whether some cell is too large for the datum; the call is collective."""
+        found = bool(self.marks(sided.mesh).any())
+        return bool(sided.mesh.comm.allreduce(found, op=MPI.LOR))
+
+    def follow(self, domain: mesh.Mesh, parents: Indices) -> None:
+        """Go on to a refined mesh.
+
+        Args:
+            domain: The refined mesh.
+            parents: For each of its owned cells the cell of the mesh so far.
+        """
+        samples, old = self.samples, self.samples.owners
+        children = np.argsort(parents, kind="stable")
+        count = np.bincount(parents, minlength=1 + old.max(initial=-1))
+        first = np.concatenate(([0], np.cumsum(count)))[old]
+        samples.owners = children[first]
+        moved = np.flatnonzero(count[old] > 1)
+        best = np.full(len(moved), -math.inf)
+        cells = _Cells(domain)
+        for k in range(int(count[old].max(initial=0))):
+            rows = np.flatnonzero(count[old[moved]] > k)
+            candidates = children[first[moved[rows]] + k]
+            inner = _depth(cells.pulled_back(candidates, samples.points[moved[rows]]))
+            better = inner > best[rows]
+            best[rows[better]] = inner[better]
+            samples.owners[moved[rows[better]]] = candidates[better]
+        self._fit(cells, moved)
+
+    def _fit(self, cells: "_Cells", rows: npt.NDArray[np.int64]) -> None:
+        """Find the deviations of samples from the interpolation of the datum on their cells."""
+        samples, nodes = self.samples, np.asarray(self.element.points, dtype=np.float64)
+        chosen, place = np.unique(samples.owners[rows], return_inverse=True)
+        values = evaluated(self.datum.formula.root, inside(cells.corners[chosen], nodes)).T
+        values = np.where(np.isfinite(values), values, 0.0)
+        points = cells.pulled_back(samples.owners[rows], samples.points[rows])
+        basis = np.asarray(self.element.tabulate(0, points))[0, :, :, 0]
+        fitted = np.einsum("pn,pn->p", basis, values[place])
+        self.deviations[rows] = np.abs(samples.values[rows] - fitted)
+
+    def _shares(self, count: int) -> Array:
+        """The deviation in each cell, of the norm of the datum."""
+        samples, result = self.samples, np.zeros(count)
+        if self.datum.measure == "mass":
+            weighted = samples.weights * self.deviations
+            result += np.bincount(samples.owners, weighted, count)
+        else:
+            np.maximum.at(result, samples.owners, self.deviations)
+        return np.asarray(result / samples.norm, dtype=np.float64)
+
+
+class _Cells:
+    """The owned cells of a mesh.
+
+    Attributes:
+        corners: Their vertices, shape (cells, vertices, dimension).
+    """
+
+    def __init__(self, domain: mesh.Mesh):
+        x = domain.geometry.x[:, : domain.topology.dim]
+        self.corners: Array = np.asarray(x[domain.geometry.dofmap[owned_cells(domain)]], np.float64)
+        self.inverse = np.linalg.inv(self.corners[:, 1:] - self.corners[:, :1])
+
+    def pulled_back(self, cells: npt.NDArray[np.int64], points: Array) -> Array:
+        """Return the coordinates of points in the reference cells of the cells around them."""
+        offsets = points - self.corners[cells, 0]
+        return np.asarray(np.einsum("pi,pij->pj", offsets, self.inverse[cells]))
+
+    def widths(self) -> Array:
+        """Return the lengths of the longest edges."""
+        edges = self.corners[:, :, None] - self.corners[:, None]
+        return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
+
+
+def _depth(points: Array) -> Array:
+    """How far inside of the reference cell points are; negative for points outside."""
+    return np.minimum(points.min(axis=1), 1.0 - points.sum(axis=1))
