@@ -1,0 +1,234 @@
+"""The facets of the boundary by what is known about the flux through each of them."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la, mesh
+
+from dolfinx_signorini.accuracy.frames import Frames, values_at
+from dolfinx_signorini.accuracy.patches import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN
+from dolfinx_signorini.accuracy.reference_flux import polynomials, rule
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms, Facets, Scalar
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.problem import SignoriniProblem
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
+Data = Scalar | Callable[[Array], Array]
+
+TOUCHING = 1e-12  # of the largest |u|: gaps that are rounding
+
+
+@dataclass(frozen=True)
+class FacetPoints:
+    """Points on some facets of the frames of cells.
+
+    Functions of the space and data take their values there:
+
+        points = facet_points(domain, frames, kinds == NEUMANN, degree)
+        flux = points.values(q)
+
+    Attributes:
+        domain: The mesh.
+        frames: Its cells.
+        cells, facets: The facets, as facets of the frames, shape (n,).
+        reference: The points on the reference facet, shape (points, d - 1).
+        weights: Weights of means over a facet.
+    """
+
+    domain: mesh.Mesh
+    frames: Frames
+    cells: Indices
+    facets: Indices
+    reference: Array
+    weights: Array
+
+    @property
+    def sizes(self) -> Array:
+        """The sizes of the facets."""
+        return self.frames.facet_sizes[self.cells, self.facets]
+
+    @property
+    def pairs(self) -> Indices:
+        """The facets as (cell, local facet) pairs of the mesh."""
+        return np.column_stack((self.cells, self.frames.order[self.cells, self.facets]))
+
+    def values(self, data: Data) -> Array:
+        """Return data at the points, shape (n, points)."""
+        if callable(data) and not isinstance(data, ufl.core.expr.Expr):
+            x = np.zeros((3, len(self.cells) * len(self.weights)))
+            x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
+            called = np.broadcast_to(np.asarray(data(x), dtype=np.float64), x.shape[1:])
+            return np.array(called.reshape(len(self.cells), len(self.weights)))
+        return values_at(self.domain, [data], self.reference, self.pairs)[:, :, 0]
+
+    @functools.cached_property
+    def places(self) -> Array:
+        """The coordinates of the points, shape (n, points, d), where UFL has them."""
+        x = ufl.SpatialCoordinate(self.domain)
+        return values_at(self.domain, list(x), self.reference, self.pairs)
+
+    @functools.cached_property
+    def coordinates(self) -> Array:
+        """The barycentric coordinates in the frames, shape (n, points, d + 1)."""
+        first = self.frames.corners[self.cells, 0]
+        inner = np.einsum(
+            "nab,nqb->nqa", self.frames.inverses[self.cells], self.places - first[:, None]
+        )
+        return np.concatenate((1.0 - inner.sum(axis=2, keepdims=True), inner), axis=2)
+
+    def polynomials(self, degree: int) -> Array:
+        """Return the polynomials on the facets at the points, shape (n, polynomials, points).
+
+        Args:
+            degree: Their degree.
+        """
+        d = self.frames.dimension
+        others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
+        columns = others[self.facets][:, None, 1:]
+        inside = np.take_along_axis(self.coordinates, columns, axis=2).reshape(-1, d - 1)
+        values = polynomials(d - 1, degree, inside)
+        return values.reshape(len(values), len(self.cells), len(self.weights)).transpose(1, 0, 2)
+
+    def function(self, space: fem.FunctionSpace, dofs: Array) -> Array:
+        """Return a function of a space at the points, shape (n, points).
+
+        Args:
+            space: A scalar space.
+            dofs: The values of the function at the dofs of this rank.
+        """
+        d = self.frames.dimension
+        order = np.argsort(self.frames.order[self.cells], axis=1)
+        places = np.take_along_axis(self.coordinates, order[:, None, :], axis=2)[:, :, 1:]
+        places = np.vstack((places.reshape(-1, d), np.zeros((1, d))))  # Basix needs a point
+        table = space.element.basix_element.tabulate(0, places)[0, :-1, :, 0]
+        table = table.reshape(len(self.cells), len(self.weights), table.shape[1])
+        return np.einsum("nqi,ni->nq", table, dofs[space.dofmap.list[self.cells]])
+
+
+def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) -> FacetPoints:
+    """Return a rule on some facets.
+
+    Args:
+        domain: The mesh.
+        frames: Its cells.
+        marked: The facets of the frames, shape (cells, d + 1).
+        degree: Of the polynomials that are integrated exactly.
+    """
+    points, weights = rule(frames.dimension - 1, degree)
+    return FacetPoints(domain, frames, *np.nonzero(marked), points, weights)
+
+
+def facet_kinds(problem: SignoriniProblem, terms: EnergyTerms, frames: Frames) -> Indices:
+    """Return the kinds of the facets of cells, shape (cells, d + 1).
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+
+    Raises:
+        InputError: A facet has Dirichlet data and is a contact facet or has a flux, or a dof has
+            Dirichlet data, and is on none of the facets that have.
+    """
+    domain, comm = problem.space.mesh, problem.comm
+    outer = on_frames(domain, frames, [boundary_facets(domain)])
+    fixed = on_frames(domain, frames, [facets for _, facets in terms.dirichlet])
+    contact = on_frames(domain, frames, [problem.contact])
+    flux = on_frames(domain, frames, [facets for _, facets in (*terms.neumann, *terms.robin)])
+    twice = bool((contact & flux).any())
+    require(comm, not twice, "a facet has a flux, and is a contact facet", "neumann")
+    twice = bool((fixed & (contact | flux)).any())
+    require(comm, not twice, "a facet with data is a contact facet or has a flux", "dirichlet")
+    _check_fixed(problem, terms)
+    kinds = np.where(outer, NEUMANN, INTERIOR)
+    kinds[fixed & outer] = DIRICHLET
+    kinds[contact & outer] = OPEN
+    cells, facets = np.nonzero(kinds == OPEN)
+    element = problem.space.element.basix_element
+    closures = np.array(element.entity_closure_dofs[frames.dimension - 1])
+    dofs = problem.space.dofmap.list[cells[:, None], closures[frames.order[cells, facets]]]
+    gap, size = problem.gap.x.array, np.abs(problem.u.x.array).max(initial=0.0)
+    closed = (gap[dofs] <= TOUCHING * max(comm.allgather(float(size)))).all(axis=1)
+    kinds[cells[closed], facets[closed]] = CLOSED
+    return kinds.astype(np.int64)
+
+
+def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Marks:
+    """Return whether the facets of cells are in one of several lists of facets.
+
+    Args:
+        domain: The mesh; the call is collective.
+        frames: Its cells.
+        parts: Facets that some rank knows, which need not have their cell.
+    """
+    marks = la.vector(domain.topology.index_map(domain.topology.dim - 1))
+    for facets in parts:
+        marks.array[facets] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)
+    marks.scatter_forward()
+    return np.asarray(marks.array[frames.local_facets] > 0.0)
+
+
+def given_fluxes(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, degree: int, quadrature: int
+) -> tuple[Array, Array]:
+    """Return the fluxes on Neumann and Robin facets, and what polynomials miss of them.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+        degree: The degree of the polynomials on facets.
+        quadrature: The degree of the rule.
+
+    Returns:
+        The moments, shape (cells, d + 1, moments), and the L2 norms of the rest on each facet,
+        shape (cells, d + 1); with the signs of a lower obstacle.
+    """
+    domain, d = problem.space.mesh, frames.dimension
+    count = len(polynomials(d - 1, degree, np.zeros((1, d - 1))))
+    moments = np.zeros((len(frames.order), d + 1, count))
+    squares = np.zeros(moments.shape[:2])
+    marked = on_frames(domain, frames, [f for _, f in (*terms.neumann, *terms.robin)])
+    marked &= on_frames(domain, frames, [boundary_facets(domain)])
+    points = facet_points(domain, frames, marked, quadrature)
+    total = np.zeros((len(points.cells), len(points.weights)))
+    for data, facets in terms.neumann:
+        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
+        total += np.where(inside[:, None], points.values(data), 0.0)
+    if terms.robin:
+        u = points.function(problem.space, problem.u.x.array)
+    for data, facets in terms.robin:
+        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
+        total -= np.where(inside[:, None], points.values(data) * u, 0.0)
+    total *= problem.sign
+    p = points.polynomials(degree)
+    means = np.einsum("q,nq,njq->nj", points.weights, total, p)
+    rest = total - np.einsum("nj,njq->nq", means, p)
+    at = points.cells, points.facets
+    moments[at] = means * points.sizes[:, None]
+    squares[at] = np.square(rest) @ points.weights * points.sizes
+    return moments, np.sqrt(squares)
+
+
+def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
+    space = problem.space
+    parts = [facets for _, facets in terms.dirichlet]
+    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
+    space.mesh.topology.create_connectivity(space.mesh.topology.dim - 1, space.mesh.topology.dim)
+    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+    missing = np.setdiff1d(problem.fixed_dofs, dofs)
+    message = "a dof with Dirichlet data is on none of the facets that are named"
+    require(space.mesh.comm, not len(missing), message, "dirichlet")
+    owned = dofs[dofs < space.dofmap.index_map.size_local]
+    loose = np.setdiff1d(owned, problem.fixed_dofs)
+    message = "a dof on one of the facets that are named has no Dirichlet data"
+    require(space.mesh.comm, not len(loose), message, "dirichlet")
+

@@ -1,0 +1,135 @@
+"""Equilibrated fluxes of a mesh that ranks share: each patch belongs to the owner of its vertex.
+
+On contact facets that touch the obstacle all over, the flux that costs the least energy is taken
+first. At vertices of a facet where the sum of these fluxes is not positive everywhere, the force of
+the vertex is spread over the facets with the shape of its hat function instead.
+"""
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.patches import CLOSED, CellData, patch_fluxes
+from dolfinx_signorini.accuracy.reference_flux import CELLS, ReferenceFlux, polynomials
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
+
+ROUNDS = 8  # of the search for facets with a negative flux; then no contact flux is free any more
+
+
+def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) -> Array:
+    """Return the moments of the equilibrated flux on the facets of the owned cells.
+
+    The flux is not negative on contact facets. The cells at a vertex of another rank are sent to
+    this rank, which sends back the moments of its patches.
+
+    Args:
+        domain: The mesh; the call is collective.
+        data: The owned cells of this rank.
+        reference: The fields.
+
+    Returns:
+        Outward fluxes, shape (cells, d + 1, moments).
+    """
+    patches = _SharedPatches(domain, data, reference)
+    moments = patches.sum(None)
+    spread = np.zeros(data.vertices.shape, dtype=bool)
+    for step in range(ROUNDS + 1):
+        negative = (data.kinds == CLOSED) & (
+            True if step == ROUNDS else lowest(moments, reference) < 0.0
+        )
+        wanted = patches.marked(_at_vertices(negative)) & ~spread
+        if not domain.comm.allreduce(bool(wanted.any()), op=MPI.LOR):
+            break
+        moments += patches.sum(wanted)
+        spread |= wanted
+    return moments
+
+
+def lowest(moments: Array, reference: ReferenceFlux) -> Array:
+    """Return a lower bound of the flux through facets of size 1, from the Bernstein basis.
+
+    Args:
+        moments: Moments of the flux, shape (..., moments).
+        reference: The fields.
+    """
+    d, degree = reference.dimension - 1, reference.degree
+    points = basix.create_lattice(CELLS[d], degree, basix.LatticeType.equispaced, True)
+    bernstein = basix.tabulate_polynomials(
+        basix.PolynomialType.bernstein, CELLS[d], degree, points
+    )
+    return np.asarray((moments @ polynomials(d, degree, points) @ np.linalg.inv(bernstein)).min(-1))
+
+
+def _at_vertices(facets: Marks) -> Marks:
+    """The vertices of cells that are on one of some facets of the cell."""
+    count = facets.sum(axis=1, keepdims=True)
+    return np.asarray(count - facets > 0)
+
+
+class _SharedPatches:
+    """The cells of this rank, and what other ranks sent for the vertices of this rank."""
+
+    def __init__(self, domain: mesh.Mesh, data: CellData, reference: ReferenceFlux):
+        self.comm, self.reference = domain.comm, reference
+        self.index_map = domain.topology.index_map(0)
+        self.own, self.count = self._local(data.vertices), len(data.vertices)
+        rank = self.comm.rank
+        owner = np.full(self.index_map.size_local + self.index_map.num_ghosts, rank)
+        owner[self.index_map.size_local :] = self.index_map.owners
+        owners = owner[self.own]
+        self.there = [
+            np.flatnonzero((owners == r).any(axis=1) & (r != rank)) for r in range(self.comm.size)
+        ]
+        rows = data.packed()
+        received = self.comm.alltoall([rows[cells] for cells in self.there])
+        self.ends = np.cumsum([self.count, *map(len, received)])
+        self.rows = np.concatenate((rows, *received))
+        self.vertices = CellData.unpacked(self.rows, reference).vertices
+        first, last = self.index_map.local_range
+        self.here = (self.vertices >= first) & (self.vertices < last)
+        self.spread = np.zeros(owner.shape, dtype=bool)
+
+    def sum(self, changed: Marks | None) -> Array:
+        """Return the sum of the fields of all patches with free fluxes on closed facets.
+
+        Args:
+            changed: For a change of the sum, vertices of the owned cells whose force is spread
+                from now on.
+        """
+        chosen, moments = self.here, np.zeros((len(self.rows), *self._shape))
+        if changed is not None:
+            marks = np.zeros_like(self.spread)
+            marks[self.own[changed]] = True
+            first = self.index_map.local_range[0]
+            chosen = self.here & marks[np.where(self.here, self.vertices - first, 0)]
+        cells = np.flatnonzero(chosen.any(axis=1))
+        part, here = CellData.unpacked(self.rows[cells], self.reference), chosen[cells]
+        moments[cells] = patch_fluxes(part, self.reference, here, np.ones_like(here))
+        if changed is not None:
+            spread = patch_fluxes(part, self.reference, here, np.zeros_like(here))
+            moments[cells] = spread - moments[cells]
+        back = self.comm.alltoall(np.split(moments, self.ends[:-1])[1:])
+        result = moments[: self.count]
+        for there, more in zip(self.there, back, strict=True):
+            result[there] += more
+        return result
+
+    def marked(self, vertices: Marks) -> Marks:
+        """Return the marks of vertices of cells for the vertices of the cells of all ranks."""
+        marks = la.vector(self.index_map)
+        marks.array[self.own[vertices]] = 1.0
+        marks.scatter_reverse(la.InsertMode.add)
+        marks.scatter_forward()
+        return np.asarray(marks.array[self.own] > 0.0)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.reference.dimension + 1, self.reference.per_facet
+
+    def _local(self, numbers: Indices) -> Indices:
+        return np.asarray(self.index_map.global_to_local(numbers.ravel())).reshape(numbers.shape)

@@ -1,0 +1,111 @@
+"""The strong form of a problem, which its weak forms do not tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from ufl.algorithms import estimate_total_polynomial_degree
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import (
+    ComponentTensor,
+    ConstantValue,
+    Division,
+    Indexed,
+    IndexSum,
+    ListTensor,
+    MultiIndex,
+    Power,
+    Product,
+    SpatialCoordinate,
+    Sum,
+)
+from ufl.core.expr import Expr
+from ufl.corealg.traversal import unique_pre_traversal
+
+Scalar: TypeAlias = Expr | float
+Facets = npt.NDArray[np.int32]
+
+# What makes polynomials of polynomials; quotients and powers are looked at one by one.
+HARMLESS = (
+    ComponentTensor,
+    ConstantValue,
+    Indexed,
+    IndexSum,
+    ListTensor,
+    MultiIndex,
+    Product,
+    SpatialCoordinate,
+    Sum,
+    ufl.Constant,
+    ufl.FacetNormal,
+)
+
+
+@dataclass(frozen=True)
+class EnergyTerms:
+    """The problem -div(A grad u) + c u = f with its boundary conditions.
+
+    The signs are those of the problem, for lower and for upper obstacles. Boundary facets that are
+    named nowhere, and are not contact facets, have flux 0.
+
+        terms = EnergyTerms(reaction=1.0, load=f, dirichlet=[(0.0, left)])
+
+    Attributes:
+        diffusion: A, a number, a scalar or a symmetric matrix; None for 1.
+        reaction: c >= 0; None for 0.
+        load: f; None for 0.
+        neumann: Fluxes q = A grad u . n with the facets that have them.
+        robin: Coefficients k >= 0 with facets, where A grad u . n = q - k u.
+        dirichlet: Data with facets; None as data are the values of the solution that was computed.
+        obstacle: The obstacle; None for that of the problem.
+    """
+
+    diffusion: Scalar | None = None
+    reaction: Scalar | None = None
+    load: Scalar | None = None
+    neumann: Sequence[tuple[Scalar, Facets]] = ()
+    robin: Sequence[tuple[Scalar, Facets]] = ()
+    dirichlet: Sequence[tuple[Scalar | None, Facets]] = ()
+
+    def entries(self, dimension: int) -> list[Scalar]:
+        """Return the entries of A, row by row, or one for a multiple of the identity.
+
+        Args:
+            dimension: The dimension of the domain.
+        """
+        A = self.diffusion
+        if A is None:
+            return [1.0]
+        if isinstance(A, int | float) or A.ufl_shape == ():
+            return [A]
+        return [A[i, j] for i in range(dimension) for j in range(dimension)]
+
+
+def polynomial_degree(data: Scalar | None) -> int | None:
+    """Return the degree of a polynomial in the coordinates on each cell, and None for others.
+
+    Args:
+        data: A number or a UFL expression; None counts as 0.
+    """
+    if data is None or isinstance(data, int | float | np.number):
+        return 0
+    expression = apply_derivatives(apply_algebra_lowering(ufl.as_ufl(data)))
+    for node in unique_pre_traversal(expression):
+        if isinstance(node, fem.Function):
+            if node.function_space.element.basix_element.polyset_type.name != "standard":
+                return None
+        elif isinstance(node, Division):
+            if polynomial_degree(node.ufl_operands[1]) != 0:
+                return None
+        elif isinstance(node, Power):
+            exponent = node.ufl_operands[1]
+            if not (isinstance(exponent, ufl.classes.IntValue) and int(exponent) >= 0):
+                return None
+        elif not isinstance(node, HARMLESS):
+            return None
+    return int(estimate_total_polynomial_degree(expression))
