@@ -52,6 +52,7 @@ class Assembly:
 
     Attributes:
         layout: The dofs with a constraint or Dirichlet data.
+        data: The obstacle as it was given.
         obstacle: The obstacle of the last system at the owned dofs on the contact boundary.
         phases: The seconds of the phases so far.
     """
@@ -81,7 +82,7 @@ class Assembly:
             self._a, self._L = (
                 _compiled(ledger, name, form, options) for name, form in (("a", a), ("L", L))
             )
-            self._data = obstacle
+            self.data = obstacle
             self._obstacle_at = evaluator(space, obstacle, boundary)
             self._watch_a, self._watch_L = Watch(a), Watch(L)
 
@@ -110,7 +111,7 @@ class Assembly:
         """
         if matrix:  # the shares of the boundary and the places of the dofs are others
             self.layout = replace(self.layout)
-            self._obstacle_at = evaluator(self.layout.space, self._data, self.layout.boundary_dofs)
+            self._obstacle_at = evaluator(self.layout.space, self.data, self.layout.boundary_dofs)
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         matrix = self._watch_a.changed(self.comm) or matrix
         load = self._watch_L.changed(self.comm) or matrix

@@ -197,6 +197,11 @@ class SignoriniProblem:
         return self.sign * self.system.obstacle
 
     @property
+    def obstacle_data(self) -> Data:
+        """The obstacle as it was given: a number, an expression, a function or a callable."""
+        return self._assembly.data
+
+    @property
     def contact(self) -> Indices:
         """The contact facets that this rank knows."""
         return self._layout.facets

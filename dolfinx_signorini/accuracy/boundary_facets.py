@@ -1,18 +1,20 @@
 """The facets of the boundary by what is known about the flux through each of them."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la, mesh
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.frames import Frames, values_at
 from dolfinx_signorini.accuracy.patches import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN
 from dolfinx_signorini.accuracy.reference_flux import polynomials, rule
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, Facets, Scalar
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms, Facets, polynomial_degree
+from dolfinx_signorini.assembly import Data
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
@@ -20,7 +22,6 @@ from dolfinx_signorini.problem import SignoriniProblem
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
-Data = Scalar | Callable[[Array], Array]
 
 TOUCHING = 1e-12  # of the largest |u|: gaps that are rounding
 
@@ -61,7 +62,7 @@ class FacetPoints:
 
     def values(self, data: Data) -> Array:
         """Return data at the points, shape (n, points)."""
-        if callable(data) and not isinstance(data, ufl.core.expr.Expr):
+        if callable(data) and not isinstance(data, Expr):
             x = np.zeros((3, len(self.cells) * len(self.weights)))
             x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
             called = np.broadcast_to(np.asarray(data(x), dtype=np.float64), x.shape[1:])
@@ -150,14 +151,51 @@ def facet_kinds(problem: SignoriniProblem, terms: EnergyTerms, frames: Frames) -
     kinds = np.where(outer, NEUMANN, INTERIOR)
     kinds[fixed & outer] = DIRICHLET
     kinds[contact & outer] = OPEN
-    cells, facets = np.nonzero(kinds == OPEN)
-    element = problem.space.element.basix_element
-    closures = np.array(element.entity_closure_dofs[frames.dimension - 1])
-    dofs = problem.space.dofmap.list[cells[:, None], closures[frames.order[cells, facets]]]
-    gap, size = problem.gap.x.array, np.abs(problem.u.x.array).max(initial=0.0)
-    closed = (gap[dofs] <= TOUCHING * max(comm.allgather(float(size)))).all(axis=1)
+    cells, facets, dofs = contact_closures(problem, frames, kinds)
+    size = max(comm.allgather(float(np.abs(problem.u.x.array).max(initial=0.0))))
+    touching = problem.gap.x.array <= TOUCHING * size
+    held = fem.Function(problem.space)
+    held.x.array[problem.fixed_dofs] = 1.0
+    held.x.scatter_forward()
+    optional = _weightless(problem)[None, :] & (held.x.array[dofs] == 0.0)
+    closed = (touching[dofs] | optional).all(axis=1)
     kinds[cells[closed], facets[closed]] = CLOSED
     return kinds.astype(np.int64)
+
+
+def contact_closures(
+    problem: SignoriniProblem, frames: Frames, kinds: Indices
+) -> tuple[Indices, Indices, Indices]:
+    """Return the cells and numbers of the contact facets of frames, with the dofs on each.
+
+    Args:
+        problem: The problem.
+        frames: The cells of its mesh.
+        kinds: The kinds of the facets of the cells.
+    """
+    cells, facets = np.nonzero(kinds >= OPEN)
+    element = problem.space.element.basix_element
+    closures = np.array(element.entity_closure_dofs[frames.dimension - 1])
+    return (
+        cells,
+        facets,
+        problem.space.dofmap.list[cells[:, None], closures[frames.order[cells, facets]]],
+    )
+
+
+def _weightless(problem: SignoriniProblem) -> Marks:
+    """Whether the integral of the function of a dof over a facet is not positive.
+
+    So are those of the vertices in space at degree 2: contact forces at them are small and of any
+    sign, and tell nothing about contact.
+    """
+    element = problem.space.element.basix_element
+    d = problem.space.mesh.topology.dim
+    points, weights = rule(d - 1, element.degree)
+    outside = np.hstack((np.zeros((len(points), 1)), points))  # of the facet where x[0] = 0
+    dofs = element.entity_closure_dofs[d - 1][1]
+    means = weights @ element.tabulate(0, outside)[0, :, dofs, 0].T
+    return np.asarray(means <= TOUCHING)
 
 
 def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Marks:
@@ -177,8 +215,8 @@ def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Mar
 
 
 def given_fluxes(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, degree: int, quadrature: int
-) -> tuple[Array, Array]:
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, degree: int
+) -> tuple[Array, Array, list[str]]:
     """Return the fluxes on Neumann and Robin facets, and what polynomials miss of them.
 
     Args:
@@ -186,11 +224,10 @@ def given_fluxes(
         terms: Its strong form.
         frames: The cells of its mesh.
         degree: The degree of the polynomials on facets.
-        quadrature: The degree of the rule.
 
     Returns:
-        The moments, shape (cells, d + 1, moments), and the L2 norms of the rest on each facet,
-        shape (cells, d + 1); with the signs of a lower obstacle.
+        The moments, shape (cells, d + 1, moments), the L2 norms of the rest on each facet, shape
+        (cells, d + 1), both with the signs of a lower obstacle, and what is sampled.
     """
     domain, d = problem.space.mesh, frames.dimension
     count = len(polynomials(d - 1, degree, np.zeros((1, d - 1))))
@@ -198,6 +235,12 @@ def given_fluxes(
     squares = np.zeros(moments.shape[:2])
     marked = on_frames(domain, frames, [f for _, f in (*terms.neumann, *terms.robin)])
     marked &= on_frames(domain, frames, [boundary_facets(domain)])
+    fluxes = [polynomial_degree(data) for data, _ in terms.neumann]
+    robin = [polynomial_degree(data) for data, _ in terms.robin]
+    found = [n for n in (*fluxes, *robin) if n is not None]
+    sampled = len(found) < len(fluxes) + len(robin)
+    quadrature = 2 * (max(found, default=0) + degree) + (8 if sampled else 0)
+    notes = ["a flux is known at quadrature points only"] if sampled else []
     points = facet_points(domain, frames, marked, quadrature)
     total = np.zeros((len(points.cells), len(points.weights)))
     for data, facets in terms.neumann:
@@ -215,7 +258,29 @@ def given_fluxes(
     at = points.cells, points.facets
     moments[at] = means * points.sizes[:, None]
     squares[at] = np.square(rest) @ points.weights * points.sizes
-    return moments, np.sqrt(squares)
+    return moments, np.sqrt(squares), notes
+
+
+def robin_energy(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, dofs: Array
+) -> Array:
+    """Return the integrals of k (v - u_h)^2 over the Robin facets of each cell.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+        dofs: The function v at the dofs of this rank, with the signs of a lower obstacle.
+    """
+    result = np.zeros(len(frames.order))
+    for data, facets in terms.robin:
+        marked = on_frames(problem.space.mesh, frames, [facets])
+        degree = problem.space.element.basix_element.degree
+        points = facet_points(problem.space.mesh, frames, marked, 4 * degree + 4)
+        change = points.function(problem.space, dofs - problem.sign * problem.u.x.array)
+        sums = points.values(data) * change**2 @ points.weights * points.sizes
+        result += np.bincount(points.cells, sums, len(result))
+    return result
 
 
 def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
@@ -231,4 +296,3 @@ def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
     loose = np.setdiff1d(owned, problem.fixed_dofs)
     message = "a dof on one of the facets that are named has no Dirichlet data"
     require(space.mesh.comm, not len(loose), message, "dirichlet")
-

@@ -6,27 +6,37 @@ The proof is in docs/accuracy.md.
 import math
 from dataclasses import dataclass, field
 
+import basix
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.boundary_facets import facet_kinds, facet_points, given_fluxes
-from dolfinx_signorini.accuracy.equilibration import equilibrated
-from dolfinx_signorini.accuracy.frames import Frames, cell_frames, values_at
-from dolfinx_signorini.accuracy.patches import CLOSED, OPEN, CellData, matrices
-from dolfinx_signorini.accuracy.reference_flux import (
-    ReferenceFlux,
-    barycentric,
-    polynomials,
-    reference_flux,
-    rule,
+from dolfinx_signorini.accuracy.boundary_facets import (
+    facet_kinds,
+    facet_points,
+    given_fluxes,
+    robin_energy,
 )
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.accuracy.cell_values import (
+    CellValues,
+    cell_data,
+    cell_values,
+    difference,
+    flux_values,
+    quadrature_degree,
+)
+from dolfinx_signorini.accuracy.equilibration import equilibrated
+from dolfinx_signorini.accuracy.frames import Frames, cell_frames
+from dolfinx_signorini.accuracy.lifting import Feasible, feasible
+from dolfinx_signorini.accuracy.patches import CLOSED, DIRICHLET, OPEN, CellData
+from dolfinx_signorini.accuracy.reference_flux import reference_flux
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.accuracy.transport import transported
+from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
-
-MORE = {2: 10, 3: 6}  # by how much rules for data are better than for polynomials, by dimension
+Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -56,23 +66,6 @@ class EnergyBound:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Values:
-    """The solution and the coefficients at points of the owned cells, for a lower obstacle."""
-
-    points: Array
-    weights: Array
-    u: Array
-    gradient: Array
-    diffusion: Array
-    inverse: Array
-    reaction: Array
-    load: Array
-
-    def current(self) -> Array:
-        return np.asarray(np.einsum("cqab,cqb->cqa", self.diffusion, self.gradient))
-
-
 def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
@@ -86,111 +79,133 @@ def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     """
     domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
     _check_mesh(problem)
-    reference = reference_flux(domain.topology.dim, degree)
-    frames = cell_frames(domain)
+    reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
     kinds = facet_kinds(problem, terms, frames)
-    quadrature, notes = _quadrature(terms, reference)
-    values = _values(problem, terms, frames, quadrature)
-    fluxes, missed = given_fluxes(problem, terms, frames, degree, 2 * degree + 8)
-    data = _cell_data(frames, kinds, values, fluxes, reference)
+    quadrature, notes = quadrature_degree(terms, frames.dimension, degree)
+    values = cell_values(problem, terms, frames, quadrature)
+    fluxes, missed, more = given_fluxes(problem, terms, frames, degree)
+    data = cell_data(values, kinds, fluxes, reference)
     moments = equilibrated(domain, data, reference)
-    comm = domain.comm
+    moments, reason = _without_defects(domain.comm, values, data, moments)
+    near = feasible(problem, terms, frames, kinds)
+    y = flux_values(values, data, moments, reference)
+    parts = {
+        "flux": _distance(values, y),
+        "data": _oscillation(values, missed, degree),
+        "mean": _means(values, moments, data),
+        "lifting": _lifted(problem, terms, values, near),
+        "contact": _contact(problem, near, data, moments, frames),
+    }
+    return _bound(domain.comm, parts, near.missing or reason, (*notes, *more, *near.notes))
 
-    y = _field(frames, values, data, moments, reference)
-    distance = values.current() - y
-    weights = values.weights * frames.volumes[:, None]
-    square = np.einsum("cqa,cqab,cqb->cq", distance, values.inverse, distance)
-    flux = np.sqrt((square * weights).sum(axis=1))
-    rest = _rest(frames, values, reference, degree)
-    lowest = np.linalg.eigvalsh(values.diffusion).min(axis=(1, 2))
-    c = values.reaction.min(axis=1)
+
+def _check_mesh(problem: SignoriniProblem) -> None:
+    domain = problem.space.mesh
+    kind = domain.topology.cell_type.name
+    good = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
+    good &= domain.geometry.dim == domain.topology.dim
+    require(problem.comm, good, "a bound needs straight-sided triangles or tetrahedra", "mesh")
+    family = problem.space.element.basix_element.family
+    good = family == basix.ElementFamily.P
+    require(problem.comm, good, "a bound needs continuous Lagrange elements", "space")
+
+
+def _distance(values: CellValues, y: Array) -> Array:
+    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell."""
+    apart = values.current - y
+    square = np.einsum("cqa,cqab,cqb->cq", apart, values.inverse, apart)
+    return np.sqrt(values.integrals(square))
+
+
+def _oscillation(values: CellValues, missed: Array, degree: int) -> Array:
+    """What load and fluxes have beside polynomials, as a bound for each cell."""
+    frames, d = values.frames, values.frames.dimension
+    a = np.linalg.eigvalsh(values.diffusion).min(axis=(1, 2), initial=np.inf)
+    c = values.reaction.min(axis=1, initial=np.inf)
     with np.errstate(divide="ignore"):
-        weight = np.minimum(frames.diameters / (math.pi * np.sqrt(lowest)), 1.0 / np.sqrt(c))
-    d = reference.dimension
-    h2 = frames.diameters[:, None] ** 2
-    trace = frames.facet_sizes / frames.volumes[:, None] * h2 * (1 / math.pi**2 + 2 / d / math.pi)
-    osc = weight * np.sqrt((rest**2 * weights).sum(axis=1))
-    osc += (np.sqrt(trace / lowest[:, None]) * missed).sum(axis=1)
-    defect = moments[:, :, 0].sum(axis=1) + data.source[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.where(defect == 0.0, 0.0, np.abs(defect) / np.sqrt(frames.volumes * c))
-    eta = flux + osc + mean
-    sigma = 0.0
-
-    def norm(x: Array) -> float:
-        return math.sqrt(comm.allreduce(float((x**2).sum())))
-
-    total = norm(eta)
-    total = 0.5 * (total + math.sqrt(total**2 + 4 * sigma))
-    return EnergyBound(norm(flux), norm(osc), math.sqrt(sigma), norm(mean), 0.0, total, eta, bool(notes), notes)
+        weight = np.minimum(frames.diameters / (math.pi * np.sqrt(a)), 1.0 / np.sqrt(c))
+    on_cells = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
+    square = frames.facet_sizes / frames.volumes[:, None] * frames.diameters[:, None] ** 2
+    square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
+    return np.asarray(on_cells + (np.sqrt(square) * missed).sum(axis=1))
 
 
-def _check_mesh(problem):
-    pass
+def _defects(data: CellData, moments: Array) -> Array:
+    """The integrals of f - c u + div y over the cells."""
+    return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
 
 
-def _quadrature(terms, reference):
-    return 2 * reference.degree + MORE[reference.dimension], ()
+def _means(values: CellValues, moments: Array, data: CellData) -> Array:
+    """What is left in cells with a reaction, as a bound for each cell."""
+    c, defects = values.reaction.min(axis=1, initial=np.inf), _defects(data, moments)
+    kept = np.where(c > 0.0, np.abs(defects), 0.0)
+    return np.asarray(kept / np.sqrt(values.frames.volumes * np.where(c > 0.0, c, 1.0)))
 
 
-def _values(problem, terms, frames, quadrature):
-    space, d = problem.space, frames.dimension
-    points, weights = rule(d, quadrature)
-    cells = np.arange(len(frames.order))
-    entries = terms.entries(d)
-    data = [terms.reaction or 0.0, terms.load or 0.0, *entries]
-    at = values_at(space.mesh, data, points, cells)
-    A = at[:, :, 2:]
-    A = A[..., None] * np.eye(d) if len(entries) == 1 else A.reshape(*A.shape[:2], d, d)
-    table = space.element.basix_element.tabulate(1, points)[..., 0]
-    dofs = problem.sign * problem.u.x.array[space.dofmap.list[: len(cells)]]
-    u = dofs @ table[0].T
-    gradient = np.einsum("aqi,ci->cqa", table[1:], dofs)
-    # The gradient in space: the frames order vertices in another way than the cells of the mesh.
-    corners = np.empty_like(frames.corners)
-    np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
-    inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
-    gradient = gradient @ inverse
-    return _Values(points, weights, u, gradient, A, np.linalg.inv(A), at[:, :, 0], problem.sign * at[:, :, 1])
+def _without_defects(
+    comm: MPI.Comm, values: CellValues, data: CellData, moments: Array
+) -> tuple[Array, str]:
+    """Carry away what is left in cells without a reaction; also return why not, or ""."""
+    ends = values.reaction.min(axis=1, initial=np.inf) > 0.0
+    wanted = np.where(ends, 0.0, -_defects(data, moments))
+    if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
+        return moments, ""
+    exits, moments = data.kinds == DIRICHLET, moments.copy()
+    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+        contact = data.kinds >= OPEN
+        force = comm.allreduce(float(moments[contact, 0].sum()))
+        factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or math.inf)
+        if force <= 0.0 or factor < 0.0:
+            return moments, "the contact flux is too small to take up the residual"
+        moments[contact] *= factor
+        wanted, ends[:1] = -_defects(data, moments), comm.rank == 0  # the sum is 0 now
+    change, found = transported(comm, data.facets, wanted, exits, ends)
+    moments[:, :, 0] += change
+    return moments, "" if found else "a residual has no way out of a part without a reaction"
 
 
-def _cell_data(frames, kinds, values, fluxes, reference):
-    degree = reference.degree
-    J, volumes = frames.jacobians, frames.volumes
-    metric = np.einsum("cab,cad,cde->cbe", J, np.einsum("q,cqad->cad", values.weights, values.inverse), J)
-    det = volumes * math.factorial(reference.dimension)
-    m = lambda v: frames.moments(v, values.points, values.weights, degree)
-    return CellData(
-        frames.vertices,
-        frames.facets,
-        kinds,
-        np.column_stack((volumes, frames.facet_sizes)),
-        metric / det[:, None, None],
-        J.transpose(0, 2, 1) @ m(values.gradient),
-        frames.inverses @ m(values.current()) * volumes[:, None, None],
-        m(values.load - values.reaction * values.u) * volumes[:, None],
-        fluxes,
-    )
+def _lifted(
+    problem: SignoriniProblem, terms: EnergyTerms, values: CellValues, near: Feasible
+) -> Array:
+    """The energy norm of v - u_h on each cell."""
+    w, gradient = difference(problem, values, near.dofs)
+    if near.cones is not None:
+        more, slopes = near.cones.at(values.points)
+        w, gradient = w + more, gradient + slopes
+    current = np.einsum("cqab,cqb->cqa", values.diffusion, gradient)
+    energy = np.einsum("cqa,cqa->cq", current, gradient) + values.reaction * w**2
+    on_facets = robin_energy(problem, terms, values.frames, near.dofs)
+    return np.sqrt(values.integrals(energy) + on_facets)
 
 
-def _field(frames, values, data, moments, reference):
-    inner, constant = matrices(data, reference).inner
-    given = np.concatenate((moments.reshape(len(moments), -1), -data.source[:, 1:]), axis=1)
-    coefficients = np.concatenate((given, np.einsum("cij,cj->ci", inner, given) + constant), axis=1)
-    result = np.zeros((len(moments), len(values.weights), reference.dimension))
-    det = frames.volumes * math.factorial(reference.dimension)
-    for cells, order in frames.groups():
-        own = barycentric(values.points)[:, order][:, 1:]
-        result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
-    return np.einsum("cab,cqb->cqa", frames.jacobians / det[:, None, None], result)
+def _contact(
+    problem: SignoriniProblem, near: Feasible, data: CellData, moments: Array, frames: Frames
+) -> Array:
+    """The integrals of contact flux times gap over the contact facets of each cell."""
+    degree = problem.space.element.basix_element.degree
+    points = facet_points(problem.space.mesh, frames, data.kinds >= OPEN, 2 * degree + 8)
+    at = points.cells, points.facets
+    obstacle = problem.sign * points.values(problem.obstacle_data)
+    gap = np.maximum(points.function(problem.space, near.dofs) - obstacle, 0.0)
+    if near.cones is not None:  # v is the obstacle there
+        gap[data.kinds[at] == CLOSED] = 0.0
+    flux = np.einsum("nj,njq->nq", moments[at], points.polynomials(degree))
+    sums = np.maximum(flux, 0.0) * gap @ points.weights
+    return np.bincount(points.cells, sums, len(frames.order))
 
 
-def _rest(frames, values, reference, degree):
-    """What f - c u has beside its projection."""
-    v = values.load - values.reaction * values.u
-    means = frames.moments(v, values.points, values.weights, degree)
-    rest = np.array(v)
-    for cells, order in frames.groups():
-        own = barycentric(values.points)[:, order][:, 1:]
-        rest[cells] -= means[cells] @ polynomials(reference.dimension, degree, own)
-    return rest
+def _bound(
+    comm: MPI.Comm, parts: dict[str, Array], missing: str, notes: tuple[str, ...]
+) -> EnergyBound:
+    eta, sigma = parts["flux"] + parts["data"] + parts["mean"], parts["contact"]
+    squares = {name: part if name == "contact" else part**2 for name, part in parts.items()}
+    norms = {name: math.sqrt(comm.allreduce(float(part.sum()))) for name, part in squares.items()}
+    size = math.sqrt(comm.allreduce(float((eta**2).sum())))
+    sigma_norm, lifting = norms["contact"], norms["lifting"]
+    total = 0.5 * (size + math.sqrt(size**2 + 4.0 * sigma_norm**2))
+    if lifting > 0.0:
+        total = math.sqrt(size**2 + 2.0 * sigma_norm**2 + lifting**2)
+    cells = np.sqrt(eta**2 + sigma + squares["lifting"])
+    if missing:
+        total, notes = math.inf, (missing, *notes)
+    return EnergyBound(**norms, total=total, cells=cells, sampled=bool(notes), notes=notes)

@@ -5,14 +5,13 @@ first. At vertices of a facet where the sum of these fluxes is not positive ever
 the vertex is spread over the facets with the shape of its hat function instead.
 """
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.patches import CLOSED, CellData, patch_fluxes
-from dolfinx_signorini.accuracy.reference_flux import CELLS, ReferenceFlux, polynomials
+from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, lowest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -35,12 +34,12 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
     Returns:
         Outward fluxes, shape (cells, d + 1, moments).
     """
-    patches = _SharedPatches(domain, data, reference)
+    patches, d = _SharedPatches(domain, data, reference), reference.dimension
     moments = patches.sum(None)
     spread = np.zeros(data.vertices.shape, dtype=bool)
     for step in range(ROUNDS + 1):
         negative = (data.kinds == CLOSED) & (
-            True if step == ROUNDS else lowest(moments, reference) < 0.0
+            True if step == ROUNDS else lowest(d - 1, reference.degree, moments) < 0.0
         )
         wanted = patches.marked(_at_vertices(negative)) & ~spread
         if not domain.comm.allreduce(bool(wanted.any()), op=MPI.LOR):
@@ -48,21 +47,6 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
         moments += patches.sum(wanted)
         spread |= wanted
     return moments
-
-
-def lowest(moments: Array, reference: ReferenceFlux) -> Array:
-    """Return a lower bound of the flux through facets of size 1, from the Bernstein basis.
-
-    Args:
-        moments: Moments of the flux, shape (..., moments).
-        reference: The fields.
-    """
-    d, degree = reference.dimension - 1, reference.degree
-    points = basix.create_lattice(CELLS[d], degree, basix.LatticeType.equispaced, True)
-    bernstein = basix.tabulate_polynomials(
-        basix.PolynomialType.bernstein, CELLS[d], degree, points
-    )
-    return np.asarray((moments @ polynomials(d, degree, points) @ np.linalg.inv(bernstein)).min(-1))
 
 
 def _at_vertices(facets: Marks) -> Marks:
@@ -92,7 +76,7 @@ class _SharedPatches:
         self.vertices = CellData.unpacked(self.rows, reference).vertices
         first, last = self.index_map.local_range
         self.here = (self.vertices >= first) & (self.vertices < last)
-        self.spread = np.zeros(owner.shape, dtype=bool)
+        self.known = len(owner)
 
     def sum(self, changed: Marks | None) -> Array:
         """Return the sum of the fields of all patches with free fluxes on closed facets.
@@ -103,7 +87,7 @@ class _SharedPatches:
         """
         chosen, moments = self.here, np.zeros((len(self.rows), *self._shape))
         if changed is not None:
-            marks = np.zeros_like(self.spread)
+            marks = np.zeros(self.known, dtype=bool)
             marks[self.own[changed]] = True
             first = self.index_map.local_range[0]
             chosen = self.here & marks[np.where(self.here, self.vertices - first, 0)]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
-from ufl.core.expr import Expr
 from ufl import as_ufl, as_vector
+from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.accuracy.reference_flux import barycentric, polynomials

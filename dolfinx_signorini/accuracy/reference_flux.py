@@ -38,19 +38,39 @@ def polynomials(dimension: int, degree: int, points: Array) -> Array:
     return np.asarray(values) / math.sqrt(math.factorial(dimension))
 
 
+def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
+    """Return lower bounds of polynomials on a simplex: their least Bernstein coefficients.
+
+    Args:
+        dimension: Of the simplex.
+        degree: Of the polynomials.
+        coefficients: In terms of `polynomials`, shape (..., polynomials).
+    """
+    lattice = basix.LatticeType.equispaced
+    points = basix.create_lattice(CELLS[dimension], degree, lattice, True)
+    bernstein = basix.tabulate_polynomials(
+        basix.PolynomialType.bernstein, CELLS[dimension], degree, points
+    )
+    change = polynomials(dimension, degree, points) @ np.linalg.inv(bernstein)
+    return np.asarray((coefficients @ change).min(axis=-1))
+
+
 def barycentric(points: Array) -> Array:
     """Return the barycentric coordinates of points of a reference simplex, one column each."""
     return np.column_stack((1.0 - points.sum(axis=1), points))
 
 
 def rule(dimension: int, degree: int) -> tuple[Array, Array]:
-    """Return points and weights on a reference simplex; the weights add up to 1.
+    """Return points and positive weights on a reference simplex; the weights add up to 1.
 
     Args:
         dimension: Of the simplex.
         degree: Of the polynomials that are integrated exactly.
     """
     points, weights = basix.make_quadrature(CELLS[dimension], degree)
+    if (weights < 0.0).any():
+        kind = basix.QuadratureType.gauss_jacobi
+        points, weights = basix.make_quadrature(CELLS[dimension], degree, rule=kind)
     return np.asarray(points), np.asarray(weights) * math.factorial(dimension)
 
 
@@ -110,7 +130,7 @@ class ReferenceFlux:
         return np.einsum("qba,bi->qia", values, self.combination)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def reference_flux(dimension: int, degree: int) -> ReferenceFlux:
     """Return the fields of a degree, at least 1, on the simplex of a dimension, 2 or 3."""
     element = _element(dimension, degree)
@@ -133,7 +153,7 @@ def reference_flux(dimension: int, degree: int) -> ReferenceFlux:
     )
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _element(dimension: int, degree: int) -> basix.finite_element.FiniteElement:
     return basix.create_element(
         basix.ElementFamily.RT,

@@ -27,6 +27,8 @@ from ufl.classes import (
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
+from dolfinx_signorini.assembly import Data
+
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]
 
@@ -62,7 +64,6 @@ class EnergyTerms:
         neumann: Fluxes q = A grad u . n with the facets that have them.
         robin: Coefficients k >= 0 with facets, where A grad u . n = q - k u.
         dirichlet: Data with facets; None as data are the values of the solution that was computed.
-        obstacle: The obstacle; None for that of the problem.
     """
 
     diffusion: Scalar | None = None
@@ -86,14 +87,16 @@ class EnergyTerms:
         return [A[i, j] for i in range(dimension) for j in range(dimension)]
 
 
-def polynomial_degree(data: Scalar | None) -> int | None:
+def polynomial_degree(data: "Data | None") -> int | None:
     """Return the degree of a polynomial in the coordinates on each cell, and None for others.
 
     Args:
-        data: A number or a UFL expression; None counts as 0.
+        data: A number, a UFL expression or a callable, which is no polynomial; None counts as 0.
     """
     if data is None or isinstance(data, int | float | np.number):
         return 0
+    if not isinstance(data, Expr):
+        return None
     expression = apply_derivatives(apply_algebra_lowering(ufl.as_ufl(data)))
     for node in unique_pre_traversal(expression):
         if isinstance(node, fem.Function):

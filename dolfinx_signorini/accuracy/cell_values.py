@@ -1,0 +1,221 @@
+"""A discrete solution with the coefficients of its equation at points of cells."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.accuracy.frames import Frames, values_at
+from dolfinx_signorini.accuracy.patches import CellData, matrices
+from dolfinx_signorini.accuracy.reference_flux import (
+    ReferenceFlux,
+    barycentric,
+    polynomials,
+    rule,
+)
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.problem import SignoriniProblem
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# By how much rules for data that are no polynomials are better than for polynomials, by dimension,
+# and the best rules that there are.
+MORE = {2: 10, 3: 6}
+BEST = {2: 30, 3: 20}
+
+
+@dataclass(frozen=True)
+class CellValues:
+    """A solution with the coefficients of its equation, with the signs of a lower obstacle.
+
+    The integral of f over each cell:
+
+        (values.load @ values.weights) * values.frames.volumes
+
+    Attributes:
+        frames: The cells.
+        points, weights: The rule on the reference cell of the mesh; the weights add up to 1.
+        u: The solution, shape (cells, points).
+        gradient: Its gradient, shape (cells, points, d).
+        diffusion, inverse: A and its inverse, shape (cells, points, d, d).
+        reaction, load: c and f, shape (cells, points).
+    """
+
+    frames: Frames
+    points: Array
+    weights: Array
+    u: Array
+    gradient: Array
+    diffusion: Array
+    inverse: Array
+    reaction: Array
+    load: Array
+
+    @property
+    def current(self) -> Array:
+        """A grad u, shape (cells, points, d)."""
+        return np.asarray(np.einsum("cqab,cqb->cqa", self.diffusion, self.gradient))
+
+    def moments(self, values: Array, degree: int) -> Array:
+        """Return the means over cells of a function times polynomials, see `Frames.moments`.
+
+        Args:
+            values: The function at the points, shape (cells, points, ...).
+            degree: The degree of the polynomials.
+        """
+        return self.frames.moments(values, self.points, self.weights, degree)
+
+    def integrals(self, values: Array) -> Array:
+        """Return the integrals over each cell of a function at the points."""
+        return np.asarray((values @ self.weights) * self.frames.volumes)
+
+    def rest(self, degree: int) -> Array:
+        """Return f - c u without its projection on polynomials of a degree on each cell."""
+        rest = self.load - self.reaction * self.u
+        means = self.moments(rest, degree)
+        for cells, order in self.frames.groups():
+            own = barycentric(self.points)[:, order][:, 1:]
+            rest[cells] -= means[cells] @ polynomials(self.frames.dimension, degree, own)
+        return rest
+
+
+def cell_values(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, quadrature: int
+) -> CellValues:
+    """Return the solution of a problem with the coefficients of its equation.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+        quadrature: The degree of the rule.
+
+    Raises:
+        InputError: The reaction is negative, the diffusion is not positive definite, or data are
+            not finite.
+    """
+    space, d, count = problem.space, frames.dimension, len(frames.order)
+    points, weights = rule(d, quadrature)
+    entries = terms.entries(d)
+    data = [terms.reaction or 0.0, terms.load or 0.0, *entries]
+    at = values_at(space.mesh, data, points, np.arange(count))
+    require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
+    require(problem.comm, bool((at[:, :, 0] >= 0.0).all()), "negative at some point", "reaction")
+    A = at[:, :, 2:]
+    A = A[..., None] * np.eye(d) if len(entries) == 1 else A.reshape(*A.shape[:2], d, d)
+    positive = bool((np.linalg.eigvalsh(A) > 0.0).all())
+    require(problem.comm, positive, "not positive definite at some point", "diffusion")
+    u, gradient = _function(problem, frames, problem.sign * problem.u.x.array, points)
+    return CellValues(
+        frames,
+        points,
+        weights,
+        u,
+        gradient,
+        A,
+        np.linalg.inv(A),
+        at[:, :, 0],
+        problem.sign * at[:, :, 1],
+    )
+
+
+def _function(
+    problem: SignoriniProblem, frames: Frames, dofs: Array, points: Array
+) -> tuple[Array, Array]:
+    """A function of the space with its gradient at points of the cells of the mesh."""
+    table = problem.space.element.basix_element.tabulate(1, points)[..., 0]
+    values = dofs[problem.space.dofmap.list[: len(frames.order)]]
+    gradient = np.einsum("aqi,ci->cqa", table[1:], values)
+    corners = np.empty_like(frames.corners)  # in the order of the mesh
+    np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
+    inverses = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    return values @ table[0].T, gradient @ inverses
+
+
+def difference(problem: SignoriniProblem, values: CellValues, dofs: Array) -> tuple[Array, Array]:
+    """Return a function minus the solution, with its gradient, at the points of cells.
+
+    Args:
+        problem: The problem.
+        values: Its solution at the points.
+        dofs: The function at the dofs of this rank, with the signs of a lower obstacle.
+    """
+    change = dofs - problem.sign * problem.u.x.array
+    return _function(problem, values.frames, change, values.points)
+
+
+def cell_data(
+    values: CellValues, kinds: Indices, fluxes: Array, reference: ReferenceFlux
+) -> CellData:
+    """Return what patches need to know of the cells.
+
+    Args:
+        values: The solution and the coefficients.
+        kinds: The kinds of the facets, shape (cells, d + 1).
+        fluxes: The moments of given fluxes on facets.
+        reference: The fields.
+    """
+    frames, degree, J = values.frames, reference.degree, values.frames.jacobians
+    inverse = np.einsum("q,cqab->cab", values.weights, values.inverse)
+    det = frames.volumes * math.factorial(frames.dimension)
+    source = values.load - values.reaction * values.u
+    return CellData(
+        vertices=frames.vertices,
+        facets=frames.facets,
+        kinds=kinds,
+        sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
+        metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
+        gradient=J.transpose(0, 2, 1) @ values.moments(values.gradient, degree),
+        current=frames.inverses
+        @ values.moments(values.current, degree)
+        * frames.volumes[:, None, None],
+        source=values.moments(source, degree) * frames.volumes[:, None],
+        fluxes=fluxes,
+    )
+
+
+def flux_values(
+    values: CellValues, data: CellData, moments: Array, reference: ReferenceFlux
+) -> Array:
+    """Return the field with given fluxes and divergence u - f at points, shape (cells, points, d).
+
+    Args:
+        values: The solution and the coefficients.
+        data: The same as moments.
+        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
+        reference: The fields.
+    """
+    frames = values.frames
+    inner, constant = matrices(data, reference).inner
+    given = np.concatenate((moments.reshape(len(moments), -1), -data.source[:, 1:]), axis=1)
+    more = np.einsum("cij,cj->ci", inner, given) + constant
+    coefficients = np.concatenate((given, more), axis=1)
+    result = np.zeros((len(moments), len(values.weights), frames.dimension))
+    for cells, order in frames.groups():
+        own = barycentric(values.points)[:, order][:, 1:]
+        result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
+    det = frames.volumes * math.factorial(frames.dimension)
+    return np.einsum("cab,cqb->cqa", frames.jacobians / det[:, None, None], result)
+
+
+def quadrature_degree(terms: EnergyTerms, dimension: int, degree: int) -> tuple[int, list[str]]:
+    """Return the degree of a rule for cells, with what the rule knows at its points only.
+
+    Args:
+        terms: The strong form.
+        dimension: Of the domain.
+        degree: Of the solution.
+    """
+    load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)
+    A = [polynomial_degree(entry) for entry in terms.entries(dimension)]
+    found = {"diffusion": any(a != 0 for a in A), "reaction": c != 0, "load": load is None}
+    need = 2 * max(degree + 1, load or 0, (c or 0) + degree)
+    if any(found.values()):
+        need = max(need, 2 * degree + MORE[dimension])
+    if need > BEST[dimension]:
+        found["load"] = True
+    notes = [f"the {name} is known at quadrature points only" for name, few in found.items() if few]
+    return min(need, BEST[dimension]), notes
