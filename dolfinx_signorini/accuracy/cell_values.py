@@ -190,7 +190,9 @@ def flux_values(
     """
     frames = values.frames
     inner, constant = matrices(data, reference).inner
-    given = np.concatenate((moments.reshape(len(moments), -1), -data.source[:, 1:]), axis=1)
+    given = np.concatenate(
+        (moments.reshape(len(moments), reference.fluxes), -data.source[:, 1:]), axis=1
+    )
     more = np.einsum("cij,cj->ci", inner, given) + constant
     coefficients = np.concatenate((given, more), axis=1)
     result = np.zeros((len(moments), len(values.weights), frames.dimension))

@@ -102,7 +102,7 @@ class Frames:
         result = np.zeros((len(values), *values.shape[2:], len(first)))
         for cells, order in self.groups():
             own = polynomials(self.dimension, degree, barycentric(points)[:, order][:, 1:])
-            result[cells] = np.moveaxis(np.tensordot(values[cells], own * weights, (1, 1)), -1, -1)
+            result[cells] = np.tensordot(values[cells], own * weights, (1, 1))
         return result
 
 

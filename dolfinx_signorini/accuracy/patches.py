@@ -112,8 +112,10 @@ def matrices(data: CellData, reference: ReferenceFlux) -> Matrices:
     mass = (data.metric.reshape(-1, d * d) @ reference.mass.reshape(d * d, -1)).reshape(
         len(data.metric), *reference.mass.shape[2:]
     )
-    flat = reference.targets.transpose(1, 2, 0, 3).reshape(data.gradient[0].size, -1)
-    b = (data.gradient.reshape(len(data.gradient), -1) @ flat).reshape(len(mass), d + 1, -1)
+    inner = d * reference.products.shape[1]
+    flat = reference.targets.transpose(1, 2, 0, 3).reshape(inner, -1)
+    b = data.gradient.reshape(len(mass), inner) @ flat
+    b = b.reshape(len(mass), d + 1, mass.shape[1])
     if given == mass.shape[1]:
         none = np.zeros((len(mass), 0, given)), np.zeros((len(mass), 0))
         return Matrices(mass[:, :n, :n], mass[:, :n, n:], b[:, :, :n], none)
@@ -141,6 +143,8 @@ def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, free: Ma
         Shape (cells, d + 1, moments): outward fluxes.
     """
     d, energies = reference.dimension, matrices(data, reference)
+    if not here.any():
+        return np.zeros((len(here), d + 1, reference.per_facet))
     patches = _Patches(data, here, free)
     divergence = _divergences(data, reference)
     known = _known(data, reference, patches, divergence, free)

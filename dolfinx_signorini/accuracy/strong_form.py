@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from ufl.algorithms import estimate_total_polynomial_degree
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import (
@@ -21,31 +20,18 @@ from ufl.classes import (
     MultiIndex,
     Power,
     Product,
+    ScalarValue,
     SpatialCoordinate,
     Sum,
 )
 from ufl.core.expr import Expr
-from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.assembly import Data
 
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]
 
-# What makes polynomials of polynomials; quotients and powers are looked at one by one.
-HARMLESS = (
-    ComponentTensor,
-    ConstantValue,
-    Indexed,
-    IndexSum,
-    ListTensor,
-    MultiIndex,
-    Product,
-    SpatialCoordinate,
-    Sum,
-    ufl.Constant,
-    ufl.FacetNormal,
-)
+SUMS = ComponentTensor | Indexed | IndexSum | ListTensor | Sum
 
 
 @dataclass(frozen=True)
@@ -97,18 +83,32 @@ def polynomial_degree(data: "Data | None") -> int | None:
         return 0
     if not isinstance(data, Expr):
         return None
-    expression = apply_derivatives(apply_algebra_lowering(ufl.as_ufl(data)))
-    for node in unique_pre_traversal(expression):
-        if isinstance(node, fem.Function):
-            if node.function_space.element.basix_element.polyset_type.name != "standard":
-                return None
-        elif isinstance(node, Division):
-            if polynomial_degree(node.ufl_operands[1]) != 0:
-                return None
-        elif isinstance(node, Power):
-            exponent = node.ufl_operands[1]
-            if not (isinstance(exponent, ufl.classes.IntValue) and int(exponent) >= 0):
-                return None
-        elif not isinstance(node, HARMLESS):
-            return None
-    return int(estimate_total_polynomial_degree(expression))
+    expression = apply_derivatives(apply_algebra_lowering(data))
+    return _degree(expression, {})
+
+
+def _degree(node: Expr, done: dict[Expr, int | None]) -> int | None:
+    if node not in done:
+        done[node] = _new_degree(node, done)
+    return done[node]
+
+
+def _new_degree(node: Expr, done: dict[Expr, int | None]) -> int | None:
+    if isinstance(node, SpatialCoordinate):
+        return 1
+    if isinstance(node, ConstantValue | MultiIndex | ufl.Constant | ufl.FacetNormal):
+        return 0
+    if isinstance(node, fem.Function):
+        return int(node.function_space.element.basix_element.embedded_superdegree)
+    if isinstance(node, Power) and isinstance(node.ufl_operands[1], ScalarValue):
+        base, power = _degree(node.ufl_operands[0], done), float(node.ufl_operands[1])
+        return None if base is None or power < 0 or power % 1 else base * int(power)
+    if not isinstance(node, Division | Product | SUMS):
+        return None
+    parts = [_degree(operand, done) for operand in node.ufl_operands]
+    found = [part for part in parts if part is not None]
+    if len(found) < len(parts):
+        return None
+    if isinstance(node, Division):
+        return None if found[1] else found[0]
+    return sum(found) if isinstance(node, Product) else max(found)

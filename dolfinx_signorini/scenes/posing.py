@@ -163,11 +163,17 @@ def _exact_solution(scene: Scene, sided: SidedMesh) -> ManufacturedSolution | No
         return None
     x = ufl.SpatialCoordinate(sided.mesh)
     reaction = None if scene.reaction is None else scene.reaction.ufl(x)
-    diffusion = _diffusion(scene, lambda entry: entry.ufl(x))
-    return manufacture(sided.mesh, scene.solution.ufl(x), diffusion, reaction)
+    K = diffusion(scene, lambda entry: entry.ufl(x))
+    return manufacture(sided.mesh, scene.solution.ufl(x), K, reaction)
 
 
-def _diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
+def diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
+    """Return the diffusion of a scene, a scalar or a matrix; None for 1.
+
+    Args:
+        scene: The scene.
+        value: Makes an expression of each entry.
+    """
     rows = [[value(entry) for entry in row] for row in scene.diffusion]
     if len(rows) <= 1:
         return rows[0][0] if rows else None
@@ -176,7 +182,7 @@ def _diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
 
 def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
     degree = 2 * (scene.degree - 1)
-    k = _diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
+    k = diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
     variable = any(entry.constant is None for row in scene.diffusion for entry in row)
     rule = CELL_RULE if variable else QuadratureRule("default", degree)
     current = ufl.grad(u) if k is None else k * ufl.grad(u)

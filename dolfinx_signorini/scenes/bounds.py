@@ -1,0 +1,64 @@
+"""The proven bound of the energy error of a scene."""
+
+from dataclasses import replace
+
+from dolfinx_signorini.accuracy.energy_bound import EnergyBound, energy_bound
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.scenes.conditions import Dirichlet, Neumann, Setting
+from dolfinx_signorini.scenes.posing import (
+    PosedScene,
+    boundary_parts,
+    diffusion,
+    facets_by_kind,
+)
+
+MADE = "the bound is that of the problem with the obstacle that was made at the nodes"
+
+
+def bound_of_scene(posed: PosedScene) -> EnergyBound:
+    """Return the bound of the energy error of a scene whose problem has been solved.
+
+    Args:
+        posed: The scene on a mesh; the call is collective.
+
+    Raises:
+        InputError: The problem has not been solved, or its data make no sense.
+    """
+    bound = energy_bound(posed.problem, energy_terms(posed))
+    if posed.scene.contact.value is None:
+        return replace(bound, sampled=True, notes=(*bound.notes, MADE))
+    return bound
+
+
+def energy_terms(posed: PosedScene) -> EnergyTerms:
+    """Return the strong form of a scene, with its formulas as they are.
+
+    Args:
+        posed: The scene on a mesh; the call is collective.
+    """
+    scene, sided, exact = posed.scene, posed.sided, posed.exact
+    setting = Setting(sided, posed.problem.space, exact)
+    manufactured = exact if scene.manufactured else None
+    neumann, robin, dirichlet = [], [], []
+    for condition in scene.conditions:
+        facets = sided.facets(condition.sides)
+        load, coefficient = condition.load(setting), condition.coefficient(setting)
+        if load is not None:
+            neumann.append((load, facets))
+        if coefficient is not None:
+            robin.append((coefficient, facets))
+        if isinstance(condition, Dirichlet):
+            value = None if condition.value is None else condition.value.ufl(setting.x)
+            dirichlet.append((value if manufactured is None else manufactured.u, facets))
+    if manufactured is not None:
+        free = facets_by_kind(boundary_parts(scene, sided))[Neumann.acts_like]
+        neumann.append((manufactured.flux, free))
+    load = None if scene.load is None else scene.load.ufl(setting.x)
+    return EnergyTerms(
+        diffusion=diffusion(scene, lambda entry: entry.ufl(setting.x)),
+        reaction=None if scene.reaction is None else scene.reaction.ufl(setting.x),
+        load=load if manufactured is None else manufactured.load,
+        neumann=neumann,
+        robin=robin,
+        dirichlet=dirichlet,
+    )
