@@ -262,23 +262,23 @@ def given_fluxes(
 
 
 def robin_energy(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, dofs: Array
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, w: fem.Function
 ) -> Array:
-    """Return the integrals of k (v - u_h)^2 over the Robin facets of each cell.
+    """Return the integrals of k w^2 over the Robin facets of each cell.
 
     Args:
         problem: The solved problem; the call is collective.
         terms: Its strong form.
         frames: The cells of its mesh.
-        dofs: The function v at the dofs of this rank, with the signs of a lower obstacle.
+        w: A function.
     """
     result = np.zeros(len(frames.order))
     for data, facets in terms.robin:
         marked = on_frames(problem.space.mesh, frames, [facets])
-        degree = problem.space.element.basix_element.degree
-        points = facet_points(problem.space.mesh, frames, marked, 4 * degree + 4)
-        change = points.function(problem.space, dofs - problem.sign * problem.u.x.array)
-        sums = points.values(data) * change**2 @ points.weights * points.sizes
+        degree = 2 * w.function_space.element.basix_element.degree + 4
+        points = facet_points(problem.space.mesh, frames, marked, degree)
+        square = points.function(w.function_space, w.x.array) ** 2
+        sums = points.values(data) * square @ points.weights * points.sizes
         result += np.bincount(points.cells, sums, len(result))
     return result
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from dolfinx_signorini.accuracy.frames import Frames, values_at
 from dolfinx_signorini.accuracy.patches import CellData, matrices
@@ -108,13 +109,13 @@ def cell_values(
     A = A[..., None] * np.eye(d) if len(entries) == 1 else A.reshape(*A.shape[:2], d, d)
     positive = bool((np.linalg.eigvalsh(A) > 0.0).all())
     require(problem.comm, positive, "not positive definite at some point", "diffusion")
-    u, gradient = _function(problem, frames, problem.sign * problem.u.x.array, points)
+    u, gradient = function_values(problem.u, frames, points)
     return CellValues(
         frames,
         points,
         weights,
-        u,
-        gradient,
+        problem.sign * u,
+        problem.sign * gradient,
         A,
         np.linalg.inv(A),
         at[:, :, 0],
@@ -122,29 +123,22 @@ def cell_values(
     )
 
 
-def _function(
-    problem: SignoriniProblem, frames: Frames, dofs: Array, points: Array
-) -> tuple[Array, Array]:
-    """A function of the space with its gradient at points of the cells of the mesh."""
-    table = problem.space.element.basix_element.tabulate(1, points)[..., 0]
-    values = dofs[problem.space.dofmap.list[: len(frames.order)]]
+def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Array, Array]:
+    """Return a function of a Lagrange space with its gradient at points of cells.
+
+    Args:
+        u: The function.
+        frames: The cells of its mesh.
+        points: Points of the reference cell of the mesh.
+    """
+    space = u.function_space
+    table = space.element.basix_element.tabulate(1, points)[..., 0]
+    values = u.x.array[space.dofmap.list[: len(frames.order)]]
     gradient = np.einsum("aqi,ci->cqa", table[1:], values)
     corners = np.empty_like(frames.corners)  # in the order of the mesh
     np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
     inverses = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     return values @ table[0].T, gradient @ inverses
-
-
-def difference(problem: SignoriniProblem, values: CellValues, dofs: Array) -> tuple[Array, Array]:
-    """Return a function minus the solution, with its gradient, at the points of cells.
-
-    Args:
-        problem: The problem.
-        values: Its solution at the points.
-        dofs: The function at the dofs of this rank, with the signs of a lower obstacle.
-    """
-    change = dofs - problem.sign * problem.u.x.array
-    return _function(problem, values.frames, change, values.points)
 
 
 def cell_data(

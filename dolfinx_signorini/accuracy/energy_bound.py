@@ -21,8 +21,8 @@ from dolfinx_signorini.accuracy.cell_values import (
     CellValues,
     cell_data,
     cell_values,
-    difference,
     flux_values,
+    function_values,
     quadrature_degree,
 )
 from dolfinx_signorini.accuracy.equilibration import equilibrated
@@ -168,13 +168,13 @@ def _lifted(
     problem: SignoriniProblem, terms: EnergyTerms, values: CellValues, near: Feasible
 ) -> Array:
     """The energy norm of v - u_h on each cell."""
-    w, gradient = difference(problem, values, near.dofs)
+    w, gradient = function_values(near.change, values.frames, values.points)
     if near.cones is not None:
         more, slopes = near.cones.at(values.points)
         w, gradient = w + more, gradient + slopes
     current = np.einsum("cqab,cqb->cqa", values.diffusion, gradient)
     energy = np.einsum("cqa,cqa->cq", current, gradient) + values.reaction * w**2
-    on_facets = robin_energy(problem, terms, values.frames, near.dofs)
+    on_facets = robin_energy(problem, terms, values.frames, near.change)
     return np.sqrt(values.integrals(energy) + on_facets)
 
 
@@ -186,7 +186,9 @@ def _contact(
     points = facet_points(problem.space.mesh, frames, data.kinds >= OPEN, 2 * degree + 8)
     at = points.cells, points.facets
     obstacle = problem.sign * points.values(problem.obstacle_data)
-    gap = np.maximum(points.function(problem.space, near.dofs) - obstacle, 0.0)
+    near_u = problem.sign * points.function(problem.space, problem.u.x.array)
+    near_u += points.function(near.change.function_space, near.change.x.array)
+    gap = np.maximum(near_u - obstacle, 0.0)
     if near.cones is not None:  # v is the obstacle there
         gap[data.kinds[at] == CLOSED] = 0.0
     flux = np.einsum("nj,njq->nq", moments[at], points.polynomials(degree))

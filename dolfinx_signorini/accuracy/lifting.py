@@ -5,9 +5,9 @@ The discrete solution is feasible at its nodes. Where that is not enough,
 - degree 2 and an obstacle of degree 2: values at the middles of edges are raised, by the least
   that makes the gap non-negative (in space: that makes its Bernstein coefficients non-negative);
 - otherwise in the plane: the solution is set to the obstacle on closed contact facets and to the
-  larger of both on the others. From a facet, what is added goes on to the opposite vertex as a
-  function that is homogeneous of degree 1 about this vertex. Dirichlet data likewise;
-- otherwise in space: the values at vertices are raised by the largest defect next to them.
+  larger of both on the others, and to the data on Dirichlet facets, see `cones`;
+- otherwise in space: the same is done at the nodes of elements of higher degree, and the obstacle
+  and the data are met at these nodes only.
 
 An upper obstacle is a lower one for -u.
 """
@@ -20,80 +20,45 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.boundary_facets import FacetPoints, contact_closures, on_frames
+from dolfinx_signorini.accuracy.boundary_facets import contact_closures
+from dolfinx_signorini.accuracy.cones import (
+    MORE,
+    Cones,
+    cones_on,
+    data_defects,
+    fitted,
+    lattice,
+    loose_ends,
+)
 from dolfinx_signorini.accuracy.frames import Frames
 from dolfinx_signorini.accuracy.patches import CLOSED, OPEN
-from dolfinx_signorini.accuracy.reference_flux import CELLS, barycentric, lowest
+from dolfinx_signorini.accuracy.reference_flux import lowest
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.assembly import dofs_on_facets, evaluator
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
-ROUNDING = 1e-11  # of the largest |u|: defects that are none
-MORE = 6  # by how much polynomials that stand for data are of higher degree than the solution
-
-
-@dataclass(frozen=True)
-class Cones:
-    """Functions on facets in the plane, each with its extension to the cell of the facet.
-
-    Attributes:
-        frames: The cells.
-        cells, facets: The facets, shape (n,).
-        coefficients: Legendre coefficients of the functions, shape (n, polynomials).
-        positive: Whether only the positive part of a function counts.
-    """
-
-    frames: Frames
-    cells: Indices
-    facets: Indices
-    coefficients: Array
-    positive: Marks
-
-    def at(self, points: Array) -> tuple[Array, Array]:
-        """Return the sum of the extensions, with its gradient, at points of all cells.
-
-        Args:
-            points: Points of the reference cell of the mesh.
-        """
-        count, d = len(self.frames.order), self.frames.dimension
-        values, gradients = np.zeros((count, len(points))), np.zeros((count, len(points), d))
-        ends = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])[self.facets]
-        order = np.take_along_axis(self.frames.order[self.cells], ends, axis=1)
-        a, b = barycentric(points).T[order].transpose(1, 0, 2)
-        t = b / np.where(a + b > 0.0, a + b, 1.0)
-        legendre = np.polynomial.legendre
-        scale = np.sqrt(2.0 * np.arange(self.coefficients.shape[1]) + 1.0)
-        series = (self.coefficients * scale).T
-        w = legendre.legval(2.0 * t.T - 1.0, series[:, None], tensor=False).T
-        slope = (
-            2.0 * legendre.legval(2.0 * t.T - 1.0, legendre.legder(series)[:, None], tensor=False).T
-        )
-        kept = (w > 0.0) | ~self.positive[:, None]
-        w, slope = np.where(kept, w, 0.0), np.where(kept, slope, 0.0)
-        own = np.take_along_axis(self.frames.gradients[self.cells], ends[:, :, None], axis=1)
-        both = own.sum(axis=1)[:, None]
-        np.add.at(values, self.cells, (a + b) * w)
-        part = both * w[..., None] + slope[..., None] * (own[:, 1][:, None] - t[..., None] * both)
-        np.add.at(gradients, self.cells, part)
-        return values, gradients
+ROUNDING = 1e-12  # of the largest |u|: defects that are none
+FILLING = 3  # by how much elements in space that stand for data are of higher degree
+OBSTACLE = "the obstacle is known at points of facets only"
+DATA = "Dirichlet data are known at points of facets only"
 
 
 @dataclass(frozen=True)
 class Feasible:
-    """A feasible function: dofs of the space, and in the plane what is added to them from facets.
+    """What is to be added to a solution for a feasible function.
 
     Attributes:
-        dofs: At the dofs of this rank, with the signs of a lower obstacle.
-        cones: What is added; None for nothing.
+        change: A function.
+        cones: What comes on top in the plane; None for nothing.
         missing: Why there is no feasible function; "" where there is one.
         notes: What is known at points only.
     """
 
-    dofs: Array
-    cones: Cones | None
+    change: fem.Function
+    cones: Cones | None = None
     missing: str = ""
     notes: tuple[str, ...] = ()
 
@@ -101,7 +66,7 @@ class Feasible:
 def feasible(
     problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, kinds: Indices
 ) -> Feasible:
-    """Return a feasible function near the solution of a problem.
+    """Return what makes a solution feasible, with the signs of a lower obstacle.
 
     Args:
         problem: The solved problem; the call is collective.
@@ -110,108 +75,58 @@ def feasible(
         kinds: The kinds of the facets of the cells.
     """
     space, d, comm = problem.space, frames.dimension, problem.comm
-    u, degree = _pressed(problem, frames, kinds), space.element.basix_element.degree
+    change, degree = _pressed(problem, frames, kinds), space.element.basix_element.degree
+    u = problem.sign * problem.u.x.array + change.x.array
     tiny = ROUNDING * max(comm.allgather(float(np.abs(u).max(initial=0.0))))
-    order = degree + MORE
-    exact = _within(polynomial_degree(problem.obstacle_data), degree)
-    notes = () if exact else ("the obstacle is known at points of facets only",)
-    defects = _data_defects(problem, terms, frames, u)
+    exact = _within(problem.obstacle_data, degree)
+    known = all(_within(data, degree) for data, _ in terms.dirichlet)
+    notes = (OBSTACLE,) * (not exact) + (DATA,) * (not known)
+    defects = data_defects(problem, terms, frames, u)
     far = comm.allreduce(bool(any((np.abs(w) > tiny).any() for _, w in defects)), op=MPI.LOR)
-    if not all(_within(polynomial_degree(data), degree) for data, _ in terms.dirichlet):
-        notes += ("Dirichlet data are known at points of facets only",)
-    touching = _lattice(problem, frames, kinds >= OPEN, order)
+    touching = lattice(problem, frames, kinds >= OPEN, degree + MORE)
     gap = touching.function(space, u) - problem.sign * touching.values(problem.obstacle_data)
-    low = lowest(d - 1, order, _fitted(touching, gap, order))
-    if exact and not far and comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND):
-        return Feasible(u, None, notes=notes)
-    if exact and not far and degree == 2:
-        dofs, missing = _raised_edges(problem, frames, kinds, u, tiny)
-        return Feasible(dofs, None, missing, notes)
-    if d == 2:
-        missing = _loose_ends(comm, defects, tiny)
-        cones = _cones(frames, [*defects, (touching, -gap)], kinds, order)
-        return Feasible(u, cones, missing, notes)
-    if far:
-        return Feasible(u, None, "Dirichlet data in space are no polynomials of the degree", notes)
-    dofs, missing = _raised_vertices(problem, touching, gap, u, tiny)
-    return Feasible(dofs, None, missing, notes)
+    low = lowest(d - 1, degree + MORE, fitted(touching, gap, degree + MORE))
+    above = comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND)
+    if exact and above and not far:
+        return Feasible(change, notes=notes)
+    if exact and degree == 2 and not far:
+        missing = _raise_edges(problem, frames, kinds, change, tiny)
+        return Feasible(change, None, missing, notes)
+    notes = (OBSTACLE, *notes[1 - exact :]) if not above or d == 3 else notes
+    if d == 3:
+        return Feasible(_filled(problem, terms, frames, kinds), notes=notes)
+    cones = cones_on(frames, [*defects, (touching, -gap)], kinds, degree + MORE)
+    return Feasible(change, cones, loose_ends(comm, defects, tiny), notes)
 
 
-def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> Array:
-    """The solution, at the obstacle at all dofs of closed contact facets."""
+def _within(data: object, degree: int) -> bool:
+    found = polynomial_degree(data)  # type: ignore[arg-type]
+    return found is not None and found <= degree
+
+
+def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> fem.Function:
+    """What sets the solution to the obstacle at all dofs of closed contact facets."""
     _, _, dofs = contact_closures(problem, frames, np.where(kinds == CLOSED, kinds, 0))
     closed = fem.Function(problem.space)
     closed.x.array[dofs] = 1.0
     closed.x.scatter_reverse(la.InsertMode.add)
     closed.x.scatter_forward()
-    u, gap = problem.sign * problem.u.x.array, problem.gap.x.array
-    return np.asarray(np.where(closed.x.array > 0.0, u - gap, u))
+    change = fem.Function(problem.space)
+    change.x.array[:] = np.where(closed.x.array > 0.0, -problem.gap.x.array, 0.0)
+    return change
 
 
-def _within(found: int | None, degree: int) -> bool:
-    return found is not None and found <= degree
-
-
-def _lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: int) -> FacetPoints:
-    """Points of facets, the corners among them, at which a polynomial of a degree is known."""
-    d = frames.dimension - 1
-    kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
-    points = basix.create_lattice(CELLS[d], degree, kind, True, method)
-    none = np.zeros(len(points))
-    return FacetPoints(problem.space.mesh, frames, *np.nonzero(marked), points, none)
-
-
-def _fitted(points: FacetPoints, values: Array, degree: int) -> Array:
-    """The coefficients of the polynomials on facets with given values at a lattice."""
-    table = points.polynomials(degree).transpose(0, 2, 1)
-    return np.asarray(np.linalg.solve(table, values[..., None])[..., 0])
-
-
-def _data_defects(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, u: Array
-) -> list[tuple[FacetPoints, Array]]:
-    """Dirichlet data minus the solution at points of the facets with data."""
-    order = problem.space.element.basix_element.degree + MORE
-    result = []
-    for data, facets in terms.dirichlet:
-        if data is not None:
-            marked = on_frames(problem.space.mesh, frames, [facets])
-            points = _lattice(problem, frames, marked, order)
-            value = problem.sign * points.values(data)
-            result.append((points, value - points.function(problem.space, u)))
-    return result
-
-
-def _loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: float) -> str:
-    loose = False
-    for points, values in defects:
-        ends = np.isin(points.reference[:, 0], (0.0, 1.0))
-        loose |= bool((np.abs(values[:, ends]) > tiny).any())
-    if comm.allreduce(loose, op=MPI.LOR):
-        return "Dirichlet data differ from those of the problem at a vertex"
-    return ""
-
-
-def _cones(
-    frames: Frames, defects: list[tuple[FacetPoints, Array]], kinds: Indices, order: int
-) -> Cones:
-    """What is to be added on facets in the plane, given by values at lattices."""
-    cells = np.concatenate([points.cells for points, _ in defects])
-    facets = np.concatenate([points.facets for points, _ in defects])
-    series = np.concatenate([_fitted(points, values, order) for points, values in defects])
-    positive = kinds[cells, facets] == OPEN
-    high = -lowest(1, order, -series)
-    used = np.where(positive, high > 0.0, np.abs(series).max(axis=1, initial=0.0) > 0.0)
-    return Cones(frames, cells[used], facets[used], series[used], positive[used])
-
-
-def _raised_edges(
-    problem: SignoriniProblem, frames: Frames, kinds: Indices, u: Array, tiny: float
-) -> tuple[Array, str]:
-    """Values of degree 2 that are raised at the middles of edges, with a message of failure."""
+def _raise_edges(
+    problem: SignoriniProblem,
+    frames: Frames,
+    kinds: Indices,
+    change: fem.Function,
+    tiny: float,
+) -> str:
+    """Raise a function of degree 2 at the middles of edges; return why that fails, or ""."""
     space, d = problem.space, frames.dimension
     element = space.element.basix_element
-    gap = np.maximum(problem.gap.x.array + u - problem.sign * problem.u.x.array, 0.0)
+    gap = np.maximum(problem.gap.x.array + change.x.array, 0.0)
     inside = basix.cell.sub_entity_connectivity(element.cell_type)[d - 1]
     edges = np.array([facet[1] for facet in inside])
     closures = np.array(element.entity_closure_dofs[1])
@@ -228,37 +143,31 @@ def _raised_edges(
     for function in (raised, count):
         function.x.scatter_reverse(la.InsertMode.add)
         function.x.scatter_forward()
-    change = raised.x.array / np.maximum(count.x.array, 1.0)
-    held = bool((change[problem.fixed_dofs] > tiny).any())
-    return u + change, _held(problem, held)
-
-
-def _raised_vertices(
-    problem: SignoriniProblem, points: FacetPoints, gap: Array, u: Array, tiny: float
-) -> tuple[Array, str]:
-    """Values that are raised by hat functions of contact vertices, with a message of failure."""
-    space, frames = problem.space, points.frames
-    linear = fem.functionspace(space.mesh, ("Lagrange", 1))
-    defect = np.maximum(-gap, 0.0).max(axis=1, initial=0.0)
-    d = frames.dimension
-    others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
-    local = np.take_along_axis(frames.order[points.cells], others[points.facets], axis=1)
-    dofs = np.take_along_axis(linear.dofmap.list[points.cells], local, axis=1)
-    used = defect > tiny
-    index_map = linear.dofmap.index_map
-    numbers = index_map.local_to_global(dofs[used].ravel())
-    parts = problem.comm.allgather((numbers, np.repeat(defect[used], d)))
-    hats = fem.Function(linear)
-    for numbers, values in parts:
-        place = index_map.global_to_local(numbers)
-        np.maximum.at(hats.x.array, place[place >= 0], values[place >= 0])
-    raised = fem.Function(space)
-    raised.interpolate(hats)
-    raised.x.scatter_forward()
+    change.x.array[:] += raised.x.array / np.maximum(count.x.array, 1.0)
     held = bool((raised.x.array[problem.fixed_dofs] > tiny).any())
-    return u + raised.x.array, _held(problem, held)
-
-
-def _held(problem: SignoriniProblem, held: bool) -> str:
     found = problem.comm.allreduce(held, op=MPI.LOR)
     return "the obstacle is above the solution where Dirichlet data hold the solution" * found
+
+
+def _filled(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, kinds: Indices
+) -> fem.Function:
+    """What meets data and obstacle at the nodes of elements of higher degree."""
+    degree = problem.space.element.basix_element.degree + FILLING
+    space = fem.functionspace(problem.space.mesh, ("Lagrange", degree))
+    u, change = fem.Function(space), fem.Function(space)
+    u.interpolate(problem.u)
+    closed = np.zeros(len(change.x.array), dtype=bool)
+    closed[dofs_on_facets(space, frames.local_facets[kinds == CLOSED].astype(np.int32))] = True
+    dofs = dofs_on_facets(space, problem.contact)
+    defect = evaluator(space, problem.obstacle_data, dofs)() - u.x.array[dofs]
+    defect *= problem.sign
+    change.x.array[dofs] = np.where(closed[dofs], defect, np.maximum(defect, 0.0))
+    for data, facets in terms.dirichlet:
+        dofs, values = dofs_on_facets(space, facets), u.x.array
+        if data is not None:
+            values = np.zeros_like(values)
+            values[dofs] = evaluator(space, data, dofs)()
+        change.x.array[dofs] = problem.sign * (values[dofs] - u.x.array[dofs])
+    change.x.scatter_forward()
+    return change

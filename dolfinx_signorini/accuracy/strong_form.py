@@ -87,13 +87,13 @@ def polynomial_degree(data: "Data | None") -> int | None:
     return _degree(expression, {})
 
 
-def _degree(node: Expr, done: dict[Expr, int | None]) -> int | None:
-    if node not in done:
-        done[node] = _new_degree(node, done)
-    return done[node]
+def _degree(node: Expr, done: dict[int, int | None]) -> int | None:
+    if id(node) not in done:  # conditions have no equality
+        done[id(node)] = _new_degree(node, done)
+    return done[id(node)]
 
 
-def _new_degree(node: Expr, done: dict[Expr, int | None]) -> int | None:
+def _new_degree(node: Expr, done: dict[int, int | None]) -> int | None:
     if isinstance(node, SpatialCoordinate):
         return 1
     if isinstance(node, ConstantValue | MultiIndex | ufl.Constant | ufl.FacetNormal):

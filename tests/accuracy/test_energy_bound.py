@@ -174,7 +174,7 @@ def test_plane(name, degree, comm):
 def test_space(degree, c, fixed, u, comm):
     domain = cube(comm)
     x = ufl.SpatialCoordinate(domain)
-    if u is detaching and fixed:
+    if False:
         pytest.skip("no polynomial")
     case = Case(domain, u(x), degree, c=c, fixed=fixed)
     bound, error = energy_bound(case.problem, case.terms), case.error()
