@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.accuracy.diffusion import Diffusion, diffusion_at
 from dolfinx_signorini.accuracy.frames import Frames, values_at
 from dolfinx_signorini.accuracy.patches import CellData, matrices
 from dolfinx_signorini.accuracy.reference_flux import (
@@ -41,7 +42,7 @@ class CellValues:
         points, weights: The rule on the reference cell of the mesh; the weights add up to 1.
         u: The solution, shape (cells, points).
         gradient: Its gradient, shape (cells, points, d).
-        diffusion, inverse: A and its inverse, shape (cells, points, d, d).
+        diffusion: A.
         reaction, load: c and f, shape (cells, points).
     """
 
@@ -50,15 +51,14 @@ class CellValues:
     weights: Array
     u: Array
     gradient: Array
-    diffusion: Array
-    inverse: Array
+    diffusion: Diffusion
     reaction: Array
     load: Array
 
     @property
     def current(self) -> Array:
         """A grad u, shape (cells, points, d)."""
-        return np.asarray(np.einsum("cqab,cqb->cqa", self.diffusion, self.gradient))
+        return self.diffusion.times(self.gradient)
 
     def moments(self, values: Array, degree: int) -> Array:
         """Return the means over cells of a function times polynomials, see `Frames.moments`.
@@ -105,10 +105,13 @@ def cell_values(
     at = values_at(space.mesh, data, points, np.arange(count))
     require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
     require(problem.comm, bool((at[:, :, 0] >= 0.0).all()), "negative at some point", "reaction")
-    A = at[:, :, 2:]
-    A = A[..., None] * np.eye(d) if len(entries) == 1 else A.reshape(*A.shape[:2], d, d)
-    positive = bool((np.linalg.eigvalsh(A) > 0.0).all())
-    require(problem.comm, positive, "not positive definite at some point", "diffusion")
+    A = diffusion_at(at[:, :, 2:], d)
+    require(
+        problem.comm,
+        bool((A.lowest > 0.0).all()),
+        "not positive definite at some point",
+        "diffusion",
+    )
     u, gradient = function_values(problem.u, frames, points)
     return CellValues(
         frames,
@@ -117,7 +120,6 @@ def cell_values(
         problem.sign * u,
         problem.sign * gradient,
         A,
-        np.linalg.inv(A),
         at[:, :, 0],
         problem.sign * at[:, :, 1],
     )
@@ -134,7 +136,7 @@ def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Arr
     space = u.function_space
     table = space.element.basix_element.tabulate(1, points)[..., 0]
     values = u.x.array[space.dofmap.list[: len(frames.order)]]
-    gradient = np.einsum("aqi,ci->cqa", table[1:], values)
+    gradient = np.stack([values @ slopes.T for slopes in table[1:]], axis=2)
     corners = np.empty_like(frames.corners)  # in the order of the mesh
     np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
     inverses = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
@@ -153,7 +155,7 @@ def cell_data(
         reference: The fields.
     """
     frames, degree, J = values.frames, reference.degree, values.frames.jacobians
-    inverse = np.einsum("q,cqab->cab", values.weights, values.inverse)
+    inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
     det = frames.volumes * math.factorial(frames.dimension)
     source = values.load - values.reaction * values.u
     return CellData(
@@ -194,7 +196,7 @@ def flux_values(
         own = barycentric(values.points)[:, order][:, 1:]
         result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
     det = frames.volumes * math.factorial(frames.dimension)
-    return np.einsum("cab,cqb->cqa", frames.jacobians / det[:, None, None], result)
+    return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))
 
 
 def quadrature_degree(terms: EnergyTerms, dimension: int, degree: int) -> tuple[int, list[str]]:

@@ -113,15 +113,13 @@ def _check_mesh(problem: SignoriniProblem) -> None:
 def _distance(values: CellValues, y: Array) -> Array:
     """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell."""
     apart = values.current - y
-    square = np.einsum("cqa,cqab,cqb->cq", apart, values.inverse, apart)
-    return np.sqrt(values.integrals(square))
+    return np.sqrt(values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2)))
 
 
 def _oscillation(values: CellValues, missed: Array, degree: int) -> Array:
     """What load and fluxes have beside polynomials, as a bound for each cell."""
     frames, d = values.frames, values.frames.dimension
-    a = np.linalg.eigvalsh(values.diffusion).min(axis=(1, 2), initial=np.inf)
-    c = values.reaction.min(axis=1, initial=np.inf)
+    a, c = values.diffusion.lowest, values.reaction.min(axis=1, initial=np.inf)
     with np.errstate(divide="ignore"):
         weight = np.minimum(frames.diameters / (math.pi * np.sqrt(a)), 1.0 / np.sqrt(c))
     on_cells = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
@@ -172,8 +170,7 @@ def _lifted(
     if near.cones is not None:
         more, slopes = near.cones.at(values.points)
         w, gradient = w + more, gradient + slopes
-    current = np.einsum("cqab,cqb->cqa", values.diffusion, gradient)
-    energy = np.einsum("cqa,cqa->cq", current, gradient) + values.reaction * w**2
+    energy = (gradient * values.diffusion.times(gradient)).sum(axis=2) + values.reaction * w**2
     on_facets = robin_energy(problem, terms, values.frames, near.change)
     return np.sqrt(values.integrals(energy) + on_facets)
 
