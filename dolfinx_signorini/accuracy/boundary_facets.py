@@ -10,8 +10,8 @@ import ufl
 from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN
 from dolfinx_signorini.accuracy.frames import Frames, values_at
-from dolfinx_signorini.accuracy.patches import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN
 from dolfinx_signorini.accuracy.reference_flux import polynomials, rule
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms, Facets, polynomial_degree
 from dolfinx_signorini.assembly import Data

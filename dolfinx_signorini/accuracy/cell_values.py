@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.accuracy.condensation import CellData
 from dolfinx_signorini.accuracy.diffusion import Diffusion, diffusion_at
 from dolfinx_signorini.accuracy.frames import Frames, values_at
-from dolfinx_signorini.accuracy.patches import CellData, matrices
 from dolfinx_signorini.accuracy.reference_flux import (
     ReferenceFlux,
     barycentric,
@@ -59,6 +59,25 @@ class CellValues:
     def current(self) -> Array:
         """A grad u, shape (cells, points, d)."""
         return self.diffusion.times(self.gradient)
+
+    @property
+    def least_reaction(self) -> Array:
+        """The smallest value of c at the points of each cell."""
+        return self.reaction.min(axis=1, initial=np.inf)
+
+    @property
+    def l2_weight(self) -> Array:
+        """The L2 norm of w on each cell is at most this times that of c^(1/2) w."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / np.sqrt(self.least_reaction))
+
+    @property
+    def gradient_weight(self) -> Array:
+        """The L2 norm of w - mean(w) is at most this times that of A^(1/2) grad w.
+
+        Source: Payne and Weinberger, Arch. Rational Mech. Anal. 5 (1960) 286-292.
+        """
+        return self.frames.diameters / (math.pi * np.sqrt(self.diffusion.lowest))
 
     def moments(self, values: Array, degree: int) -> Array:
         """Return the means over cells of a function times polynomials, see `Frames.moments`.
@@ -170,28 +189,20 @@ def cell_data(
         * frames.volumes[:, None, None],
         source=values.moments(source, degree) * frames.volumes[:, None],
         fluxes=fluxes,
+        strength=np.where(values.l2_weight < values.gradient_weight, values.least_reaction, 0.0),
     )
 
 
-def flux_values(
-    values: CellValues, data: CellData, moments: Array, reference: ReferenceFlux
-) -> Array:
-    """Return the field with given fluxes and divergence u - f at points, shape (cells, points, d).
+def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlux) -> Array:
+    """Return a field at points, shape (cells, points, d).
 
     Args:
-        values: The solution and the coefficients.
-        data: The same as moments.
-        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
+        values: The solution and the coefficients of the equation.
+        coefficients: Those of the field, shape (cells, fields).
         reference: The fields.
     """
     frames = values.frames
-    inner, constant = matrices(data, reference).inner
-    given = np.concatenate(
-        (moments.reshape(len(moments), reference.fluxes), -data.source[:, 1:]), axis=1
-    )
-    more = np.einsum("cij,cj->ci", inner, given) + constant
-    coefficients = np.concatenate((given, more), axis=1)
-    result = np.zeros((len(moments), len(values.weights), frames.dimension))
+    result = np.zeros((len(coefficients), len(values.weights), frames.dimension))
     for cells, order in frames.groups():
         own = barycentric(values.points)[:, order][:, 1:]
         result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))

@@ -25,18 +25,24 @@ from dolfinx_signorini.accuracy.cell_values import (
     function_values,
     quadrature_degree,
 )
+from dolfinx_signorini.accuracy.condensation import (
+    CLOSED,
+    DIRICHLET,
+    OPEN,
+    CellData,
+    coefficients,
+)
 from dolfinx_signorini.accuracy.equilibration import equilibrated
 from dolfinx_signorini.accuracy.frames import Frames, cell_frames
 from dolfinx_signorini.accuracy.lifting import Feasible, feasible
-from dolfinx_signorini.accuracy.patches import CLOSED, DIRICHLET, OPEN, CellData
-from dolfinx_signorini.accuracy.reference_flux import reference_flux
+from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, reference_flux
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms
 from dolfinx_signorini.accuracy.transport import transported
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,17 @@ class EnergyBound:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """The parts of the bound on each cell: norms, and for contact the integral sigma."""
+
+    flux: Array
+    data: tuple[Array, Array]
+    mean: Array
+    lifting: Array
+    contact: Array
+
+
 def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
@@ -88,15 +105,17 @@ def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     moments = equilibrated(domain, data, reference)
     moments, reason = _without_defects(domain.comm, values, data, moments)
     near = feasible(problem, terms, frames, kinds)
-    y = flux_values(values, data, moments, reference)
-    parts = {
-        "flux": _distance(values, y),
-        "data": _oscillation(values, missed, degree),
-        "mean": _means(values, moments, data),
-        "lifting": _lifted(problem, terms, values, near),
-        "contact": _contact(problem, near, data, moments, frames),
-    }
-    return _bound(domain.comm, parts, near.missing or reason, (*notes, *more, *near.notes))
+    field = coefficients(data, reference, moments)
+    parts = _Parts(
+        flux=_distance(values, flux_values(values, field, reference)),
+        data=_oscillation(values, missed, degree),
+        mean=_residual(values, data, field, reference),
+        lifting=_lifted(problem, terms, values, near),
+        contact=_contact(problem, near, data, moments, frames),
+    )
+    weak = values.gradient_weight <= values.l2_weight
+    notes = [*notes, *more, *near.notes]
+    return _bound(domain.comm, parts, weak, near.missing or reason, notes)
 
 
 def _check_mesh(problem: SignoriniProblem) -> None:
@@ -116,16 +135,14 @@ def _distance(values: CellValues, y: Array) -> Array:
     return np.sqrt(values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2)))
 
 
-def _oscillation(values: CellValues, missed: Array, degree: int) -> Array:
-    """What load and fluxes have beside polynomials, as a bound for each cell."""
-    frames, d = values.frames, values.frames.dimension
-    a, c = values.diffusion.lowest, values.reaction.min(axis=1, initial=np.inf)
-    with np.errstate(divide="ignore"):
-        weight = np.minimum(frames.diameters / (math.pi * np.sqrt(a)), 1.0 / np.sqrt(c))
+def _oscillation(values: CellValues, missed: Array, degree: int) -> tuple[Array, Array]:
+    """What load and fluxes have beside polynomials, as bounds for each cell."""
+    frames, d, a = values.frames, values.frames.dimension, values.diffusion.lowest
+    weight = np.minimum(values.gradient_weight, values.l2_weight)
     on_cells = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
     square = frames.facet_sizes / frames.volumes[:, None] * frames.diameters[:, None] ** 2
     square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
-    return np.asarray(on_cells + (np.sqrt(square) * missed).sum(axis=1))
+    return on_cells, (np.sqrt(square) * missed).sum(axis=1)
 
 
 def _defects(data: CellData, moments: Array) -> Array:
@@ -133,18 +150,19 @@ def _defects(data: CellData, moments: Array) -> Array:
     return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
 
 
-def _means(values: CellValues, moments: Array, data: CellData) -> Array:
-    """What is left in cells with a reaction, as a bound for each cell."""
-    c, defects = values.reaction.min(axis=1, initial=np.inf), _defects(data, moments)
-    kept = np.where(c > 0.0, np.abs(defects), 0.0)
-    return np.asarray(kept / np.sqrt(values.frames.volumes * np.where(c > 0.0, c, 1.0)))
+def _residual(values: CellValues, data: CellData, field: Array, reference: ReferenceFlux) -> Array:
+    """What is left of the polynomial f - c u + div y in cells with a reaction, as a bound."""
+    inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
+    first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
+    size = np.sqrt((np.square(inner).sum(axis=1) + first**2) / values.frames.volumes)
+    return np.asarray(np.where(np.isfinite(values.l2_weight), values.l2_weight, 0.0) * size)
 
 
 def _without_defects(
     comm: MPI.Comm, values: CellValues, data: CellData, moments: Array
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without a reaction; also return why not, or ""."""
-    ends = values.reaction.min(axis=1, initial=np.inf) > 0.0
+    ends = values.least_reaction > 0.0
     wanted = np.where(ends, 0.0, -_defects(data, moments))
     if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
         return moments, ""
@@ -186,7 +204,7 @@ def _contact(
     near_u = problem.sign * points.function(problem.space, problem.u.x.array)
     near_u += points.function(near.change.function_space, near.change.x.array)
     gap = np.maximum(near_u - obstacle, 0.0)
-    if near.cones is not None:  # v is the obstacle there
+    if near.meets:
         gap[data.kinds[at] == CLOSED] = 0.0
     flux = np.einsum("nj,njq->nq", moments[at], points.polynomials(degree))
     sums = np.maximum(flux, 0.0) * gap @ points.weights
@@ -194,17 +212,29 @@ def _contact(
 
 
 def _bound(
-    comm: MPI.Comm, parts: dict[str, Array], missing: str, notes: tuple[str, ...]
+    comm: MPI.Comm, parts: _Parts, weak: Marks, missing: str, notes: list[str]
 ) -> EnergyBound:
-    eta, sigma = parts["flux"] + parts["data"] + parts["mean"], parts["contact"]
-    squares = {name: part if name == "contact" else part**2 for name, part in parts.items()}
-    norms = {name: math.sqrt(comm.allreduce(float(part.sum()))) for name, part in squares.items()}
-    size = math.sqrt(comm.allreduce(float((eta**2).sum())))
-    sigma_norm, lifting = norms["contact"], norms["lifting"]
-    total = 0.5 * (size + math.sqrt(size**2 + 4.0 * sigma_norm**2))
+    """Put the parts together: those tested with grad e, and those tested with c^(1/2) e."""
+    on_cells, on_facets = parts.data
+    by_gradient = parts.flux + on_facets + np.where(weak, on_cells, 0.0)
+    # What is left of the polynomial part is orthogonal to the rest.
+    square = by_gradient**2 + parts.mean**2 + np.where(weak, 0.0, on_cells) ** 2
+
+    def root(values: Array) -> float:
+        return math.sqrt(comm.allreduce(float(values.sum())))
+
+    eta, contact, lifting = root(square), root(parts.contact), root(parts.lifting**2)
+    total = 0.5 * (eta + math.sqrt(eta**2 + 4.0 * contact**2))
     if lifting > 0.0:
-        total = math.sqrt(size**2 + 2.0 * sigma_norm**2 + lifting**2)
-    cells = np.sqrt(eta**2 + sigma + squares["lifting"])
-    if missing:
-        total, notes = math.inf, (missing, *notes)
-    return EnergyBound(**norms, total=total, cells=cells, sampled=bool(notes), notes=notes)
+        total = math.sqrt(eta**2 + 2.0 * contact**2 + lifting**2)
+    return EnergyBound(
+        flux=root(parts.flux**2),
+        data=root((on_cells + on_facets) ** 2),
+        contact=contact,
+        mean=root(parts.mean**2),
+        lifting=lifting,
+        total=math.inf if missing else total,
+        cells=np.sqrt(square + parts.contact + parts.lifting**2),
+        sampled=bool(notes),
+        notes=(missing, *notes) if missing else tuple(notes),
+    )

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from dolfinx import la, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.patches import CLOSED, CellData, patch_fluxes
+from dolfinx_signorini.accuracy.condensation import CLOSED, CellData
+from dolfinx_signorini.accuracy.patches import patch_fluxes
 from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, lowest
 
 Array = npt.NDArray[np.float64]

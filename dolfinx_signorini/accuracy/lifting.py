@@ -21,6 +21,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.boundary_facets import contact_closures
+from dolfinx_signorini.accuracy.condensation import CLOSED, OPEN
 from dolfinx_signorini.accuracy.cones import (
     MORE,
     Cones,
@@ -31,7 +32,6 @@ from dolfinx_signorini.accuracy.cones import (
     loose_ends,
 )
 from dolfinx_signorini.accuracy.frames import Frames
-from dolfinx_signorini.accuracy.patches import CLOSED, OPEN
 from dolfinx_signorini.accuracy.reference_flux import lowest
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.assembly import dofs_on_facets, evaluator
@@ -53,12 +53,14 @@ class Feasible:
     Attributes:
         change: A function.
         cones: What comes on top in the plane; None for nothing.
+        meets: Whether the feasible function is the obstacle on closed contact facets.
         missing: Why there is no feasible function; "" where there is one.
         notes: What is known at points only.
     """
 
     change: fem.Function
     cones: Cones | None = None
+    meets: bool = True
     missing: str = ""
     notes: tuple[str, ...] = ()
 
@@ -91,12 +93,13 @@ def feasible(
         return Feasible(change, notes=notes)
     if exact and degree == 2 and not far:
         missing = _raise_edges(problem, frames, kinds, change, tiny)
-        return Feasible(change, None, missing, notes)
+        return Feasible(change, missing=missing, notes=notes)
     notes = (OBSTACLE, *notes[1 - exact :]) if not above or d == 3 else notes
     if d == 3:
-        return Feasible(_filled(problem, terms, frames, kinds), notes=notes)
+        return Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
     cones = cones_on(frames, [*defects, (touching, -gap)], kinds, degree + MORE)
-    return Feasible(change, cones, loose_ends(comm, defects, tiny), notes)
+    missing = loose_ends(comm, defects, tiny)
+    return Feasible(change, cones, missing=missing, notes=notes)
 
 
 def _within(data: object, degree: int) -> bool:

@@ -14,119 +14,26 @@ Source: Braess and Schoeberl, Math. Comp. 77 (2008) 651-672; Ern and Vohralik, S
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.accuracy.condensation import (
+    CLOSED,
+    DIRICHLET,
+    NEUMANN,
+    OPEN,
+    CellData,
+    condensed,
+    divergences,
+)
 from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
-# Kinds of facets.
-INTERIOR, DIRICHLET, NEUMANN, OPEN, CLOSED = range(5)
 MOST_NUMBERS = 4_000_000  # of the matrices that are solved at once
-
-
-@dataclass(frozen=True)
-class CellData:
-    """What patches need to know of cells, whose vertices are in the order of their numbers.
-
-    Arrays have one row for each cell; facet k lies opposite vertex k. Cell data of several ranks
-    are put together by rows:
-
-        packed = np.concatenate((mine.packed(), received))
-        everything = CellData.unpacked(packed, reference)
-
-    Attributes:
-        vertices, facets: Global numbers, shape (cells, d + 1).
-        kinds: `INTERIOR`, `DIRICHLET`, `NEUMANN`, or a contact facet that is `OPEN` or `CLOSED`,
-            where `CLOSED` facets touch the obstacle all over.
-        sizes: Of the cell in the first column, then of the facets.
-        metric: J^T A^-1 J / |det J|, shape (cells, d, d).
-        gradient: Coefficients of J^T grad u, shape (cells, d, polynomials).
-        current: J^-1 times the moments of A grad u, shape (cells, d, polynomials).
-        source: The moments of f - c u, shape (cells, polynomials).
-        fluxes: The moments of the given flux on Neumann facets, shape (cells, d + 1, moments).
-    """
-
-    vertices: Indices
-    facets: Indices
-    kinds: Indices
-    sizes: Array
-    metric: Array
-    gradient: Array
-    current: Array
-    source: Array
-    fluxes: Array
-
-    def packed(self) -> Array:
-        """Return all data as one array with a row for each cell."""
-        parts = [np.asarray(part, dtype=np.float64) for part in vars(self).values()]
-        return np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)
-
-    @classmethod
-    def unpacked(cls, rows: Array, reference: ReferenceFlux) -> "CellData":
-        """Return the cell data of an array of `packed`.
-
-        Args:
-            rows: The array.
-            reference: The fields that the data were made for.
-        """
-        d, n = reference.dimension, reference.products.shape[1]
-        flat: list[tuple[int, ...]] = [(d + 1,)] * 3 + [(d + 2,), (d, d), (d, n), (d, n), (n,)]
-        shapes = [*flat, (d + 1, reference.per_facet)]
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
-        parts = np.split(rows, ends, axis=1)
-        parts = [p.reshape(len(p), *shape) for p, shape in zip(parts, shapes, strict=True)]
-        return cls(*(np.rint(p).astype(np.int64) for p in parts[:3]), *parts[3:])
-
-
-@dataclass(frozen=True)
-class Matrices:
-    """The energies of the fields in each cell, where inner fields are the best possible.
-
-    Attributes:
-        fluxes: Of moments on the facets, shape (cells, fluxes, fluxes).
-        mixed: Of moments on the facets with those of the divergence.
-        targets: The products with phi grad u for each vertex, shape (cells, d + 1, fluxes).
-        inner: The inner fields for given moments, and for targets.
-    """
-
-    fluxes: Array
-    mixed: Array
-    targets: Array
-    inner: tuple[Array, Array]
-
-
-def matrices(data: CellData, reference: ReferenceFlux) -> Matrices:
-    """Return the energies of the fields of cells.
-
-    Args:
-        data: The cells.
-        reference: The fields.
-    """
-    d, n, given = reference.dimension, reference.fluxes, reference.given
-    mass = (data.metric.reshape(-1, d * d) @ reference.mass.reshape(d * d, -1)).reshape(
-        len(data.metric), *reference.mass.shape[2:]
-    )
-    inner = d * reference.products.shape[1]
-    flat = reference.targets.transpose(1, 2, 0, 3).reshape(inner, -1)
-    b = data.gradient.reshape(len(mass), inner) @ flat
-    b = b.reshape(len(mass), d + 1, mass.shape[1])
-    if given == mass.shape[1]:
-        none = np.zeros((len(mass), 0, given)), np.zeros((len(mass), 0))
-        return Matrices(mass[:, :n, :n], mass[:, :n, n:], b[:, :, :n], none)
-    inverse = np.linalg.inv(mass[:, given:, given:])
-    to_inner = -inverse @ mass[:, given:, :given]
-    condensed = mass[:, :given, :given] + mass[:, :given, given:] @ to_inner
-    targets = b[:, :, :given] + b[:, :, given:] @ to_inner
-    constant = np.einsum("cij,cj->ci", inverse, b[:, :, given:].sum(axis=1))
-    return Matrices(
-        condensed[:, :n, :n], condensed[:, :n, n:], targets[:, :, :n], (to_inner, constant)
-    )
 
 
 def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, free: Marks) -> Array:
@@ -142,25 +49,25 @@ def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, free: Ma
     Returns:
         Shape (cells, d + 1, moments): outward fluxes.
     """
-    d, energies = reference.dimension, matrices(data, reference)
+    d = reference.dimension
     if not here.any():
         return np.zeros((len(here), d + 1, reference.per_facet))
     patches = _Patches(data, here, free)
-    divergence = _divergences(data, reference)
+    (energies, forces), divergence = condensed(data, reference), divergences(data, reference)
     known = _known(data, reference, patches, divergence, free)
     total = divergence[:, :, 0] - known[..., 0].sum(axis=2)
     total = patches.balanced(total, data.sizes[:, :1])
     flat = known.reshape(*here.shape, reference.fluxes)
-    forces = energies.targets - divergence[:, :, 1:] @ energies.mixed.transpose(0, 2, 1)
-    forces -= flat @ energies.fluxes
+    forces = forces - flat @ energies
+    slack = data.strength * data.sizes[:, 0]
     for cells, vertices, unknowns, signs, count, closed in patches.groups(reference):
         others = _others(d)[vertices]  # the facets at the vertex
         moments = others[..., None] * reference.per_facet + np.arange(reference.per_facet)
         moments = moments.reshape(*vertices.shape, -1)
         rows, columns = moments[..., :, None], moments[..., None, :]
-        K = energies.fluxes[cells[..., None, None], rows, columns]
+        K = energies[cells[..., None, None], rows, columns]
         b = forces[cells[..., None], vertices[..., None], moments]
-        x = _solved(K, b, total[cells, vertices], unknowns, signs, count, closed, d)
+        x = _solved(K, b, total[cells, vertices], slack[cells], unknowns, signs, count, closed)
         flat[cells[..., None], vertices[..., None], moments] += x
     return flat.sum(axis=1).reshape(len(here), d + 1, -1)
 
@@ -170,20 +77,12 @@ def _others(d: int) -> Indices:
     return np.array([[k for k in range(d + 1) if k != a] for a in range(d + 1)])
 
 
-def _divergences(data: CellData, reference: ReferenceFlux) -> Array:
-    """The moments of the divergence for each cell and vertex, shape (cells, d + 1, moments)."""
-    shape = reference.products.shape
-    source = (data.source @ reference.products.transpose(1, 0, 2).reshape(shape[1], -1)).reshape(
-        -1, shape[0], shape[2]
-    )
-    return np.asarray(reference.gradients @ data.current - source)
-
-
 class _Patches:
     """Which cells form the patch of which vertex."""
 
     def __init__(self, data: CellData, here: Marks, free: Marks):
         self.shape = here.shape
+        self.slack = (data.strength > 0.0)[:, None] & here
         corners = np.flatnonzero(here)  # pairs of a cell and one of its vertices
         self.names, vertex = np.unique(data.vertices.ravel()[corners], return_inverse=True)
         order = np.argsort(vertex, kind="stable")
@@ -234,7 +133,7 @@ class _Patches:
         Yields:
             Cells and vertices, shape (patches, cells), for each facet at the vertex its number in
             the patch and its sign, shape (patches, cells, d), the number of such facets in a patch,
-            and whether the patch has no free facet on the boundary.
+            and whether the sum of the total fluxes of its cells is given.
         """
         unknown = self.kind <= DIRICHLET
         keys = np.where(unknown, self.vertex[:, None] * (self.facets.max(initial=0) + 1), -1)
@@ -254,7 +153,10 @@ class _Patches:
         free = np.bincount(
             self.vertex, (self.kind == DIRICHLET).sum(axis=1), minlength=len(self.names)
         )
-        table = np.stack((cells, count, free > 0), axis=1)
+        slack = np.bincount(
+            self.vertex, self.slack.ravel()[self.corners], minlength=len(self.names)
+        )
+        table = np.stack((cells, count, free + slack > 0), axis=1)
         kinds, group = np.unique(table, axis=0, return_inverse=True)
         for k, (n, m, open_) in enumerate(kinds):
             size = int(m) * reference.per_facet + int(n)
@@ -314,13 +216,15 @@ def _solved(
     K: Array,
     b: Array,
     total: Array,
+    slack: Array,
     unknowns: Indices,
     signs: Indices,
     count: int,
     closed: bool,
-    d: int,
 ) -> Array:
     """Solve patches of one kind: the least energy for given total fluxes of the cells.
+
+    Where a cell has slack, other total fluxes are allowed, and cost energy.
 
     Returns:
         The moments on the facets at the vertex, shape (patches, cells, d * moments).
@@ -328,7 +232,7 @@ def _solved(
     patches, cells, width = b.shape
     if not patches or not count:
         return np.zeros_like(b)
-    moments = width // d
+    moments = width // signs.shape[2]
     size, rows = count * moments, cells - closed
     place = np.where(unknowns[..., None] >= 0, unknowns[..., None] * moments, size)
     place = np.where(place < size, place + np.arange(moments), size).reshape(b.shape)
@@ -348,6 +252,8 @@ def _solved(
     np.put_along_axis(sums, place[..., ::moments], sign[..., ::moments], axis=2)
     system[:, size:, :size] = sums[:, :rows, :size]
     system[:, :size, size:] = system[:, size:, :size].transpose(0, 2, 1)
+    rest = np.arange(size, size + rows)
+    system[:, rest, rest] = -slack[:, :rows] * scale
     right = np.concatenate((load / scale, total[:, :rows]), axis=1)
     try:
         x = np.linalg.solve(system, right[..., None])[:, :size, 0]

@@ -1,150 +1,44 @@
 """The bound of the energy error against exact solutions that the bound is not told."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import ufl
+from cases import (
+    Case,
+    cube,
+    detaching,
+    in_space,
+    left,
+    owned_pairs,
+    polynomial,
+    roof,
+    square,
+    top,
+)
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy import energy_bound as module
+from dolfinx_signorini.accuracy.boundary_facets import facet_kinds, given_fluxes
+from dolfinx_signorini.accuracy.cell_values import cell_data, cell_values, flux_values
+from dolfinx_signorini.accuracy.condensation import coefficients
 from dolfinx_signorini.accuracy.energy_bound import energy_bound
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.accuracy.equilibration import equilibrated
+from dolfinx_signorini.accuracy.frames import cell_frames
+from dolfinx_signorini.accuracy.reference_flux import reference_flux
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
 
-
-class Case:
-    """A problem on the unit square or cube, posed for a solution that is known.
-
-    The solution has contact on the lowest side, where x[-1] = 0.
-    """
-
-    def __init__(
-        self,
-        domain,
-        u,
-        degree,
-        *,
-        A=1.0,
-        c=0.0,
-        fixed=None,
-        robin=None,
-        upper=False,
-        obstacle=0.0,
-        exact_data=True,
-    ):
-        self.domain, self.A, self.c = domain, A, c
-        tdim = domain.topology.dim
-        self.sign = -1.0 if upper else 1.0
-        self.exact = u = self.sign * u
-        x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
-
-        def side(test):
-            return mesh.locate_entities_boundary(domain, tdim - 1, test)
-
-        contact = side(lambda x: np.isclose(x[tdim - 1], 0.0))
-        dirichlet = side(fixed) if fixed else np.empty(0, dtype=np.int32)
-        on_robin = side(robin) if robin else np.empty(0, dtype=np.int32)
-        every = side(lambda x: np.full(x.shape[1], True))
-        rest = np.setdiff1d(every, np.concatenate((contact, dirichlet, on_robin)))
-        flux = ufl.dot(A * ufl.grad(u), n)
-        load = -ufl.div(A * ufl.grad(u)) + c * u
-        space = fem.functionspace(domain, ("Lagrange", degree))
-        w, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        self.dx = ufl.dx(domain, metadata={"quadrature_degree": 12 if tdim == 2 else 8})
-        marks = [(1, rest), (2, on_robin)]
-        pairs = [(k, _pairs(domain, facets)) for k, facets in marks]
-        self.ds = ufl.Measure(
-            "ds", domain, subdomain_data=pairs, metadata={"quadrature_degree": 12}
-        )
-        kappa = 2.0
-        self.kappa = kappa
-        a = (ufl.dot(A * ufl.grad(w), ufl.grad(v)) + c * w * v) * self.dx + kappa * w * v * self.ds(
-            2
-        )
-        L = load * v * self.dx + flux * v * self.ds(1) + (flux + kappa * u) * v * self.ds(2)
-        bcs = []
-        data = []
-        if fixed:
-            g = fem.Function(space)
-            g.interpolate(fem.Expression(u, space.element.interpolation_points()))
-            dofs = fem.locate_dofs_topological(space, tdim - 1, dirichlet)
-            bcs, data = [fem.dirichletbc(g, dofs)], [(u if exact_data else None, dirichlet)]
-        self.terms = EnergyTerms(
-            diffusion=A,
-            reaction=c,
-            load=load,
-            neumann=[(flux, rest), (flux + kappa * u, on_robin)],
-            robin=[(kappa, on_robin)] if robin else [],
-            dirichlet=data,
-        )
-        self.problem = SignoriniProblem(
-            a,
-            L,
-            contact=contact,
-            obstacle=self.sign * obstacle,
-            bound="upper" if upper else "lower",
-            bcs=bcs,
-        )
-        self.problem.solve(rtol=1e-10)
-
-    def error(self):
-        e, rule = self.problem.u - self.exact, {"quadrature_degree": 16}
-        dx, ds = self.dx(metadata=rule), self.ds(metadata=rule)
-        energy = (ufl.dot(self.A * ufl.grad(e), ufl.grad(e)) + self.c * e * e) * dx
-        energy += self.kappa * e * e * ds(2)
-        return math.sqrt(self.domain.comm.allreduce(fem.assemble_scalar(fem.form(energy))))
-
-
-def _pairs(domain, facets):
-    from dolfinx_signorini.meshes import facet_cells
-
-    owned = domain.topology.index_map(domain.topology.dim - 1).size_local
-    return facet_cells(domain, facets[facets < owned]).flatten()
-
-
-def detaching(x, where=0.5):
-    """-Im z^(3/2): harmonic, with contact right of a point of the lowest side."""
-    x0, x1 = x[0] - where, x[len(x) - 1]
-    r = ufl.sqrt(x0 * x0 + x1 * x1)
-    C, S = ufl.sqrt(abs(r + x0) / 2), ufl.sqrt(abs(r - x0) / 2)
-    return -S * (3 * C * C - S * S)
-
-
-def top(x):
-    return np.isclose(x[1], 1.0)
-
-
-def at_the_top_of_the_cube(x):
-    return np.isclose(x[2], 1.0)
-
-
-def left(x):
-    return np.isclose(x[0], 0.0)
-
-
-def square(comm, n=12):
-    return mesh.create_unit_square(comm, n, n)
-
-
-def cube(comm, n=4):
-    return mesh.create_unit_cube(comm, n, n, n)
-
-
-def polynomial(x):
-    return -x[1] * (1 + x[0] ** 2) + x[1] ** 2 * x[0]
-
-
-def in_space(x):
-    return -x[2] * (1 - x[2]) * (1 + x[0] * x[1])
-
-
 PLANE = {
-    "polynomial": (polynomial, {}),
-    "no reaction, Dirichlet and Neumann": (polynomial, {"fixed": top}),
+    "full contact": (polynomial, {}),
+    "Dirichlet and Neumann": (polynomial, {"fixed": top}),
     "reaction": (polynomial, {"c": 3.0, "fixed": left}),
     "large reaction": (polynomial, {"c": 1e6}),
     "Robin": (polynomial, {"robin": top}),
@@ -152,7 +46,21 @@ PLANE = {
     "detaching": (detaching, {"fixed": top}),
     "detaching, reaction": (detaching, {"c": 1.0}),
     "detaching, upper": (detaching, {"upper": True, "fixed": left}),
+    "loosely solved, with an exit": (polynomial, {"fixed": top, "rtol": 3e-2}),
+    "loosely solved, without": (detaching, {"rtol": 3e-2}),
+    "loosely solved, reaction": (detaching, {"c": 1.0, "rtol": 3e-2}),
 }
+
+
+def checked(case, worst):
+    """The bound, never below the error, and not far above unless the data term is."""
+    bound, error = energy_bound(case.problem, case.terms), case.error()
+    assert error <= bound.total * (1 + 1e-9) + 1e-9
+    if bound.data < 0.05 * bound.total and error > 1e-6:
+        assert bound.total <= worst * error
+    squares = case.domain.comm.allreduce(float((bound.cells**2).sum()))
+    assert math.sqrt(squares) == pytest.approx(bound.total, rel=0.5)
+    return bound
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -160,26 +68,220 @@ PLANE = {
 def test_plane(name, degree, comm):
     u, options = PLANE[name]
     domain = square(comm)
-    case = Case(domain, u(ufl.SpatialCoordinate(domain)), degree, **options)
-    bound, error = energy_bound(case.problem, case.terms), case.error()
-    if comm.rank == 0:
-        print(f"\nEFF {name} {degree} error {error:.3e} eff {bound.total / error:.3f} {bound}")
-    assert error <= bound.total * (1 + 1e-9) + 1e-9
+    checked(Case(domain, u(ufl.SpatialCoordinate(domain)), degree, **options), 1.3)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("c", [0.0, 1.0])
-@pytest.mark.parametrize("fixed", [None, at_the_top_of_the_cube])
+@pytest.mark.parametrize("fixed", [None, roof])
 @pytest.mark.parametrize("u", [in_space, detaching])
-def test_space(degree, c, fixed, u, comm):
+def test_space(u, fixed, c, degree, comm):
     domain = cube(comm)
+    case = Case(domain, u(ufl.SpatialCoordinate(domain)), degree, c=c, fixed=fixed)
+    checked(case, 1.3)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("c", [0.0, 1e6])
+def test_a_coefficient_that_jumps_along_a_mesh_line(degree, c, comm):
+    domain = square(comm)
+    x, A = ufl.SpatialCoordinate(domain), fem.Function(fem.functionspace(domain, ("DG", 0)))
+    A.interpolate(lambda x: np.where(x[0] < 0.5, 1.0, 1000.0))
+    u = -x[1] * (x[0] - 0.5) ** 2 + (x[0] - 0.5) * x[1] ** 2 / A
+    case = Case(domain, u, degree, A=A, c=c, fixed=left)
+    case.A = ufl.conditional(x[0] < 0.5, 1.0, 1000.0)
+    checked(case, 1.3)
+
+
+def test_a_matrix_as_diffusion(comm):
+    domain = square(comm)
     x = ufl.SpatialCoordinate(domain)
-    if False:
-        pytest.skip("no polynomial")
-    case = Case(domain, u(x), degree, c=c, fixed=fixed)
-    bound, error = energy_bound(case.problem, case.terms), case.error()
-    if comm.rank == 0:
-        print(
-            f"\nEFF cube {u} {c} {fixed} {degree} error {error:.3e} eff {bound.total / error:.3f} {bound}"
-        )
-    assert error <= bound.total * (1 + 1e-9) + 1e-9
+    A = ufl.as_matrix([[2.0, 0.5 * x[1]], [0.5 * x[1], 1.0 + x[0]]])
+    bound = checked(Case(domain, -x[1] * (1 + x[0]), 1, A=A, fixed=top), 1.3)
+    assert bound.sampled
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("form", ["expression", "callable"])
+@pytest.mark.parametrize("make", [square, cube])
+def test_a_curved_obstacle(make, form, degree, comm):
+    domain = make(comm)
+    x = ufl.SpatialCoordinate(domain)
+    z = x[len(x) - 1]
+    u = ufl.sin(3 * x[0]) - z * (1 + x[0] ** 2)
+    g = ufl.sin(3 * x[0]) if form == "expression" else lambda x: np.sin(3 * x[0])
+    bound = checked(Case(domain, u, degree, c=1.0, obstacle=g), 1.3 if make is square else 2.0)
+    assert bound.lifting > 0.0 and any("obstacle" in note for note in bound.notes)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_scene_of_the_paper(degree, comm):
+    domain = friedrichs_keller(comm, 32)
+    exact = christof_haubner(domain)
+    problem = paper_problem(exact, degree, QuadratureRule("default", 14))
+    problem.solve()
+    bound = energy_bound(problem, EnergyTerms(reaction=1.0, load=exact.load))
+    e, slope = problem.u - exact.u, ufl.grad(problem.u) - ufl.as_vector(exact.grad)
+    dx = ufl.dx(metadata={"quadrature_degree": 25})
+    square = fem.assemble_scalar(fem.form((ufl.dot(slope, slope) + e * e) * dx))
+    error = math.sqrt(comm.allreduce(square))
+    assert error <= bound.total <= 1.08 * error
+
+
+def flux_of(case):
+    """The equilibrated flux as a function, made without the code that evaluates the bound."""
+    domain, space = case.domain, case.problem.space
+    degree = space.element.basix_element.degree
+    reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
+    kinds = facet_kinds(case.problem, case.terms, frames)
+    values = cell_values(case.problem, case.terms, frames, 2 * degree + 6)
+    fluxes, _, _ = given_fluxes(case.problem, case.terms, frames, degree)
+    data = cell_data(values, kinds, fluxes, reference)
+    field = coefficients(data, reference, equilibrated(domain, data, reference))
+    vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))
+    y, points = fem.Function(vectors), vectors.element.basix_element.points
+    at = flux_values(replace(values, points=points, weights=np.ones(len(points))), field, reference)
+    d = at.shape[2]
+    dofs = vectors.dofmap.list[: len(at)].ravel()
+    y.x.array.reshape(-1, d)[dofs] = at.reshape(-1, d)
+    y.x.scatter_forward()
+    return y
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("make", [square, cube])
+@pytest.mark.parametrize("c", [0.0, 2.0])
+def test_the_flux_is_equilibrated(make, degree, c, comm):
+    domain = make(comm, 6) if make is square else make(comm, 3)
+    x = ufl.SpatialCoordinate(domain)
+    z = x[len(x) - 1]
+    g = -0.5 * x[0] ** 2
+    case = Case(domain, g + z**2 - z * (1 + x[0]), degree, c=c, fixed=top, obstacle=g)
+    y, n = flux_of(case), ufl.FacetNormal(domain)
+    rule = {"quadrature_degree": 7}
+    f = case.terms.load
+    ds, dS = case.ds(metadata=rule), ufl.dS(domain, metadata=rule)
+
+    def norm(form):
+        return math.sqrt(abs(comm.allreduce(fem.assemble_scalar(fem.form(form)))))
+
+    size = norm(ufl.dot(y, y) * ufl.dx(metadata=rule))
+    residual = ufl.div(y) - c * case.problem.u + f
+    assert norm(residual**2 * ufl.dx(metadata=rule)) < 1e-7 * size
+    assert norm(ufl.jump(y, n) ** 2 * dS) < 1e-9 * size
+    q = ufl.dot(ufl.grad(case.exact), n)
+    assert norm((ufl.dot(y, n) - q) ** 2 * ds(1)) < 1e-9 * size
+    assert norm(ufl.min_value(ufl.dot(y, n), 0.0) ** 2 * ds(3)) < 1e-9 * size
+    assert norm(ufl.dot(y, n) ** 2 * ds(3)) > 0.1 * size
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_the_flux_presses_where_a_solution_detaches(degree, comm):
+    domain = square(comm, 9)
+    case = Case(domain, detaching(ufl.SpatialCoordinate(domain)), degree)
+    y, n = flux_of(case), ufl.FacetNormal(domain)
+    ds = case.ds(3, metadata={"quadrature_degree": 15})
+    pull = comm.allreduce(fem.assemble_scalar(fem.form(ufl.min_value(ufl.dot(y, n), 0.0) * ds)))
+    push = comm.allreduce(fem.assemble_scalar(fem.form(ufl.dot(y, n) * ds)))
+    assert push == pytest.approx(0.5**0.5 / 2, rel=1e-3) and pull > -1e-12
+
+
+@pytest.mark.parametrize("name", ["full contact", "detaching", "loosely solved, without"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_ranks_do_not_show(name, degree, comm):
+    u, options = PLANE[name]
+    bounds = []
+    for each in (comm, MPI.COMM_SELF):
+        domain = friedrichs_keller(each, 9)
+        case = Case(domain, u(ufl.SpatialCoordinate(domain)), degree, **options | {"rtol": 1e-13})
+        bounds.append(energy_bound(case.problem, case.terms))
+    shared, alone = bounds
+    for part in ("flux", "data", "lifting", "total"):
+        assert getattr(shared, part) == pytest.approx(getattr(alone, part), rel=1e-7, abs=1e-10)
+
+
+def test_a_rank_without_cells(comm):
+    domain = friedrichs_keller(comm, 1)
+    checked(Case(domain, polynomial(ufl.SpatialCoordinate(domain)), 1, fixed=top), 10.0)
+
+
+def test_a_wrong_flux_is_noticed_here(monkeypatch, comm):
+    monkeypatch.setattr(module, "flux_values", lambda values, *_: 0.9 * values.current)
+    domain = square(comm)
+    case = Case(domain, polynomial(ufl.SpatialCoordinate(domain)), 2)
+    with pytest.raises(AssertionError):
+        checked(case, 1.3)
+
+
+def test_what_is_sampled_is_called_so(comm):
+    domain = square(comm, 4)
+    x = ufl.SpatialCoordinate(domain)
+    exact = energy_bound(*_parts(Case(domain, polynomial(x), 1, c=2.0)))
+    assert not exact.sampled and exact.notes == ()
+    sampled = energy_bound(*_parts(Case(domain, polynomial(x) * ufl.exp(x[0]), 1, c=2.0)))
+    assert sampled.sampled and len(sampled.notes) == 2
+
+
+def _parts(case):
+    return case.problem, case.terms
+
+
+def test_data_that_the_problem_does_not_have_give_no_bound(comm):
+    domain = square(comm, 4)
+    case = Case(domain, polynomial(ufl.SpatialCoordinate(domain)), 1, fixed=top)
+    (_, facets), *_ = case.terms.dirichlet
+    terms = replace(case.terms, dirichlet=[(7.0, facets)])
+    bound = energy_bound(case.problem, terms)
+    assert bound.total == math.inf and "Dirichlet" in bound.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "subject"),
+    [
+        (lambda case: {"reaction": -1.0}, "reaction"),
+        (lambda case: {"diffusion": -1.0}, "diffusion"),
+        (lambda case: {"dirichlet": []}, "dirichlet"),
+        (lambda case: {"dirichlet": [(None, boundary_facets(case.domain))]}, "dirichlet"),
+        (lambda case: {"neumann": [(0.0, case.contact)]}, "neumann"),
+    ],
+)
+def test_terms_that_make_no_sense(change, subject, comm):
+    domain = square(comm, 4)
+    case = Case(domain, polynomial(ufl.SpatialCoordinate(domain)), 1, fixed=top)
+    with pytest.raises(InputError) as caught:
+        energy_bound(case.problem, replace(case.terms, **change(case)))
+    assert caught.value.subject == subject
+
+
+def test_quadrilaterals_are_refused(comm):
+    domain = mesh.create_unit_square(comm, 3, 3, mesh.CellType.quadrilateral)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a = (ufl.dot(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    problem = SignoriniProblem(a, -v * ufl.dx, contact=boundary_facets(domain))
+    problem.solve()
+    with pytest.raises(InputError, match="triangles"):
+        energy_bound(problem, EnergyTerms(reaction=1.0, load=-1.0))
+
+
+def test_degrees_of_polynomials(comm):
+    domain = square(comm, 2)
+    x = ufl.SpatialCoordinate(domain)
+    A = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
+    expected = [
+        (None, 0),
+        (3.0, 0),
+        (x[0] ** 2 * x[1] + 3, 3),
+        (ufl.dot(x, x) ** 2.0, 4),
+        (ufl.div(ufl.grad(x[0] ** 3)), 1),
+        (A * x[0], 3),
+        (x[0] / 3, 1),
+        (ufl.sin(x[0]), None),
+        (1 / (1 + x[0]), None),
+        (ufl.conditional(x[0] < 0.3, 1.0, 2.0), None),
+        (lambda x: x[0], None),
+    ]
+    for data, degree in expected:
+        found = polynomial_degree(data)
+        assert (found is None) if degree is None else found == degree
+    assert owned_pairs(domain, boundary_facets(domain)).size % 2 == 0
