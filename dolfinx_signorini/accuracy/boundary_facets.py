@@ -123,7 +123,8 @@ def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) 
         degree: Of the polynomials that are integrated exactly.
     """
     points, weights = rule(frames.dimension - 1, degree)
-    return FacetPoints(domain, frames, *np.nonzero(marked), points, weights)
+    cells, facets = np.nonzero(marked)
+    return FacetPoints(domain, frames, cells, facets, points, weights)
 
 
 def facet_kinds(problem: SignoriniProblem, terms: EnergyTerms, frames: Frames) -> Indices:

@@ -77,7 +77,8 @@ class CellData:
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
         parts = np.split(rows, ends, axis=1)
         parts = [p.reshape(len(p), *shape) for p, shape in zip(parts, shapes, strict=True)]
-        return cls(*(np.rint(p).astype(np.int64) for p in parts[:3]), *parts[3:])
+        vertices, facets, kinds = (np.rint(part).astype(np.int64) for part in parts[:3])
+        return cls(vertices, facets, kinds, *parts[3:])
 
 
 def divergences(data: CellData, reference: ReferenceFlux) -> Array:

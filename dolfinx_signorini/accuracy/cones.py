@@ -82,9 +82,10 @@ def lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: in
     """
     d = frames.dimension - 1
     kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
-    points = basix.create_lattice(CELLS[d], degree, kind, True, method)
+    points = np.asarray(basix.create_lattice(CELLS[d], degree, kind, True, method))
     none = np.zeros(len(points))
-    return FacetPoints(problem.space.mesh, frames, *np.nonzero(marked), points, none)
+    cells, facets = np.nonzero(marked)
+    return FacetPoints(problem.space.mesh, frames, cells, facets, points, none)
 
 
 def fitted(points: FacetPoints, values: Array, degree: int) -> Array:

@@ -41,8 +41,8 @@ class Diffusion:
             weights: The weights of the points.
             dimension: The dimension of the domain.
         """
-        mean = np.tensordot(self.inverses, weights, (1, 0))
-        return mean if mean.ndim == 3 else mean[..., None] * np.eye(dimension)
+        mean = np.asarray(np.tensordot(self.inverses, weights, (1, 0)), dtype=np.float64)
+        return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
 
 
 def diffusion_at(entries: Array, dimension: int) -> Diffusion:
@@ -55,11 +55,12 @@ def diffusion_at(entries: Array, dimension: int) -> Diffusion:
     if entries.shape[2] == 1:
         lowest = entries.min(axis=(1, 2), initial=np.inf)
         with np.errstate(divide="ignore"):
-            return Diffusion(entries, 1.0 / entries, lowest)
+            return Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest)
     values = entries.reshape(*entries.shape[:2], dimension, dimension)
     lowest = np.linalg.eigvalsh(values).min(axis=(1, 2), initial=np.inf)
     usable = bool((lowest > 0.0).all())
-    return Diffusion(values, np.linalg.inv(values) if usable else values, lowest)
+    inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
+    return Diffusion(values, inverses, lowest)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

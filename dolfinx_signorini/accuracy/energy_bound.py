@@ -208,7 +208,7 @@ def _contact(
         gap[data.kinds[at] == CLOSED] = 0.0
     flux = np.einsum("nj,njq->nq", moments[at], points.polynomials(degree))
     sums = np.maximum(flux, 0.0) * gap @ points.weights
-    return np.bincount(points.cells, sums, len(frames.order))
+    return np.asarray(np.bincount(points.cells, sums, len(frames.order)), dtype=np.float64)
 
 
 def _bound(

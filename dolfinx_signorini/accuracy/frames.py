@@ -48,12 +48,12 @@ class Frames:
     @functools.cached_property
     def jacobians(self) -> Array:
         """The derivatives of the maps from the reference simplex, shape (cells, d, d)."""
-        return (self.corners[:, 1:] - self.corners[:, :1]).transpose(0, 2, 1)
+        return np.asarray((self.corners[:, 1:] - self.corners[:, :1]).transpose(0, 2, 1))
 
     @functools.cached_property
     def inverses(self) -> Array:
         """The inverse matrices of the Jacobians."""
-        return np.linalg.inv(self.jacobians)
+        return np.asarray(np.linalg.inv(self.jacobians), dtype=np.float64)
 
     @functools.cached_property
     def volumes(self) -> Array:
@@ -118,7 +118,8 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
     )
     numbers = _global(topology.index_map(0), vertices)
     order = np.argsort(numbers, axis=1)
-    corners = domain.geometry.x[domain.geometry.dofmap[: len(cells)], :d]
+    x: Array = np.asarray(domain.geometry.x, dtype=np.float64)
+    corners = x[domain.geometry.dofmap[: len(cells)], :d]
     facets = np.take_along_axis(local_facets, order, axis=1)
     return Frames(
         order,

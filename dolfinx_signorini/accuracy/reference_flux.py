@@ -11,6 +11,7 @@ Source: Brezzi and Fortin, Mixed and Hybrid Finite Element Methods, 1991, Sectio
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import basix
 import numpy as np
@@ -34,8 +35,8 @@ def polynomials(dimension: int, degree: int, points: Array) -> Array:
         Their values, shape (polynomials, points).
     """
     kind, some = basix.PolynomialType.legendre, np.vstack((points, np.zeros((1, dimension))))
-    values = basix.tabulate_polynomials(kind, CELLS[dimension], degree, some)[:, :-1]  # not none
-    return np.asarray(values) / math.sqrt(math.factorial(dimension))
+    values = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, some))
+    return np.asarray(values[:, :-1] / math.sqrt(math.factorial(dimension)))  # some, not none
 
 
 def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
@@ -47,10 +48,9 @@ def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
         coefficients: In terms of `polynomials`, shape (..., polynomials).
     """
     lattice = basix.LatticeType.equispaced
-    points = basix.create_lattice(CELLS[dimension], degree, lattice, True)
-    bernstein = basix.tabulate_polynomials(
-        basix.PolynomialType.bernstein, CELLS[dimension], degree, points
-    )
+    points = np.asarray(basix.create_lattice(CELLS[dimension], degree, lattice, True))
+    kind = basix.PolynomialType.bernstein
+    bernstein = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, points))
     change = polynomials(dimension, degree, points) @ np.linalg.inv(bernstein)
     return np.asarray((coefficients @ change).min(axis=-1))
 
@@ -67,11 +67,11 @@ def rule(dimension: int, degree: int) -> tuple[Array, Array]:
         dimension: Of the simplex.
         degree: Of the polynomials that are integrated exactly.
     """
-    points, weights = basix.make_quadrature(CELLS[dimension], degree)
-    if (weights < 0.0).any():
-        kind = basix.QuadratureType.gauss_jacobi
-        points, weights = basix.make_quadrature(CELLS[dimension], degree, rule=kind)
-    return np.asarray(points), np.asarray(weights) * math.factorial(dimension)
+    for kind in (basix.QuadratureType.default, basix.QuadratureType.gauss_jacobi):
+        points, weights = map(np.asarray, basix.make_quadrature(CELLS[dimension], degree, kind))
+        if (weights > 0.0).all():
+            break
+    return points, weights * math.factorial(dimension)
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ class ReferenceFlux:
 
     def fields(self, points: Array) -> Array:
         """Return the fields at points of the simplex, shape (points, fields, dimension)."""
-        values = _element(self.dimension, self.degree).tabulate(0, np.ascontiguousarray(points))[0]
-        return np.einsum("qba,bi->qia", values, self.combination)
+        values = _tabulated(_element(self.dimension, self.degree), points)[0]
+        return np.asarray(np.einsum("qba,bi->qia", values, self.combination))
 
 
 @functools.cache
@@ -137,7 +137,7 @@ def reference_flux(dimension: int, degree: int) -> ReferenceFlux:
     functionals = np.concatenate((*_fluxes(element, degree), _divergences(element, degree)))
     combination = np.column_stack((np.linalg.pinv(functionals), null_space(functionals)))
     points, weights = rule(dimension, 3 * degree + 3)
-    values = np.einsum("qba,bi->qia", element.tabulate(0, points)[0], combination)
+    values = np.einsum("qba,bi->qia", _tabulated(element, points)[0], combination)
     hats, scaled = barycentric(points), weights / math.factorial(dimension)
     p = polynomials(dimension, degree, points)
     on_facet, facet_weights = rule(dimension - 1, 2 * degree + 1)
@@ -163,6 +163,11 @@ def _element(dimension: int, degree: int) -> basix.finite_element.FiniteElement:
     )
 
 
+def _tabulated(element: Any, points: Array) -> Array:
+    """Values and first derivatives, shape (1 + d, points, fields of Basix, d)."""
+    return np.asarray(element.tabulate(1, np.ascontiguousarray(points)))
+
+
 def _gradients(dimension: int) -> Array:
     return np.vstack((-np.ones(dimension), np.eye(dimension)))
 
@@ -178,7 +183,7 @@ def _fluxes(element: basix.finite_element.FiniteElement, degree: int) -> list[Ar
         x = barycentric(points) @ np.delete(corners, k, axis=0)
         # The outward normal times the size of the facet.
         normal = -_gradients(dimension)[k] / math.factorial(dimension - 1)
-        values = element.tabulate(0, x)[0] @ normal
+        values = _tabulated(element, x)[0] @ normal
         moments.append((mu * weights) @ values)
     return moments
 
@@ -187,7 +192,6 @@ def _divergences(element: basix.finite_element.FiniteElement, degree: int) -> Ar
     """The integrals of the divergence with all polynomials but the first."""
     dimension = element.value_shape[0]
     points, weights = rule(dimension, 2 * degree + 2)
-    table = element.tabulate(1, points)
-    divergence = sum(table[1 + a][:, :, a] for a in range(dimension))
+    divergence = np.einsum("aqba->qb", _tabulated(element, points)[1:])
     p = polynomials(dimension, degree, points)[1:] * weights / math.factorial(dimension)
     return np.asarray(p @ divergence)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from dolfinx_signorini.accuracy.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.scenes.conditions import Dirichlet, Neumann, Setting
 from dolfinx_signorini.scenes.posing import (
     PosedScene,
@@ -36,7 +37,8 @@ def energy_terms(posed: PosedScene) -> EnergyTerms:
     Args:
         posed: The scene on a mesh; the call is collective.
     """
-    scene, sided, exact = posed.scene, posed.sided, posed.exact
+    scene, sided = posed.scene, posed.sided
+    exact = posed.exact if isinstance(posed.exact, ManufacturedSolution) else None
     setting = Setting(sided, posed.problem.space, exact)
     manufactured = exact if scene.manufactured else None
     neumann, robin, dirichlet = [], [], []

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from cases import (
+from energy_cases import (
     Case,
     cube,
     detaching,
@@ -46,9 +46,12 @@ PLANE = {
     "detaching": (detaching, {"fixed": top}),
     "detaching, reaction": (detaching, {"c": 1.0}),
     "detaching, upper": (detaching, {"upper": True, "fixed": left}),
-    "loosely solved, with an exit": (polynomial, {"fixed": top, "rtol": 3e-2}),
-    "loosely solved, without": (detaching, {"rtol": 3e-2}),
-    "loosely solved, reaction": (detaching, {"c": 1.0, "rtol": 3e-2}),
+}
+# Residuals leave by the Dirichlet side, by the contact side, or not at all.
+LOOSE = {
+    "by Dirichlet": (polynomial, {"fixed": top}),
+    "by contact": (detaching, {}),
+    "not": (detaching, {"c": 1.0}),
 }
 
 
@@ -69,6 +72,15 @@ def test_plane(name, degree, comm):
     u, options = PLANE[name]
     domain = square(comm)
     checked(Case(domain, u(ufl.SpatialCoordinate(domain)), degree, **options), 1.3)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("name", LOOSE)
+def test_a_problem_that_is_hardly_solved(name, degree, comm):
+    u, options = LOOSE[name]
+    domain = square(comm)
+    case = Case(domain, u(ufl.SpatialCoordinate(domain)), degree, **options, rtol=3e-2)
+    checked(case, 5.0)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -166,8 +178,12 @@ def test_the_flux_is_equilibrated(make, degree, c, comm):
         return math.sqrt(abs(comm.allreduce(fem.assemble_scalar(fem.form(form)))))
 
     size = norm(ufl.dot(y, y) * ufl.dx(metadata=rule))
+    # What is left of f - c u + div y is orthogonal to all polynomials of the degree.
+    p = ufl.TestFunction(fem.functionspace(domain, ("DG", degree)))
     residual = ufl.div(y) - c * case.problem.u + f
-    assert norm(residual**2 * ufl.dx(metadata=rule)) < 1e-7 * size
+    left = fem.assemble_vector(fem.form(residual * p * ufl.dx(metadata=rule))).array
+    given = fem.assemble_vector(fem.form(p * ufl.dx(metadata=rule))).array
+    assert np.abs(left).max(initial=0.0) < 1e-9 * size * max(comm.allgather(given.max(initial=0.0)))
     assert norm(ufl.jump(y, n) ** 2 * dS) < 1e-9 * size
     q = ufl.dot(ufl.grad(case.exact), n)
     assert norm((ufl.dot(y, n) - q) ** 2 * ds(1)) < 1e-9 * size
@@ -186,7 +202,7 @@ def test_the_flux_presses_where_a_solution_detaches(degree, comm):
     assert push == pytest.approx(0.5**0.5 / 2, rel=1e-3) and pull > -1e-12
 
 
-@pytest.mark.parametrize("name", ["full contact", "detaching", "loosely solved, without"])
+@pytest.mark.parametrize("name", ["full contact", "detaching", "detaching, reaction"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_the_ranks_do_not_show(name, degree, comm):
     u, options = PLANE[name]
