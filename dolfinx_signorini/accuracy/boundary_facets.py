@@ -251,7 +251,9 @@ def given_fluxes(
         u = points.function(problem.space, problem.u.x.array)
     for data, facets in terms.robin:
         inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
-        total -= np.where(inside[:, None], points.values(data) * u, 0.0)
+        coefficient = np.where(inside[:, None], points.values(data), 0.0)
+        require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")
+        total -= coefficient * u
     total *= problem.sign
     p = points.polynomials(degree)
     means = np.einsum("q,nq,njq->nj", points.weights, total, p)

@@ -123,11 +123,11 @@ def data_defects(
 
 
 def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: float) -> str:
-    """Return why Dirichlet data that differ from a solution cannot be met; "" where they can.
+    """Return why a solution cannot be made feasible on facets alone; "" where it can.
 
     Args:
         comm: The communicator; the call is collective.
-        defects: What `data_defects` returns for a plane domain.
+        defects: Lattices with what the solution lacks there, for a plane domain.
         tiny: Differences that are rounding.
     """
     loose = False
@@ -135,7 +135,7 @@ def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: f
         ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - 1e-9
         loose |= bool((np.abs(values[:, ends]) > tiny).any())
     if comm.allreduce(loose, op=MPI.LOR):
-        return "Dirichlet data differ from those of the problem at a vertex"
+        return "Dirichlet data or the obstacle are not those of the problem at a vertex"
     return ""
 
 

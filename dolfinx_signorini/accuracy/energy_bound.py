@@ -161,12 +161,14 @@ def _residual(values: CellValues, data: CellData, field: Array, reference: Refer
 def _without_defects(
     comm: MPI.Comm, values: CellValues, data: CellData, moments: Array
 ) -> tuple[Array, str]:
-    """Carry away what is left in cells without a reaction; also return why not, or ""."""
-    ends = values.least_reaction > 0.0
+    """Carry away what is left in cells without much reaction; also return why not, or ""."""
+    exits, moments = data.kinds == DIRICHLET, moments.copy()
+    ends = values.l2_weight <= _size(comm, values.frames) / np.sqrt(values.diffusion.lowest)
+    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+        ends = values.least_reaction > 0.0
     wanted = np.where(ends, 0.0, -_defects(data, moments))
     if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
         return moments, ""
-    exits, moments = data.kinds == DIRICHLET, moments.copy()
     if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
         contact = data.kinds >= OPEN
         force = comm.allreduce(float(moments[contact, 0].sum()))
@@ -178,6 +180,13 @@ def _without_defects(
     change, found = transported(comm, data.facets, wanted, exits, ends)
     moments[:, :, 0] += change
     return moments, "" if found else "a residual has no way out of a part without a reaction"
+
+
+def _size(comm: MPI.Comm, frames: Frames) -> float:
+    """The longest side of the box around the domain."""
+    ends = np.concatenate((frames.corners, -frames.corners), axis=2)
+    largest = np.max(comm.allgather(ends.max(axis=(0, 1), initial=-np.inf)), axis=0)
+    return float((largest[: frames.dimension] + largest[frames.dimension :]).max())
 
 
 def _lifted(

@@ -98,7 +98,7 @@ def feasible(
     if d == 3:
         return Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
     cones = cones_on(frames, [*defects, (touching, -gap)], kinds, degree + MORE)
-    missing = loose_ends(comm, defects, tiny)
+    missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
     return Feasible(change, cones, missing=missing, notes=notes)
 
 
