@@ -163,14 +163,21 @@ def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Arr
 
 
 def cell_data(
-    values: CellValues, kinds: Indices, fluxes: Array, reference: ReferenceFlux
+    values: CellValues,
+    kinds: Indices,
+    touching: Indices,
+    fluxes: Array,
+    gaps: Array,
+    reference: ReferenceFlux,
 ) -> CellData:
     """Return what patches need to know of the cells.
 
     Args:
         values: The solution and the coefficients.
         kinds: The kinds of the facets, shape (cells, d + 1).
+        touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
         fluxes: The moments of given fluxes on facets.
+        gaps: The means of gap times polynomial on contact facets.
         reference: The fields.
     """
     frames, degree, J = values.frames, reference.degree, values.frames.jacobians
@@ -181,6 +188,7 @@ def cell_data(
         vertices=frames.vertices,
         facets=frames.facets,
         kinds=kinds,
+        touching=touching,
         sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
         metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
         gradient=J.transpose(0, 2, 1) @ values.moments(values.gradient, degree),
@@ -189,6 +197,7 @@ def cell_data(
         * frames.volumes[:, None, None],
         source=values.moments(source, degree) * frames.volumes[:, None],
         fluxes=fluxes,
+        gaps=gaps,
         strength=np.where(values.l2_weight < values.gradient_weight, values.least_reaction, 0.0),
     )
 

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # Kinds of facets.
-INTERIOR, DIRICHLET, NEUMANN, OPEN, CLOSED = range(5)
+INTERIOR, DIRICHLET, NEUMANN, OPEN, PARTLY, CLOSED = range(6)
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,16 @@ class CellData:
 
     Attributes:
         vertices, facets: Global numbers, shape (cells, d + 1).
-        kinds: `INTERIOR`, `DIRICHLET`, `NEUMANN`, or a contact facet that is `OPEN` or `CLOSED`,
-            where `CLOSED` facets touch the obstacle all over.
+        kinds: `INTERIOR`, `DIRICHLET`, `NEUMANN`, or a contact facet that is `OPEN`, `PARTLY` or
+            `CLOSED`: touches the obstacle nowhere, here and there, or all over.
+        touching: Whether a vertex touches the obstacle, shape (cells, d + 1).
         sizes: Of the cell in the first column, then of the facets.
         metric: J^T A^-1 J / |det J|, shape (cells, d, d).
         gradient: Coefficients of J^T grad u, shape (cells, d, polynomials).
         current: J^-1 times the moments of A grad u, shape (cells, d, polynomials).
         source: The moments of f - c u, shape (cells, polynomials).
         fluxes: The moments of the given flux on Neumann facets, shape (cells, d + 1, moments).
+        gaps: The means of gap times polynomial on contact facets, shape (cells, d + 1, moments).
         strength: c where the reaction is strong, so that the divergence of the flux is not given,
             but costs the energy of the reaction; 0 elsewhere.
     """
@@ -50,12 +52,14 @@ class CellData:
     vertices: Indices
     facets: Indices
     kinds: Indices
+    touching: Indices
     sizes: Array
     metric: Array
     gradient: Array
     current: Array
     source: Array
     fluxes: Array
+    gaps: Array
     strength: Array
 
     def packed(self) -> Array:
@@ -72,13 +76,13 @@ class CellData:
             reference: The fields that the data were made for.
         """
         d, n = reference.dimension, reference.products.shape[1]
-        flat: list[tuple[int, ...]] = [(d + 1,)] * 3 + [(d + 2,), (d, d), (d, n), (d, n), (n,)]
-        shapes = [*flat, (d + 1, reference.per_facet), ()]
+        flat: list[tuple[int, ...]] = [(d + 1,)] * 4 + [(d + 2,), (d, d), (d, n), (d, n), (n,)]
+        shapes = [*flat, *[(d + 1, reference.per_facet)] * 2, ()]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
         parts = np.split(rows, ends, axis=1)
         parts = [p.reshape(len(p), *shape) for p, shape in zip(parts, shapes, strict=True)]
-        vertices, facets, kinds = (np.rint(part).astype(np.int64) for part in parts[:3])
-        return cls(vertices, facets, kinds, *parts[3:])
+        whole = (np.rint(part).astype(np.int64) for part in parts[:4])
+        return cls(*whole, *parts[4:])  # type: ignore[arg-type]
 
 
 def divergences(data: CellData, reference: ReferenceFlux) -> Array:
@@ -117,6 +121,8 @@ def condensed(data: CellData, reference: ReferenceFlux) -> tuple[Array, Array]:
         known = moments[cells][:, :, 1 : 1 + given - n]
         matrices[cells] = mass[:, :n, :n]
         forces[cells] = b[:, :, :n] - known @ mass[:, n:, :n]
+    # A contact flux costs its product with the gap.
+    forces -= data.gaps.reshape(len(forces), 1, n)
     return matrices, forces
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.boundary_facets import FacetPoints, on_frames
-from dolfinx_signorini.accuracy.condensation import OPEN
+from dolfinx_signorini.accuracy.condensation import CLOSED, OPEN
 from dolfinx_signorini.accuracy.frames import Frames
 from dolfinx_signorini.accuracy.reference_flux import CELLS, barycentric, lowest
 from dolfinx_signorini.accuracy.strong_form import EnergyTerms
@@ -146,14 +146,15 @@ def cones_on(
 
     Args:
         frames: The cells.
-        defects: Lattices with values there; only positive parts count on open contact facets.
+        defects: Lattices with values there; only positive parts count on contact facets
+            that are not closed.
         kinds: The kinds of the facets of cells.
         order: The degree that the lattices have been made for.
     """
     cells = np.concatenate([points.cells for points, _ in defects])
     facets = np.concatenate([points.facets for points, _ in defects])
     series = np.concatenate([fitted(points, values, order) for points, values in defects])
-    positive = kinds[cells, facets] == OPEN
+    positive = (kinds[cells, facets] >= OPEN) & (kinds[cells, facets] != CLOSED)
     high = -lowest(1, order, -series)
     used = np.where(positive, high > 0.0, np.abs(series).max(axis=1, initial=0.0) > 0.0)
     return Cones(frames, cells[used], facets[used], series[used], positive[used])

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.boundary_facets import (
+    FacetPoints,
     facet_kinds,
     facet_points,
-    given_fluxes,
-    robin_energy,
 )
+from dolfinx_signorini.accuracy.boundary_fluxes import given_fluxes, robin_energy
 from dolfinx_signorini.accuracy.cell_values import (
     CellValues,
     cell_data,
@@ -42,6 +42,7 @@ from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
 
@@ -97,21 +98,23 @@ def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
     _check_mesh(problem)
     reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
-    kinds = facet_kinds(problem, terms, frames)
+    kinds, touching = facet_kinds(problem, terms, frames)
     quadrature, notes = quadrature_degree(terms, frames.dimension, degree)
     values = cell_values(problem, terms, frames, quadrature)
     fluxes, missed, more = given_fluxes(problem, terms, frames, degree)
-    data = cell_data(values, kinds, fluxes, reference)
+    near = feasible(problem, terms, frames, kinds)
+    points, gap = _gaps(problem, near, kinds, frames)
+    means = _gap_means(points, gap, degree)
+    data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
     moments, reason = _without_defects(domain.comm, values, data, moments)
-    near = feasible(problem, terms, frames, kinds)
     field = coefficients(data, reference, moments)
     parts = _Parts(
         flux=_distance(values, flux_values(values, field, reference)),
         data=_oscillation(values, missed, degree),
         mean=_residual(values, data, field, reference),
         lifting=_lifted(problem, terms, values, near),
-        contact=_contact(problem, near, data, moments, frames),
+        contact=_contact(points, gap, moments, degree),
     )
     weak = values.gradient_weight <= values.l2_weight
     notes = [*notes, *more, *near.notes]
@@ -202,22 +205,34 @@ def _lifted(
     return np.sqrt(values.integrals(energy) + on_facets)
 
 
-def _contact(
-    problem: SignoriniProblem, near: Feasible, data: CellData, moments: Array, frames: Frames
-) -> Array:
-    """The integrals of contact flux times gap over the contact facets of each cell."""
+def _gaps(
+    problem: SignoriniProblem, near: Feasible, kinds: Indices, frames: Frames
+) -> tuple[FacetPoints, Array]:
+    """The gap of the feasible function at points of contact facets."""
     degree = problem.space.element.basix_element.degree
-    points = facet_points(problem.space.mesh, frames, data.kinds >= OPEN, 2 * degree + 8)
-    at = points.cells, points.facets
-    obstacle = problem.sign * points.values(problem.obstacle_data)
-    near_u = problem.sign * points.function(problem.space, problem.u.x.array)
-    near_u += points.function(near.change.function_space, near.change.x.array)
-    gap = np.maximum(near_u - obstacle, 0.0)
+    points = facet_points(problem.space.mesh, frames, kinds >= OPEN, 2 * degree + 8)
+    v = problem.sign * points.function(problem.space, problem.u.x.array)
+    v += points.function(near.change.function_space, near.change.x.array)
+    gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
     if near.meets:
-        gap[data.kinds[at] == CLOSED] = 0.0
-    flux = np.einsum("nj,njq->nq", moments[at], points.polynomials(degree))
+        gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
+    return points, gap
+
+
+def _gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
+    """The means of gap times polynomial, shape (cells, d + 1, moments)."""
+    p = points.polynomials(degree)
+    means = np.zeros((*points.frames.order.shape, p.shape[1]))
+    means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
+    return means
+
+
+def _contact(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
+    """The integrals of contact flux times gap over the contact facets of each cell."""
+    own = moments[points.cells, points.facets]
+    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
     sums = np.maximum(flux, 0.0) * gap @ points.weights
-    return np.asarray(np.bincount(points.cells, sums, len(frames.order)), dtype=np.float64)
+    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
 
 
 def _bound(

@@ -1,8 +1,8 @@
 """Equilibrated fluxes of a mesh that ranks share: each patch belongs to the owner of its vertex.
 
-On contact facets that touch the obstacle all over, the flux that costs the least energy is taken
-first. At vertices of a facet where the sum of these fluxes is not positive everywhere, the force of
-the vertex is spread over the facets with the shape of its hat function instead.
+On contact facets that touch the obstacle, all over or in part, the flux that costs the least energy
+is taken first. At vertices of a facet where the sum of these fluxes is negative somewhere, fluxes
+of given shapes that are nowhere negative are taken instead.
 """
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy.typing as npt
 from dolfinx import la, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.condensation import CLOSED, CellData
-from dolfinx_signorini.accuracy.patches import patch_fluxes
+from dolfinx_signorini.accuracy.condensation import CLOSED, PARTLY, CellData
+from dolfinx_signorini.accuracy.patches import FREE, HALF, SPREAD, patch_fluxes
 from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, lowest
 
 Array = npt.NDArray[np.float64]
@@ -37,16 +37,14 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
     """
     patches, d = _SharedPatches(domain, data, reference), reference.dimension
     moments = patches.sum(None)
-    spread = np.zeros(data.vertices.shape, dtype=bool)
     for step in range(ROUNDS + 1):
-        negative = (data.kinds == CLOSED) & (
-            True if step == ROUNDS else lowest(d - 1, reference.degree, moments) < 0.0
-        )
-        wanted = patches.marked(_at_vertices(negative)) & ~spread
-        if not domain.comm.allreduce(bool(wanted.any()), op=MPI.LOR):
+        pulls = (lowest(d - 1, reference.degree, moments) < 0.0) | (step == ROUNDS)
+        half = patches.marked(_at_vertices(pulls & (data.kinds == PARTLY)))
+        spread = patches.marked(_at_vertices(pulls & (data.kinds == CLOSED)))
+        modes = np.maximum(patches.modes, np.where(spread, SPREAD, np.where(half, HALF, FREE)))
+        if not domain.comm.allreduce(bool((modes > patches.modes).any()), op=MPI.LOR):
             break
-        moments += patches.sum(wanted)
-        spread |= wanted
+        moments += patches.sum(modes)
     return moments
 
 
@@ -77,27 +75,26 @@ class _SharedPatches:
         self.vertices = CellData.unpacked(self.rows, reference).vertices
         first, last = self.index_map.local_range
         self.here = (self.vertices >= first) & (self.vertices < last)
-        self.known = len(owner)
+        self.modes: Indices = np.zeros(len(owner), dtype=np.int64)
 
-    def sum(self, changed: Marks | None) -> Array:
-        """Return the sum of the fields of all patches with free fluxes on closed facets.
+    def sum(self, modes: Indices | None) -> Array:
+        """Return the sum of the fields of all patches, with all contact fluxes free.
 
         Args:
-            changed: For a change of the sum, vertices of the owned cells whose force is spread
-                from now on.
+            modes: For a change of the sum, the modes of all vertices that this rank knows from now
+                on, see `patch_fluxes`.
         """
         chosen, moments = self.here, np.zeros((len(self.rows), *self._shape))
-        if changed is not None:
-            marks = np.zeros(self.known, dtype=bool)
-            marks[self.own[changed]] = True
-            first = self.index_map.local_range[0]
-            chosen = self.here & marks[np.where(self.here, self.vertices - first, 0)]
+        local = np.where(self.here, self.vertices - self.index_map.local_range[0], 0)
+        if modes is not None:
+            chosen = self.here & (modes > self.modes)[local]
         cells = np.flatnonzero(chosen.any(axis=1))
         part, here = CellData.unpacked(self.rows[cells], self.reference), chosen[cells]
-        moments[cells] = patch_fluxes(part, self.reference, here, np.ones_like(here))
-        if changed is not None:
-            spread = patch_fluxes(part, self.reference, here, np.zeros_like(here))
-            moments[cells] = spread - moments[cells]
+        moments[cells] = patch_fluxes(part, self.reference, here, self.modes[local][cells])
+        if modes is not None:
+            new = patch_fluxes(part, self.reference, here, modes[local][cells])
+            moments[cells] = new - moments[cells]
+            self.modes = modes
         back = self.comm.alltoall(np.split(moments, self.ends[:-1])[1:])
         result = moments[: self.count]
         for there, more in zip(self.there, back, strict=True):
@@ -105,12 +102,12 @@ class _SharedPatches:
         return result
 
     def marked(self, vertices: Marks) -> Marks:
-        """Return the marks of vertices of cells for the vertices of the cells of all ranks."""
+        """Return marks of vertices of cells for all vertices that this rank knows."""
         marks = la.vector(self.index_map)
         marks.array[self.own[vertices]] = 1.0
         marks.scatter_reverse(la.InsertMode.add)
         marks.scatter_forward()
-        return np.asarray(marks.array[self.own] > 0.0)
+        return np.asarray(marks.array > 0.0)
 
     @property
     def _shape(self) -> tuple[int, int]:

@@ -2,9 +2,9 @@
 
 The discrete solution is feasible at its nodes. Where that is not enough,
 
-- degree 2 and an obstacle of degree 2: values at the middles of edges are raised, by the least
-  that makes the gap non-negative (in space: that makes its Bernstein coefficients non-negative);
-- otherwise in the plane: the solution is set to the obstacle on closed contact facets and to the
+- in space, with degree 2 and an obstacle of degree 2: values at the middles of edges are raised, by
+  the least that makes the Bernstein coefficients of the gap non-negative;
+- in the plane: the solution is set to the obstacle on closed contact facets and to the
   larger of both on the others, and to the data on Dirichlet facets, see `cones`;
 - otherwise in space: the same is done at the nodes of elements of higher degree, and the obstacle
   and the data are met at these nodes only.
@@ -43,6 +43,7 @@ Indices = npt.NDArray[np.int64]
 ROUNDING = 1e-12  # of the largest |u|: defects that are none
 FILLING = 3  # by how much elements in space that stand for data are of higher degree
 OBSTACLE = "the obstacle is known at points of facets only"
+BELOW = "what is below the obstacle is known at points of facets only"
 DATA = "Dirichlet data are known at points of facets only"
 
 
@@ -91,10 +92,11 @@ def feasible(
     above = comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND)
     if exact and above and not far:
         return Feasible(change, notes=notes)
-    if exact and degree == 2 and not far:
+    if exact and degree == 2 and not far and d == 3:
         missing = _raise_edges(problem, frames, kinds, change, tiny)
         return Feasible(change, missing=missing, notes=notes)
-    notes = (OBSTACLE, *notes[1 - exact :]) if not above or d == 3 else notes
+    if exact and (d == 3 or not above):
+        notes = (BELOW, *notes)
     if d == 3:
         return Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
     cones = cones_on(frames, [*defects, (touching, -gap)], kinds, degree + MORE)
@@ -139,7 +141,7 @@ def _raise_edges(
         space.dofmap.list[cells], local.reshape(len(cells), local[0].size if len(local) else 3), 1
     ).reshape(-1, 3)
     a, b, middle = gap[dofs].T
-    least = (np.sqrt(a) - np.sqrt(b)) ** 2 / 4.0 if d == 2 else (a + b) / 4.0
+    least = (a + b) / 4.0  # then the Bernstein coefficient (4 middle - a - b) / 2 is 0
     raised, count = fem.Function(space), fem.Function(space)
     raised.x.array[dofs[:, 2]] = np.maximum(least - middle, 0.0)
     count.x.array[dofs[:, 2]] = 1.0

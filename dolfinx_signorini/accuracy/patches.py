@@ -23,64 +23,80 @@ from dolfinx_signorini.accuracy.condensation import (
     DIRICHLET,
     NEUMANN,
     OPEN,
+    PARTLY,
     CellData,
     condensed,
     divergences,
 )
+from dolfinx_signorini.accuracy.contact_shapes import contact_shapes, hats, others
+from dolfinx_signorini.accuracy.patch_systems import solved
 from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
+# What is free on contact facets, see `patch_fluxes`.
+FREE, HALF, SPREAD = range(3)
 MOST_NUMBERS = 4_000_000  # of the matrices that are solved at once
 
 
-def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, free: Marks) -> Array:
+def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, modes: Indices) -> Array:
     """Return the moments of the sum of the fields of patches on the facets of each cell.
 
     Args:
         data: The cells around the vertices, all of them.
         reference: The fields.
         here: Whether the field of a vertex is to be computed, shape (cells, d + 1).
-        free: Whether the flux on closed contact facets at a vertex is what costs the least energy,
-            of any sign, and not given.
+        modes: Which contact fluxes at a vertex are those that cost the least energy, of any sign,
+            and not given: `FREE`, those on facets closed and partly closed; `HALF`, on closed ones;
+            `SPREAD`, none.
 
     Returns:
         Shape (cells, d + 1, moments): outward fluxes.
     """
-    d = reference.dimension
     if not here.any():
-        return np.zeros((len(here), d + 1, reference.per_facet))
-    patches = _Patches(data, here, free)
+        return np.zeros((*here.shape, reference.per_facet))
+    guess = np.zeros((*here.shape, reference.dimension + 1))
+    if (here & (modes > FREE)).any():
+        free = _fields(data, reference, here, np.zeros_like(modes), guess)
+        guess = free.reshape(*guess.shape, reference.per_facet)[..., 0]
+    sums = _fields(data, reference, here, modes, guess).sum(axis=1)
+    return sums.reshape(*here.shape, reference.per_facet)
+
+
+def _fields(
+    data: CellData, reference: ReferenceFlux, here: Marks, modes: Indices, guess: Array
+) -> Array:
+    """The moments on facets for each cell and vertex, shape (cells, d + 1, fluxes).
+
+    The guess has total fluxes for each cell, vertex and facet, where any flux is balanced.
+    """
+    d = reference.dimension
+    patches = _Patches(data, here, modes)
     (energies, forces), divergence = condensed(data, reference), divergences(data, reference)
-    known = _known(data, reference, patches, divergence, free)
+    known = _known(data, reference, patches, divergence, modes, guess)
     total = divergence[:, :, 0] - known[..., 0].sum(axis=2)
     total = patches.balanced(total, data.sizes[:, :1])
     flat = known.reshape(*here.shape, reference.fluxes)
     forces = forces - flat @ energies
     slack = data.strength * data.sizes[:, 0]
     for cells, vertices, unknowns, signs, count, closed in patches.groups(reference):
-        others = _others(d)[vertices]  # the facets at the vertex
-        moments = others[..., None] * reference.per_facet + np.arange(reference.per_facet)
+        at_vertex = others(d)[vertices]
+        moments = at_vertex[..., None] * reference.per_facet + np.arange(reference.per_facet)
         moments = moments.reshape(*vertices.shape, -1)
         rows, columns = moments[..., :, None], moments[..., None, :]
         K = energies[cells[..., None, None], rows, columns]
         b = forces[cells[..., None], vertices[..., None], moments]
-        x = _solved(K, b, total[cells, vertices], slack[cells], unknowns, signs, count, closed)
+        x = solved(K, b, total[cells, vertices], slack[cells], unknowns, signs, count, closed)
         flat[cells[..., None], vertices[..., None], moments] += x
-    return flat.sum(axis=1).reshape(len(here), d + 1, -1)
-
-
-def _others(d: int) -> Indices:
-    """For each vertex of a simplex the facets that have this vertex."""
-    return np.array([[k for k in range(d + 1) if k != a] for a in range(d + 1)])
+    return flat
 
 
 class _Patches:
     """Which cells form the patch of which vertex."""
 
-    def __init__(self, data: CellData, here: Marks, free: Marks):
+    def __init__(self, data: CellData, here: Marks, modes: Indices):
         self.shape = here.shape
         self.slack = (data.strength > 0.0)[:, None] & here
         corners = np.flatnonzero(here)  # pairs of a cell and one of its vertices
@@ -90,11 +106,12 @@ class _Patches:
         self.number = np.zeros(here.size, dtype=np.int64)
         self.number[self.corners] = self.vertex
         self.here = here
-        at = _others(here.shape[1] - 1)[self.corners % here.shape[1]]
+        at = others(here.shape[1] - 1)[self.corners % here.shape[1]]
         cells = self.corners // here.shape[1]
         self.facets, self.kind = data.facets[cells[:, None], at], data.kinds[cells[:, None], at]
-        free_here = free.ravel()[self.corners][:, None] & (self.kind == CLOSED)
-        self.kind[free_here] = DIRICHLET  # any flux is balanced on both
+        mode = modes.ravel()[self.corners][:, None]
+        free = ((self.kind == CLOSED) & (mode < SPREAD)) | ((self.kind == PARTLY) & (mode == FREE))
+        self.kind[free] = DIRICHLET  # any flux is balanced on both
 
     def sums(self, values: Array) -> Array:
         """The sums over patches of values for cells and vertices, as such values again."""
@@ -175,89 +192,57 @@ class _Patches:
 
 
 def _known(
-    data: CellData, reference: ReferenceFlux, patches: _Patches, divergence: Array, free: Marks
+    data: CellData,
+    reference: ReferenceFlux,
+    patches: _Patches,
+    divergence: Array,
+    modes: Indices,
+    guess: Array,
 ) -> Array:
-    """The given moments on facets for each cell and vertex, shape (cells, d + 1, d + 1, moments).
-
-    The force of a contact vertex is spread over the closed facets at the vertex, if there are any,
-    and over all contact facets at the vertex otherwise, with the hat function as its shape.
-    """
+    """The given moments on facets, shape (cells, vertices d + 1, facets d + 1, moments)."""
     d = reference.dimension
     known = np.zeros((len(data.kinds), d + 1, d + 1, reference.per_facet))
-    shapes = np.zeros((d + 1, d + 1, *reference.facet_products.shape[1:]))
-    for a in range(d + 1):
-        for k in _others(d)[a]:
-            shapes[a, k] = reference.facet_products[a - (a > k)]
     given = np.flatnonzero((data.kinds == NEUMANN).any(axis=1))
-    known[given] = np.einsum("ckj,akjl->cakl", data.fluxes[given], shapes)
-    contact, closed = data.kinds >= OPEN, data.kinds == CLOSED
-    touching = patches.at_vertex(closed.astype(np.float64)) > 0.0
-    chosen = np.where(touching[:, :, None], closed[:, None, :], contact[:, None, :])
-    chosen = chosen & ~np.eye(d + 1, dtype=bool)
-    weights = chosen * data.sizes[:, None, 1:] / d
-    area = patches.sums(weights.sum(axis=2))
+    known[given] = np.einsum("ckj,akjl->cakl", data.fluxes[given], hats(reference))
     force = patches.sums(divergence[:, :, 0] - known[..., 0].sum(axis=2))
-    density = np.maximum(force, 0.0) / np.where(area > 0.0, area, np.inf)
-    pressing = np.where(patches.held[:, :, None], 0.0, density[:, :, None] * chosen)
-    # At a vertex with Dirichlet data any flux is balanced: the flux of u is a good one.
-    own = -d * np.einsum("ka,ca->ck", reference.gradients, data.current[:, :, 0])
-    own = np.where(closed, np.maximum(own, 0.0) / data.sizes[:, 1:], 0.0)
-    guessed = patches.held & ~free
-    pressing += np.where(guessed[:, :, None] & chosen, own[:, None, :], 0.0)
-    pressed = np.flatnonzero(pressing.any(axis=(1, 2)))
-    known[pressed] += np.einsum(
-        "cak,ck,akl->cakl", pressing[pressed], data.sizes[pressed, 1:], shapes[:, :, 0]
-    )
+    cells = np.flatnonzero((data.kinds >= OPEN).any(axis=1))
+    known[cells] += _pressing(data, reference, patches, force, modes, guess, cells)
     known[~patches.here] = 0.0
     return known
 
 
-def _solved(
-    K: Array,
-    b: Array,
-    total: Array,
-    slack: Array,
-    unknowns: Indices,
-    signs: Indices,
-    count: int,
-    closed: bool,
+def _pressing(
+    data: CellData,
+    reference: ReferenceFlux,
+    patches: _Patches,
+    force: Array,
+    modes: Indices,
+    guess: Array,
+    cells: Indices,
 ) -> Array:
-    """Solve patches of one kind: the least energy for given total fluxes of the cells.
+    """The given contact fluxes of some cells, as `_known` returns them.
 
-    Where a cell has slack, other total fluxes are allowed, and cost energy.
-
-    Returns:
-        The moments on the facets at the vertex, shape (patches, cells, d * moments).
+    The force of a contact vertex is spread over the closed facets at the vertex, or else the partly
+    closed ones, or else all contact facets.
     """
-    patches, cells, width = b.shape
-    if not patches or not count:
-        return np.zeros_like(b)
-    moments = width // signs.shape[2]
-    size, rows = count * moments, cells - closed
-    place = np.where(unknowns[..., None] >= 0, unknowns[..., None] * moments, size)
-    place = np.where(place < size, place + np.arange(moments), size).reshape(b.shape)
-    sign = np.repeat(signs, moments, axis=-1).astype(np.float64)
-    patch = np.arange(patches)[:, None, None]
-    at = (patch[..., None] * (size + 1) + place[..., :, None]) * (size + 1) + place[..., None, :]
-    entries = (K * sign[..., :, None] * sign[..., None, :]).ravel()
-    full = np.bincount(at.ravel(), entries, patches * (size + 1) ** 2)
-    full = full.reshape(patches, size + 1, size + 1)[:, :size, :size]
-    load = np.bincount(
-        (patch * (size + 1) + place).ravel(), (b * sign).ravel(), patches * (size + 1)
-    ).reshape(patches, size + 1)[:, :size]
-    scale = np.einsum("pii->p", full)[:, None] / size
-    system = np.zeros((patches, size + rows, size + rows))
-    system[:, :size, :size] = full / scale[..., None]
-    sums = np.zeros((patches, cells, size + 1))
-    np.put_along_axis(sums, place[..., ::moments], sign[..., ::moments], axis=2)
-    system[:, size:, :size] = sums[:, :rows, :size]
-    system[:, :size, size:] = system[:, size:, :size].transpose(0, 2, 1)
-    rest = np.arange(size, size + rows)
-    system[:, rest, rest] = -slack[:, :rows] * scale
-    right = np.concatenate((load / scale, total[:, :rows]), axis=1)
-    try:
-        x = np.linalg.solve(system, right[..., None])[:, :size, 0]
-    except np.linalg.LinAlgError:  # the cells at a vertex where the domain touches itself
-        x = (np.linalg.pinv(system, hermitian=True) @ right[..., None])[:, :size, 0]
-    x = np.concatenate((x, np.zeros((patches, 1))), axis=1)
-    return np.asarray(np.take_along_axis(x[:, None, :], place, axis=2) * sign)
+    d, kinds, sizes = reference.dimension, data.kinds[cells], data.sizes[cells, 1:]
+    shapes, held = contact_shapes(data, reference, cells), patches.held[cells]
+    partly, closed = (
+        patches.at_vertex((data.kinds == kind).astype(np.float64))[cells] > 0.0
+        for kind in (PARTLY, CLOSED)
+    )
+    level = np.where(closed, CLOSED, np.where(partly, PARTLY, OPEN))
+    at_vertex = ~np.eye(d + 1, dtype=bool)
+    chosen = (kinds[:, None, :] == level[:, :, None]) & at_vertex
+    area = np.zeros(data.kinds.shape)
+    area[cells] = (chosen * sizes[:, None, :] * shapes[..., 0]).sum(axis=2)
+    area = patches.sums(area)[cells]
+    density = np.maximum(force[cells], 0.0) / np.where(area > 0.0, area, np.inf)
+    amount = np.where(held, 0.0, density)[:, :, None] * chosen
+    # Where some facet is free any other flux is balanced.
+    last = (modes[cells] == SPREAD)[:, :, None] & (kinds[:, None, :] == CLOSED)
+    last |= (modes[cells] > FREE)[:, :, None] & (kinds[:, None, :] == PARTLY)
+    last &= held[:, :, None] & at_vertex
+    means = np.where(last, sizes[:, None, :] * shapes[..., 0], 1.0)
+    amount += np.where(last, np.maximum(guess[cells], 0.0) / means, 0.0)
+    return np.asarray(amount[..., None] * sizes[:, None, :, None] * shapes)

@@ -1,0 +1,86 @@
+"""What Neumann and Robin conditions say about the flux through facets."""
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_signorini.accuracy.boundary_facets import facet_points, on_frames
+from dolfinx_signorini.accuracy.frames import Frames
+from dolfinx_signorini.accuracy.reference_flux import polynomials
+from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.problem import SignoriniProblem
+
+Array = npt.NDArray[np.float64]
+
+
+def given_fluxes(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, degree: int
+) -> tuple[Array, Array, list[str]]:
+    """Return the fluxes on Neumann and Robin facets, and what polynomials miss of them.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+        degree: The degree of the polynomials on facets.
+
+    Returns:
+        The moments, shape (cells, d + 1, moments), the L2 norms of the rest on each facet, shape
+        (cells, d + 1), both with the signs of a lower obstacle, and what is sampled.
+    """
+    domain, d = problem.space.mesh, frames.dimension
+    count = len(polynomials(d - 1, degree, np.zeros((1, d - 1))))
+    moments = np.zeros((len(frames.order), d + 1, count))
+    squares = np.zeros(moments.shape[:2])
+    marked = on_frames(domain, frames, [f for _, f in (*terms.neumann, *terms.robin)])
+    marked &= on_frames(domain, frames, [boundary_facets(domain)])
+    fluxes = [polynomial_degree(data) for data, _ in terms.neumann]
+    robin = [polynomial_degree(data) for data, _ in terms.robin]
+    found = [n for n in (*fluxes, *robin) if n is not None]
+    sampled = len(found) < len(fluxes) + len(robin)
+    quadrature = 2 * (max(found, default=0) + degree) + (8 if sampled else 0)
+    notes = ["a flux is known at quadrature points only"] if sampled else []
+    points = facet_points(domain, frames, marked, quadrature)
+    total = np.zeros((len(points.cells), len(points.weights)))
+    for data, facets in terms.neumann:
+        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
+        total += np.where(inside[:, None], points.values(data), 0.0)
+    if terms.robin:
+        u = points.function(problem.space, problem.u.x.array)
+    for data, facets in terms.robin:
+        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
+        coefficient = np.where(inside[:, None], points.values(data), 0.0)
+        require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")
+        total -= coefficient * u
+    total *= problem.sign
+    p = points.polynomials(degree)
+    means = np.einsum("q,nq,njq->nj", points.weights, total, p)
+    rest = total - np.einsum("nj,njq->nq", means, p)
+    at = points.cells, points.facets
+    moments[at] = means * points.sizes[:, None]
+    squares[at] = np.square(rest) @ points.weights * points.sizes
+    return moments, np.sqrt(squares), notes
+
+
+def robin_energy(
+    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, w: fem.Function
+) -> Array:
+    """Return the integrals of k w^2 over the Robin facets of each cell.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: Its strong form.
+        frames: The cells of its mesh.
+        w: A function.
+    """
+    result = np.zeros(len(frames.order))
+    for data, facets in terms.robin:
+        marked = on_frames(problem.space.mesh, frames, [facets])
+        degree = 2 * w.function_space.element.basix_element.degree + 4
+        points = facet_points(problem.space.mesh, frames, marked, degree)
+        square = points.function(w.function_space, w.x.array) ** 2
+        sums = points.values(data) * square @ points.weights * points.sizes
+        result += np.bincount(points.cells, sums, len(result))
+    return result

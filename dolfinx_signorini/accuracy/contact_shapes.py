@@ -1,0 +1,58 @@
+"""The shapes of given fluxes on facets: hat functions, and what presses where a facet touches."""
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.accuracy.condensation import PARTLY, CellData
+from dolfinx_signorini.accuracy.reference_flux import (
+    ReferenceFlux,
+    barycentric,
+    polynomials,
+    rule,
+)
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+def others(d: int) -> Indices:
+    """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
+    return np.array([[k for k in range(d + 1) if k != a] for a in range(d + 1)])
+
+
+def hats(reference: ReferenceFlux) -> Array:
+    """Return means over each facet of hat function times two polynomials, by vertex and facet."""
+    d = reference.dimension
+    means = np.zeros((d + 1, d + 1, *reference.facet_products.shape[1:]))
+    for a in range(d + 1):
+        for k in others(d)[a]:
+            means[a, k] = reference.facet_products[a - (a > k)]
+    return means
+
+
+def contact_shapes(data: CellData, reference: ReferenceFlux, cells: Indices) -> Array:
+    """Return the shapes of contact fluxes, as means with polynomials.
+
+    The shape is the hat function of the vertex; on a partly closed facet a power of the sum of the
+    hat functions of those vertices that touch, if there are any.
+
+    Args:
+        data: Cells.
+        reference: The fields.
+        cells: Those of the cells that are wanted.
+
+    Returns:
+        Shape (cells, vertices d + 1, facets d + 1, moments).
+    """
+    d, degree = reference.dimension, reference.degree
+    shapes = np.tile(hats(reference)[:, :, 0], (len(cells), 1, 1, 1))
+    points, weights = rule(d - 1, 2 * degree)
+    phi, p = barycentric(points), polynomials(d - 1, degree, points)
+    place, facet = np.nonzero(data.kinds[cells] == PARTLY)
+    vertices = others(d)[facet]
+    touching = data.touching[cells[place, None], vertices]
+    some = np.asarray(touching.any(axis=1))[:, None, None]
+    bumps = np.where(some, ((touching @ phi.T) ** degree)[:, None], phi.T[None])
+    means = np.einsum("q,naq,lq->nal", weights, bumps, p)
+    shapes[place[:, None], vertices, facet[:, None]] = means
+    return shapes
