@@ -8,6 +8,7 @@ does not resolve.
 Source: Smears and Vohralik, ESAIM Math. Model. Numer. Anal. 54 (2020) 1951-1973.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -65,7 +66,7 @@ class CellData:
     def packed(self) -> Array:
         """Return all data as one array with a row for each cell."""
         parts = [np.asarray(part, dtype=np.float64) for part in vars(self).values()]
-        return np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)
+        return np.concatenate([p.reshape(len(p), math.prod(p.shape[1:])) for p in parts], axis=1)
 
     @classmethod
     def unpacked(cls, rows: Array, reference: ReferenceFlux) -> "CellData":
