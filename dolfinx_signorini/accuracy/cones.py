@@ -29,6 +29,10 @@ MORE = 6  # by how much polynomials that stand for data are of higher degree tha
 class Cones:
     """Functions on facets in the plane, each with its extension to the cell of the facet.
 
+    The extensions are added up at points:
+
+        values, gradients = cones.at(points)
+
     Attributes:
         frames: The cells.
         cells, facets: The facets, shape (n,).

@@ -50,6 +50,11 @@ Marks = npt.NDArray[np.bool_]
 class EnergyBound:
     """A bound of the energy norm of u - u_h, with its parts.
 
+    A bound is proven up to what is known at points only:
+
+        bound = energy_bound(problem, EnergyTerms(reaction=1.0, load=f))
+        print(bound.total, "sampled" if bound.sampled else "proven", bound.notes)
+
     Attributes:
         flux: The distance of the flux of u_h from the equilibrated one.
         data: What is left of load and fluxes beside polynomials on cells and facets.

@@ -51,6 +51,11 @@ DATA = "Dirichlet data are known at points of facets only"
 class Feasible:
     """What is to be added to a solution for a feasible function.
 
+    Where nothing is missing, u plus the change is feasible, but for the cones in the plane:
+
+        near = feasible(problem, terms, frames, kinds)
+        v = problem.sign * problem.u.x.array + near.change.x.array
+
     Attributes:
         change: A function.
         cones: What comes on top in the plane; None for nothing.
