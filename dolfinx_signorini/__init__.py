@@ -6,6 +6,8 @@ scenes, paper, tradeoff, and commands.
 """
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
@@ -26,6 +28,8 @@ __all__ = [
     "AdaptiveSolution",
     "ContactState",
     "DetachmentPoint",
+    "EnergyBound",
+    "EnergyTerms",
     "InputError",
     "ManufacturedSolution",
     "NotConvergedError",
@@ -40,6 +44,7 @@ __all__ = [
     "christof_haubner",
     "coarse_levels",
     "detachment_points",
+    "energy_bound",
     "error_norms",
     "friedrichs_keller",
     "interpolated",

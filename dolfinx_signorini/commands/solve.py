@@ -42,6 +42,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--report", action="store_true", help="write one HTML page with everything on it"
     )
     parser.add_argument(
+        "--bound", action="store_true", help="compute a proven bound of the energy error"
+    )
+    parser.add_argument(
         "--costs",
         action="store_true",
         help="print the forms, matrices and vectors made for the finest level, with bytes and "
@@ -90,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
             result = solve_scene(scene, comm, **asked, on_step=_progress)
         try:
             boundary = gather_contact_boundary(result.posed.problem)
-            summary = summarise(result, boundary)
+            summary = summarise(result, boundary, args.bound)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
                 _print(result, summary)

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from dolfinx_signorini.accuracy.energy_bound import EnergyBound, energy_bound
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.scenes.conditions import Dirichlet, Neumann, Setting
 from dolfinx_signorini.scenes.posing import (

@@ -6,7 +6,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 

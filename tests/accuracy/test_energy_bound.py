@@ -21,15 +21,15 @@ from energy_cases import (
 )
 
 from dolfinx_signorini.accuracy import energy_bound as module
-from dolfinx_signorini.accuracy.boundary_facets import facet_kinds
-from dolfinx_signorini.accuracy.boundary_fluxes import given_fluxes
-from dolfinx_signorini.accuracy.cell_values import cell_data, cell_values, flux_values
-from dolfinx_signorini.accuracy.condensation import coefficients
-from dolfinx_signorini.accuracy.energy_bound import energy_bound
-from dolfinx_signorini.accuracy.equilibration import equilibrated
-from dolfinx_signorini.accuracy.frames import cell_frames
-from dolfinx_signorini.accuracy.reference_flux import reference_flux
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.boundary_facets import facet_kinds
+from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
+from dolfinx_signorini.bounds.cell_values import cell_data, cell_values, flux_values
+from dolfinx_signorini.bounds.condensation import coefficients
+from dolfinx_signorini.bounds.energy_bound import energy_bound
+from dolfinx_signorini.bounds.equilibration import equilibrated
+from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.reference_flux import reference_flux
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem

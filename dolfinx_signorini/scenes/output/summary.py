@@ -14,6 +14,7 @@ from dolfinx_signorini.contact_boundary import ContactBoundary
 from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
 
 ROUNDING = 1e-12  # of coordinates
@@ -42,6 +43,7 @@ class Summary:
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
         errors: Norms of the error where the solution is known, by name.
+        bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
         seconds: Wall-clock seconds of everything.
     """
@@ -57,16 +59,20 @@ class Summary:
     imbalance: float
     natural_residual: float
     errors: dict[str, float]
+    bound: dict[str, str]
     choice: dict[str, str]
     seconds: float
 
 
-def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
+def summarise(
+    result: SceneResult, boundary: ContactBoundary | None, bound: bool = False
+) -> Summary:
     """Return the numbers of a solved scene; the call is collective.
 
     Args:
         result: The solved scene.
         boundary: Its contact boundary, on rank 0.
+        bound: Whether to compute the proven bound of the energy error.
     """
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
@@ -88,6 +94,7 @@ def summarise(result: SceneResult, boundary: ContactBoundary | None) -> Summary:
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
         errors={} if exact is None else _errors(result.u, exact, scene.norms),
+        bound=_bound(result) if bound else {},
         choice={} if result.found is None else dict(found_lines(result.found)),
         seconds=result.seconds,
     )
@@ -112,7 +119,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
-    return [*s.choice.items(), *rows, ("time", f"{s.seconds:.2f} s")]
+    return [*s.choice.items(), *rows, *s.bound.items(), ("time", f"{s.seconds:.2f} s")]
 
 
 def listing(rows: Iterable[tuple[str, str]]) -> str:
@@ -128,6 +135,16 @@ def _place(point: Sequence[float], uncertainty: float) -> str:
         digits = min(max(2, math.ceil(math.log10(size / uncertainty))), MAX_DIGITS)
     numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
     return f"({', '.join(f'{c:.{digits}g}' for c in numbers)}) +- {uncertainty:.1g}"
+
+
+def _bound(result: SceneResult) -> dict[str, str]:
+    """Return the bound of the energy error in words."""
+    bound = bound_of_scene(result.posed)
+    said = "proven, but for data that are only sampled" if bound.sampled else "proven"
+    parts = ("flux", "data", "mean", "contact", "lifting")
+    shares = (f"{name} {getattr(bound, name):.1e}" for name in parts)
+    found = {"energy error": f"at most {bound.total:.3e}, {said}", "its parts": ", ".join(shares)}
+    return found | {f"bound, note {k}": note for k, note in enumerate(bound.notes, start=1)}
 
 
 def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str, float]:

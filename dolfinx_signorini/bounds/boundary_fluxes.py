@@ -4,10 +4,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.boundary_facets import facet_points, on_frames
-from dolfinx_signorini.accuracy.frames import Frames
-from dolfinx_signorini.accuracy.reference_flux import polynomials
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.boundary_facets import facet_points, on_frames
+from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.reference_flux import polynomials
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.condensation import (
+from dolfinx_signorini.bounds.condensation import (
     CLOSED,
     DIRICHLET,
     NEUMANN,
@@ -28,9 +28,9 @@ from dolfinx_signorini.accuracy.condensation import (
     condensed,
     divergences,
 )
-from dolfinx_signorini.accuracy.contact_shapes import contact_shapes, hats, others
-from dolfinx_signorini.accuracy.patch_systems import solved
-from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux
+from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats, others
+from dolfinx_signorini.bounds.patch_systems import solved
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

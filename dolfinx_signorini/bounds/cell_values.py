@@ -7,16 +7,16 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.condensation import CellData
-from dolfinx_signorini.accuracy.diffusion import Diffusion, diffusion_at
-from dolfinx_signorini.accuracy.frames import Frames, values_at
-from dolfinx_signorini.accuracy.reference_flux import (
+from dolfinx_signorini.bounds.condensation import CellData
+from dolfinx_signorini.bounds.diffusion import Diffusion, diffusion_at
+from dolfinx_signorini.bounds.frames import Frames, values_at
+from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
     polynomials,
     rule,
 )
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from dolfinx import la, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.condensation import CLOSED, PARTLY, CellData
-from dolfinx_signorini.accuracy.patches import FREE, HALF, SPREAD, patch_fluxes
-from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, lowest
+from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
+from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.boundary_facets import FacetPoints, on_frames
-from dolfinx_signorini.accuracy.condensation import CLOSED, OPEN
-from dolfinx_signorini.accuracy.frames import Frames
-from dolfinx_signorini.accuracy.reference_flux import CELLS, barycentric, lowest
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
+from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
+from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.reference_flux import CELLS, barycentric, lowest
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ from ufl import as_ufl, as_vector
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.accuracy.reference_flux import barycentric, polynomials
+from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
 from dolfinx_signorini.meshes import owned_cells
 
 Array = npt.NDArray[np.float64]

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.condensation import PARTLY, CellData
-from dolfinx_signorini.accuracy.reference_flux import (
+from dolfinx_signorini.bounds.condensation import PARTLY, CellData
+from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
     polynomials,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -20,9 +20,10 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.boundary_facets import contact_closures
-from dolfinx_signorini.accuracy.condensation import CLOSED, OPEN
-from dolfinx_signorini.accuracy.cones import (
+from dolfinx_signorini.assembly import dofs_on_facets, evaluator
+from dolfinx_signorini.bounds.boundary_facets import contact_closures
+from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
+from dolfinx_signorini.bounds.cones import (
     MORE,
     Cones,
     cones_on,
@@ -31,10 +32,9 @@ from dolfinx_signorini.accuracy.cones import (
     lattice,
     loose_ends,
 )
-from dolfinx_signorini.accuracy.frames import Frames
-from dolfinx_signorini.accuracy.reference_flux import lowest
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.assembly import dofs_on_facets, evaluator
+from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.reference_flux import lowest
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]

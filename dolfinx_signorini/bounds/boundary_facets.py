@@ -10,7 +10,8 @@ import ufl
 from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.condensation import (
+from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.bounds.condensation import (
     CLOSED,
     DIRICHLET,
     INTERIOR,
@@ -18,10 +19,9 @@ from dolfinx_signorini.accuracy.condensation import (
     OPEN,
     PARTLY,
 )
-from dolfinx_signorini.accuracy.frames import Frames, values_at
-from dolfinx_signorini.accuracy.reference_flux import polynomials, rule
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms, Facets
-from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.bounds.frames import Frames, values_at
+from dolfinx_signorini.bounds.reference_flux import polynomials, rule
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, Facets
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.boundary_facets import (
+from dolfinx_signorini.bounds.boundary_facets import (
     FacetPoints,
     facet_kinds,
     facet_points,
 )
-from dolfinx_signorini.accuracy.boundary_fluxes import given_fluxes, robin_energy
-from dolfinx_signorini.accuracy.cell_values import (
+from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes, robin_energy
+from dolfinx_signorini.bounds.cell_values import (
     CellValues,
     cell_data,
     cell_values,
@@ -25,19 +25,19 @@ from dolfinx_signorini.accuracy.cell_values import (
     function_values,
     quadrature_degree,
 )
-from dolfinx_signorini.accuracy.condensation import (
+from dolfinx_signorini.bounds.condensation import (
     CLOSED,
     DIRICHLET,
     OPEN,
     CellData,
     coefficients,
 )
-from dolfinx_signorini.accuracy.equilibration import equilibrated
-from dolfinx_signorini.accuracy.frames import Frames, cell_frames
-from dolfinx_signorini.accuracy.lifting import Feasible, feasible
-from dolfinx_signorini.accuracy.reference_flux import ReferenceFlux, reference_flux
-from dolfinx_signorini.accuracy.strong_form import EnergyTerms
-from dolfinx_signorini.accuracy.transport import transported
+from dolfinx_signorini.bounds.equilibration import equilibrated
+from dolfinx_signorini.bounds.frames import Frames, cell_frames
+from dolfinx_signorini.bounds.lifting import Feasible, feasible
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 

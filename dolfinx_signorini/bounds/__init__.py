@@ -1,0 +1,1 @@
+"""Proven bounds of the energy error, from fluxes in equilibrium with the load."""
