@@ -6,17 +6,19 @@ which is the one that is handed out. The cells that leave most of this error are
 next step. The first mesh is divided everywhere: no estimate of the first step is believed.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, total
+from dolfinx_signorini.accuracy.cells import Array, Indices, collected, total
 from dolfinx_signorini.accuracy.indicators import Indicators, difference, indicators, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, mark_all
+from dolfinx_signorini.accuracy.misfits import obstacle_misfits
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Functional, Target, target
 from dolfinx_signorini.arguments import check_positive
@@ -27,8 +29,8 @@ from dolfinx_signorini.refinement import Refinement, carried_across, refined
 from dolfinx_signorini.solvers.cascade import ascend
 
 MAX_UNKNOWNS = 1_000_000
-SAFETY = 1.4  # the estimate over what the measured rates say
-AIM = 0.75  # estimate aimed at, over the accuracy
+SAFETY = 1.3  # the estimate over what the measured rates say
+AIM = 0.9  # estimate aimed at, over the accuracy
 SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
 RESERVE = 1.2  # how much longer than predicted a step may take
 PATIENCE = 4  # steps in which the estimate does not fall
@@ -240,13 +242,21 @@ class _Loop:
         whole = total(found.cells, power, self.comm)
         share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
         estimate = found.difference * share
+        if self.request.target.is_largest_value:
+            misfits = obstacle_misfits(self.problem)
+            count = len(found.cells)
+            hidden = collected(misfits, self.division.parents, count, math.inf)
+            remaining = np.maximum(self.outlook.remaining, hidden)
+            self.outlook = replace(self.outlook, remaining=remaining)
+            estimate = max(estimate, total(hidden, math.inf, self.comm))
         if self.steps:
             u, parents, before = self.last
             cells = self.owners[self.division.parents]
             old = carried_across(u, parents, self.problem.space, cells)
             moved = size(difference(self.problem.u, old), self.request.target)
-            fallen = before - estimate
-            if fallen > FALLEN * before:
+            weighted = self.request.target.weighted  # else errors of levels are orthogonal
+            fallen = before - estimate if weighted else math.sqrt(abs(before**2 - estimate**2))
+            if before - estimate > FALLEN * before:
                 self.correction = min(max(moved / fallen, 1.0), CORRECTION)
         self.last = self.problem.u, self.division.parents, estimate
         self.estimate = estimate * self.correction

@@ -43,6 +43,12 @@ class Target:
         return norm is None or norm.boundary or (norm.derivatives == 0 and not math.isinf(norm.p))
 
     @property
+    def is_largest_value(self) -> bool:
+        """Whether the target is the largest error of the values."""
+        norm = self.norm
+        return norm is not None and norm.derivatives == 0 and math.isinf(norm.p)
+
+    @property
     def power(self) -> float:
         """The exponent with which the indicators of cells add up."""
         return 1.0 if self.weighted or self.norm is None else self.norm.p

@@ -20,7 +20,7 @@ from energy_cases import (
     top,
 )
 
-from dolfinx_signorini.accuracy import energy_bound as module
+from dolfinx_signorini.bounds import energy_bound as module
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_values import cell_data, cell_values, flux_values
