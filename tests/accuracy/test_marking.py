@@ -12,7 +12,7 @@ N = 8
 
 
 def outlook(remaining, rates, singular, power=2.0, order=3.0):
-    return Outlook(remaining, 2.0**-rates, singular, power, order)
+    return Outlook(remaining, 2.0**-rates, singular, singular, power, order)
 
 
 def corners(sided):
