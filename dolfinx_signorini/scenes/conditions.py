@@ -23,6 +23,7 @@ from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import interpolant
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula, number
+from dolfinx_signorini.scenes.jumps import integrable_on_facets
 from dolfinx_signorini.scenes.toml_table import ALL, TomlTable
 
 Sides = tuple[str, ...]
@@ -263,7 +264,11 @@ class Neumann(BoundaryCondition):
         return "" if self.value is None else f"flux {self.value.text} {self.on_sides()}"
 
     def load(self, setting: Setting) -> Expr | None:
-        return None if self.value is None else self.value.ufl(setting.x)
+        if self.value is None:
+            return None
+        degree = setting.space.element.basix_element.degree
+        facets = setting.sided.facets(self.sides)
+        return integrable_on_facets(self.value, setting.sided.mesh, facets, degree)
 
 
 CONDITIONS: tuple[type[BoundaryCondition], ...] = (Contact, Dirichlet, Neumann)

@@ -1,5 +1,6 @@
 """What to expect of a scene before it is solved: terms, orders of convergence, cost."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import error_norms, parse_norm
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
 from dolfinx_signorini.scenes.conditions import CONDITIONS
+from dolfinx_signorini.scenes.jumps import jumps
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import (
     Corner,
@@ -77,6 +79,12 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
         notes.append("the orders are those of plane problems without singular edges and corners")
     if not scene.manufactured:
         notes += [f"exact solution: {violation}" for violation in violations(scene, sided)]
+    formulas = [scene.solution, scene.reaction, *itertools.chain(*scene.diffusion)]
+    if scene.manufactured and any(formula is not None and jumps(formula) for formula in formulas):
+        notes.append(
+            "load and fluxes of the manufactured solution have jumps or kinks, and are integrated "
+            "roughly in the cells around these"
+        )
     exponent = corners[0].exponent if corners else DETACHMENT_EXPONENT
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]

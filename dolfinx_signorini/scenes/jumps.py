@@ -3,18 +3,19 @@
 A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump.
 In such cells the formula is replaced by its L2 projection on polynomials, cell by cell, which has
 the same integrals with the basis functions. The integrals of the projection are over pieces of the
-cell, which are divided again and again where the formula is not smooth.
+cell, which are divided again and again where the formula is not smooth. The same goes for facets.
 """
 
 from collections.abc import Iterator
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes import facet_cells, owned_cells
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
@@ -22,6 +23,7 @@ from dolfinx_signorini.scenes.pieces import divided, inside
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+ON_FACET = 1e-6  # what is positive on a facet is at least that at the points of a rule
 SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more
@@ -44,7 +46,9 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
     if not switches:
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
-    cells, values = _Projection(formula, switches, space).coefficients()
+    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    element = space.element.basix_element
+    cells, values = _Projection(formula, switches, domain, element, corners).coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
     marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
@@ -56,26 +60,88 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
     return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
 
 
+def integrable_on_facets(
+    formula: Formula, domain: mesh.Mesh, facets: npt.NDArray[np.int32], degree: int
+) -> Expr:
+    """Return a formula as an expression that quadrature rules on boundary facets integrate well.
+
+    In the cell of a facet where the formula is not smooth, a function has the projection on the
+    facet as its trace, and another function is positive on this facet and 0 on the others.
+
+    Args:
+        formula: The formula.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        facets: The boundary facets that the expression is integrated on.
+        degree: The degree of the polynomials with which the formula is going to be integrated.
+    """
+    result = formula.ufl(ufl.SpatialCoordinate(domain))
+    switches = list(_switches(formula.root, set()))
+    if not switches:
+        return result
+    dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
+    owned = facets < domain.topology.index_map(dimension - 1).size_local
+    pairs = facet_cells(domain, np.unique(facets[owned]).astype(np.int32))
+    vertices = np.array(basix.topology(cell)[dimension - 1])
+    corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
+    kind = basix.cell.subentity_types(cell)[dimension - 1][0]
+    element = basix.create_element(basix.ElementFamily.P, kind, degree)
+    found, values = _Projection(formula, switches, domain, element, corners).coefficients()
+    space = fem.functionspace(domain, ("DG", degree))
+    marks = fem.functionspace(domain, ("DG", dimension))
+    for local in range(len(vertices)):
+        chosen = pairs[found, 1] == local
+        if not domain.comm.allreduce(int(chosen.sum())):
+            continue
+        cells = pairs[found[chosen], 0]
+        trace, bubble = fem.Function(space), fem.Function(marks)
+        on, nodes = _on_facet(space.element.basix_element, vertices[local])
+        table = np.array(element.tabulate(0, nodes))[0, :, :, 0]
+        trace.x.array[space.dofmap.list[cells][:, on]] = values[chosen] @ table.T
+        x = marks.element.basix_element.points
+        shares = np.column_stack((1.0 - x.sum(axis=1), x))
+        bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
+        for function in (trace, bubble):
+            function.x.scatter_forward()
+        result = ufl.conditional(ufl.gt(bubble, ON_FACET), trace, result)
+    return result
+
+
+def _on_facet(
+    element: basix.finite_element.FiniteElement, vertices: Indices
+) -> tuple[Indices, Array]:
+    """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
+    x = np.array(element.points)
+    shares = np.column_stack((1.0 - x.sum(axis=1), x))
+    on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
+    return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
+
+
 class _Projection:
     """The projection of a formula on polynomials in the cells where the formula is not smooth.
 
-    A piece of a cell is given by its vertices, with the coordinates in the reference cell and in
-    space side by side, shape (dimension + 1, 2 dimension), and by the number of the cell.
+    A cell is a cell or a facet of the mesh, and has corners, shape (cells, vertices, 3). A piece
+    of a cell is given by its vertices, with the coordinates in the reference cell and in space side
+    by side, and by the number of the cell.
     """
 
-    def __init__(self, formula: Formula, switches: list[Node], space: fem.FunctionSpace):
-        domain = space.mesh
+    def __init__(
+        self,
+        formula: Formula,
+        switches: list[Node],
+        domain: mesh.Mesh,
+        element: basix.finite_element.FiniteElement,
+        corners: Array,
+    ):
         self.formula, self.switches, self.comm = formula, switches, domain.comm
-        self.dimension = domain.topology.dim
-        self.element = space.element.basix_element
+        self.dimension, self.element = corners.shape[1] - 1, element
         rule = QuadratureRule("default", self.element.degree + 4)
         self.points, self.weights = rule.points(self.element.cell_type)
         halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
         self.lattice = np.array(halves) / 2.0
-        x = domain.geometry.x[:, : self.dimension]
-        corners = x[domain.geometry.dofmap[owned_cells(domain)]]
+        x = domain.geometry.x[:, : domain.geometry.dim]
+        corners = corners[..., : domain.geometry.dim]
         unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
-        reference = np.broadcast_to(unit, corners.shape)
+        reference = np.broadcast_to(unit, (len(corners), *unit.shape))
         self.whole: Array = np.concatenate((reference, corners), axis=2, dtype=np.float64)
         ends = [x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)]
         self.size = float(np.max(domain.comm.allgather(ends), axis=0).sum(axis=0).max())
@@ -143,7 +209,14 @@ class _Projection:
 
     def _basis(self, points: Array) -> Array:
         """The basis of the polynomials at points of the reference cell, shape (points, basis)."""
-        return np.asarray(self.element.tabulate(0, np.ascontiguousarray(points))[0, :, :, 0])
+        if not len(points):  # basix needs one
+            return np.zeros((0, self.element.dim))
+        return np.array(self.element.tabulate(0, np.ascontiguousarray(points)))[0, :, :, 0]
+
+
+def jumps(formula: Formula) -> bool:
+    """Return whether a formula may jump or have a kink."""
+    return any(True for _ in _switches(formula.root, set()))
 
 
 def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
