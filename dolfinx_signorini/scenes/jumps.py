@@ -130,7 +130,7 @@ class _Projection:
         switches: list[Node],
         domain: mesh.Mesh,
         element: basix.finite_element.FiniteElement,
-        corners: Array,
+        corners: npt.NDArray[np.floating],
     ):
         self.formula, self.switches, self.comm = formula, switches, domain.comm
         self.dimension, self.element = corners.shape[1] - 1, element
