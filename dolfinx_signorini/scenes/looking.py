@@ -79,8 +79,9 @@ def resolved_mesh(scene: Scene, sided: SidedMesh, max_cells: int = MOST_CELLS) -
         sided = refinement.sided
         for look in looks:
             look.follow(sided.mesh, refinement.parents)
-    rough = [f"the first mesh is too coarse for {look.name}" for look in looks if look.rough(sided)]
-    return Resolved(sided, (*notes, *rough))
+    coarse = "is narrower than the cells of the first mesh, which is as fine as its limits allow"
+    notes += [f"{look.name} {coarse}" for look in looks if look.rough(sided.mesh)]
+    return Resolved(sided, tuple(notes))
 
 
 def _data(scene: Scene, sided: SidedMesh) -> Iterator[Datum]:
@@ -164,10 +165,9 @@ class _Look:
             marks |= shares > BULK * largest
         return marks
 
-    def rough(self, sided: SidedMesh) -> bool:
+    def rough(self, domain: mesh.Mesh) -> bool:
         """Whether some cell is too large for the datum; the call is collective."""
-        found = bool(self.marks(sided.mesh).any())
-        return bool(sided.mesh.comm.allreduce(found, op=MPI.LOR))
+        return bool(domain.comm.allreduce(bool(self.marks(domain).any()), op=MPI.LOR))
 
     def follow(self, domain: mesh.Mesh, parents: Indices) -> None:
         """Go on to a refined mesh.

@@ -1,6 +1,7 @@
 """Data that are narrower than the first mesh: loads, obstacles and layers are not overlooked."""
 
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from known import SCENES, bump, true_error
+from known import SCENES, Known, bump, true_error
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
@@ -17,7 +18,7 @@ from dolfinx_signorini.scenes.enclosures import enclosed_on_boxes, enclosed_on_s
 from dolfinx_signorini.scenes.formulas import FUNCTIONS
 from dolfinx_signorini.scenes.looking import resolved_mesh
 from dolfinx_signorini.scenes.parsing import parse
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.reading import load_scene, parse_scene
 
 NUMBERS = st.floats(0.01, 9.0).map(lambda v: f"{v:.4g}")
 UNARY = [name for name, (count, *_) in FUNCTIONS.items() if count == 1]
@@ -113,15 +114,69 @@ def test_enclosures_on_simplices_are_too_wide_by_the_square_of_the_width_only():
     assert excess[1] < 0.02 * excess[0]
 
 
-@pytest.mark.parametrize("width", [0.003, 0.001])
+def highest(u, place, distance):
+    """The largest value of a function at its nodes near a point."""
+    x = u.function_space.tabulate_dof_coordinates()
+    near = np.hypot(x[:, 0] - place[0], x[:, 1] - place[1]) < distance
+    top = float(u.x.array[near].max(initial=-np.inf))
+    return u.function_space.mesh.comm.allreduce(top, op=MPI.MAX)
+
+
+def solved(comm, known, norm, accuracy):
+    scene = parse_scene(known.text, Path("narrow.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, max_unknowns=300_000)
+    result.destroy()
+    assert result.found.reached
+    return result.u
+
+
+@pytest.mark.parametrize("width", [0.003, 0.001, 0.0003])
 @pytest.mark.parametrize(("norm", "accuracy"), [("Linf", 1e-2), ("H1", 1e-1)])
 def test_a_narrow_bump_is_not_overlooked(comm, width, norm, accuracy):
     known = bump(width, {})
-    scene = parse_scene(known.text, Path("bump.toml"), comm)
-    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, max_unknowns=300_000)
-    assert result.found.reached
-    assert true_error(result.u, known, norm) <= accuracy
-    result.destroy()
+    u = solved(comm, known, norm, accuracy)
+    assert true_error(u, known, norm) <= accuracy
+    assert highest(u, (0.37, 0.61), width) == pytest.approx(1.0, abs=0.1)
+
+
+def spike(width):
+    """Contact everywhere below a harmonic function whose trace is a narrow spike."""
+    text = f"""
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+X = "x - 0.4713"
+Y = "y + {width!r}"
+w = "{width!r}*Y/(X^2 + Y^2) - y/{8.0 * width!r}"
+[contact]
+sides = "bottom"
+obstacle = "{width**2!r}/(X^2 + {width**2!r})"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def u(x, y):
+        X, Y = x - 0.4713, y + width
+        return width * Y / (X**2 + Y**2) - y / (8.0 * width)
+
+    def gradient(x, y):
+        X, Y = x - 0.4713, y + width
+        square = (X**2 + Y**2) ** 2
+        return -2.0 * width * X * Y / square, width * (X**2 - Y**2) / square - 1.0 / (8.0 * width)
+
+    return Known(text, u, gradient, {})
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-4])
+@pytest.mark.parametrize(("norm", "accuracy"), [("Linf", 1e-2), ("H1", 1e-1)])
+def test_a_narrow_spike_of_the_obstacle_is_not_overlooked(comm, width, norm, accuracy):
+    known = spike(width)
+    u = solved(comm, known, norm, accuracy)
+    assert true_error(u, known, norm) <= accuracy
+    assert highest(u, (0.4713, 0.0), width) == pytest.approx(1.0, abs=0.05)
 
 
 PIN = """
@@ -138,14 +193,8 @@ value = 0
 
 
 def test_a_pin_is_not_overlooked(comm):
-    scene = parse_scene(PIN, Path("pin.toml"), comm)
-    result = solve_scene(scene, comm, accuracy=2e-2, norm="Linf", max_unknowns=100_000)
-    x = result.u.function_space.tabulate_dof_coordinates()
-    near = np.hypot(x[:, 0] - 0.4713, x[:, 1]) < 5e-3
-    highest = comm.allreduce(float(result.u.x.array[near].max(initial=0.0)), op=MPI.MAX)
-    assert result.found.reached
-    assert highest == pytest.approx(0.2, abs=5e-3)
-    result.destroy()
+    u = solved(comm, Known(PIN, None, None, {}), "Linf", 2e-2)
+    assert highest(u, (0.4713, 0.0), 5e-3) == pytest.approx(0.2, abs=5e-3)
 
 
 def first_mesh(comm, text, degree=2):
@@ -166,3 +215,118 @@ def test_the_mesh_of_a_scene_without_narrow_data_stays(comm, name):
     _, sided, found = first_mesh(comm, SCENES[name].text)
     assert found.sided is sided
     assert found.notes == ()
+
+
+def middles(domain):
+    """The midpoints of all cells of all ranks, in order."""
+    count = domain.topology.index_map(domain.topology.dim).size_local
+    x = domain.geometry.x[domain.geometry.dofmap[:count]].mean(axis=1)
+    x = np.round(np.concatenate(domain.comm.allgather(x)), 12)
+    return x[np.lexsort(x.T)]
+
+
+@pytest.mark.parametrize("text", [bump(0.003, {}).text, PIN], ids=["bump", "pin"])
+def test_the_ranks_refine_like_one(comm, text):
+    shared = middles(first_mesh(comm, text)[2].sided.mesh)
+    alone = middles(first_mesh(MPI.COMM_SELF, text)[2].sided.mesh)
+    assert np.array_equal(shared, alone)
+    assert 50 < len(alone) < 300
+
+
+def diameters(sided, place):
+    """The diameter of the smallest cell around a point, and of the largest cell of all."""
+    domain = sided.mesh
+    dim = domain.topology.dim
+    x = domain.geometry.x[domain.geometry.dofmap][:, :, :dim]
+    edges = x[:, 1:] - x[:, :1]
+    widths = np.linalg.norm(edges, axis=2).max(axis=1)
+    inner = np.linalg.solve(edges.transpose(0, 2, 1), (place - x[:, 0])[:, :, None])[:, :, 0]
+    around = (inner.min(axis=1) > -1e-9) & (inner.sum(axis=1) < 1.0 + 1e-9)
+    smallest = domain.comm.allreduce(float(widths[around].min(initial=np.inf)), op=MPI.MIN)
+    return smallest, domain.comm.allreduce(float(widths.max(initial=0.0)), op=MPI.MAX)
+
+
+NARROW = """
+[domain]
+shape = "{shape}"
+cells = 8
+[define]
+d = "{distance}"
+peak = "exp(-d/1e-6)"
+[equation]
+reaction = "{reaction}"
+diffusion = "{diffusion}"
+load = "{load}"
+[contact]
+sides = "bottom"
+[[dirichlet]]
+sides = "top"
+value = "{value}"
+[[neumann]]
+sides = "right"
+flux = "{flux}"
+"""
+PLANE = {
+    "shape": "square", "distance": "(x - 0.3719)^2 + (y - 0.6113)^2", "reaction": "1",
+    "diffusion": "1", "load": "1", "value": "0", "flux": "0",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("data", "place"),
+    [
+        ({"load": "1 + 1e6*peak"}, (0.3719, 0.6113)),
+        ({"load": "1 + where(d < 1e-6, 1e6, 0)"}, (0.3719, 0.6113)),
+        ({"reaction": "1 + 1e6*peak"}, (0.3719, 0.6113)),
+        ({"diffusion": "1 + 1e6*peak"}, (0.3719, 0.6113)),
+        ({"value": "x + exp(-((x - 0.7123)/0.0001)^2)"}, (0.7123, 1.0)),
+        ({"flux": "1 + 1e4*exp(-((y - 0.7123)/0.0001)^2)"}, (1.0, 0.7123)),
+    ],
+    ids=["load", "jump", "reaction", "diffusion", "Dirichlet", "flux"],
+)
+def test_every_datum_is_looked_at(comm, data, place):
+    _, _, found = first_mesh(comm, NARROW.format(**PLANE | data))
+    smallest, largest = diameters(found.sided, np.array(place))
+    assert smallest < 0.01
+    assert largest > 0.3
+    assert found.notes == ()
+
+
+def test_a_narrow_load_inside_a_cube_is_seen(comm):
+    data = PLANE | {"shape": "cube", "load": "1 + 1e9*peak"}
+    data["distance"] += " + (z - 0.2819)^2"
+    _, _, found = first_mesh(comm, NARROW.format(**data))
+    assert diameters(found.sided, np.array([0.3719, 0.6113, 0.2819]))[0] < 0.02
+
+
+def test_a_thin_layer_that_lets_nothing_through_is_seen(comm):
+    layer = {"diffusion": "1/(1 + 1e4*exp(-((x - 0.3719)/1e-3)^2))"}
+    _, _, found = first_mesh(comm, NARROW.format(**PLANE | layer))
+    for y in (0.1, 0.5, 0.9):
+        assert diameters(found.sided, np.array([0.3719, y]))[0] < 0.1
+
+
+def test_what_is_not_resolved_or_not_known_is_said(comm):
+    scene = parse_scene(bump(0.001, {}).text, Path("scene.toml"), comm)
+    found = resolved_mesh(scene, scene.domain.first().make(comm), max_cells=50)
+    assert cells(found.sided) <= 50
+    assert [note for note in found.notes if "the load" in note and "first mesh" in note]
+    result = solve_scene(scene, comm, accuracy=1e-3, norm="L2", max_unknowns=800)
+    result.destroy()
+    assert max(step.unknowns for step in result.found.steps) <= 800
+    assert set(found.notes) <= set(result.expectation.notes)
+    line = PLANE | {"load": "abs(x - y)^-0.9"}  # without a bound on a line
+    _, _, found = first_mesh(comm, NARROW.format(**line))
+    assert [note for note in found.notes if "may have" in note]
+
+
+@pytest.mark.parametrize("name", ["obstacle", "mixed", "polygon", "plate"])
+def test_the_look_takes_little_time(comm, name):
+    path = Path(__file__).parents[2] / "demos" / "scenes" / f"{name}.toml"
+    scene = load_scene(path, comm)
+    sided, times = scene.domain.first().make(comm), []
+    for _ in range(5):
+        began = time.process_time()
+        resolved_mesh(scene, sided)
+        times.append(time.process_time() - began)
+    assert min(times) < 0.05
