@@ -5,9 +5,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from known import SCENES, Known, bump, true_error
 from mpi4py import MPI
@@ -40,6 +41,7 @@ def combined(inner):
 
 
 FORMULAS = st.recursive(st.one_of(NUMBERS, st.sampled_from(["x", "y"])), combined, max_leaves=8)
+EXACT = {"sin": mpmath.sin, "exp": mpmath.exp, "hypot": mpmath.hypot}
 PLACES = st.integers(-8, 8).map(lambda k: k / 4.0)
 
 
@@ -57,6 +59,7 @@ def assert_inside(formula, points, ends):
         assert math.isnan(value) or ends[0] <= value <= ends[1], (formula.text, point, value, ends)
 
 
+@settings(max_examples=200)
 @given(FORMULAS, PLACES, PLACES, st.sampled_from([0.0, 1e-3, 0.25, 3.0]), st.integers(0, 99))
 def test_enclosures_contain_all_values(text, x, y, width, seed):
     formula = read(text)
@@ -69,6 +72,7 @@ def test_enclosures_contain_all_values(text, x, y, width, seed):
     assert_inside(formula, points, enclosed_on_boxes(formula, low, high)[:, 0])
 
 
+@settings(max_examples=200)
 @given(FORMULAS, st.lists(PLACES, min_size=6, max_size=6), st.booleans(), st.integers(0, 99))
 def test_enclosures_contain_all_values_on_triangles_and_segments(text, places, plane, seed):
     formula = read(text)
@@ -79,6 +83,38 @@ def test_enclosures_contain_all_values_on_triangles_and_segments(text, places, p
     shares[: len(corners)] = np.eye(len(corners))
     ends = enclosed_on_simplices(formula, corners[None])[:, 0]
     assert_inside(formula, np.clip(shares @ corners, corners.min(0), corners.max(0)), ends)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "where(x < 0.3, 0, x)", "where(x <= y, x, 5)", "where(x > 0.3, x, 2)", "sign(x - 0.31)*y",
+        "where(x >= y, -y, y)", "atan2(y - 0.4, x - 0.9)", "1/(x - 0.31)", "(x - 0.31)^-2",
+        "tan(3*x + y)", "abs(x - 0.31) - abs(y - 0.4)", "hypot(x - 0.31, y - 0.4)", "sin(9*x*y)",
+        "min(x, y)*max(x, 0.5)", "where(x > 0.31, sqrt(x - 0.31), 0)", "log(abs(x - 0.31))",
+        "x*y - x^2 + y^3", "acos(x - y)", "cosh(x - 0.31)", "asin(x)*tanh(y)", "cos(8*x)^2",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("width", [1.0, 0.1, 1e-3])
+def test_enclosures_contain_jumps_kinks_and_poles(text, width):
+    formula = parse(text)
+    corners = np.array([0.31, 0.4]) + width * np.array([[-0.4, -0.3], [0.6, -0.3], [-0.3, 0.6]])
+    shares = np.random.default_rng(1).dirichlet(np.ones(3), 200)
+    ends = enclosed_on_simplices(formula, corners[None])[:, 0]
+    assert_inside(formula, shares @ corners, ends)
+
+
+def test_ends_are_rounded_outwards():
+    places = np.random.default_rng(2).uniform(0.0, 3.0, (500, 2))
+    for text in ("x*y/3", "x + y/7", "sin(x)*exp(y)", "hypot(x, y)^1.5", "x^3 - 1/(1 + y)"):
+        formula = parse(text)
+        low, high = enclosed_on_boxes(formula, places, places)
+        for place, bottom, top in zip(places, low, high, strict=True):
+            with mpmath.workdps(40):
+                x, y = map(mpmath.mpf, place.tolist())
+                exact = eval(text.replace("^", "**"), EXACT | {"x": x, "y": y})
+                assert bottom <= exact <= top
+                assert top - bottom < 1e-12
 
 
 @pytest.mark.parametrize(
