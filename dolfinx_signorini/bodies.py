@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from dolfinx import fem
+from dolfinx import fem, la
 from scipy.sparse.csgraph import connected_components
 
 Indices = npt.NDArray[np.int32]
@@ -81,11 +81,11 @@ def bodies(space: fem.FunctionSpace) -> Bodies:
     count, local = connected_components(sp.coo_array(edges, shape=(known, known)), directed=False)
     counts = comm.allgather(int(count))
     local = local + sum(counts[: comm.rank])
-    # A function that is shared tells the ranks the numbers that the owners gave their dofs.
-    told = fem.Function(space)
-    told.x.array[:] = local
-    told.x.scatter_forward()
-    pairs = np.unique(np.stack((local, np.rint(told.x.array).astype(local.dtype))), axis=1)
+    # A shared vector tells the ranks the numbers that the owners gave their dofs.
+    told = la.vector(index_map, 1, np.float64)
+    told.array[:] = local
+    told.scatter_forward()
+    pairs = np.unique(np.stack((local, np.rint(told.array).astype(local.dtype))), axis=1)
     same = np.concatenate(comm.allgather(pairs), axis=1)
     total = sum(counts)
     links = sp.coo_array((np.ones(same.shape[1], dtype=np.int8), tuple(same)), shape=(total, total))
