@@ -224,7 +224,10 @@ def _points(
     vertices = space.dofmap.list[: len(parts)]
     largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
 
-    around = summed_at_vertices(space, parts / largest, owned_cells(domain))
+    cells = owned_cells(domain)
+    numbers = np.maximum(summed_at_vertices(space, np.ones(len(cells)), cells), 1.0)
+    # The mean and not the sum: a corner of the domain has few cells.
+    around = summed_at_vertices(space, parts / largest, cells) / numbers
     best = np.take_along_axis(vertices, around[vertices].argmax(axis=1)[:, None], 1)[:, 0]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)
     number = space.dofmap.index_map.local_to_global(best[slow]) + 1.0
