@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -17,12 +18,14 @@ from dolfinx_signorini.accuracy.adaptive import (
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
+from dolfinx_signorini.scenes.jumps import integrable
 from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 
+CUT = "the diffusion jumps or has a kink inside cells: the error may be far larger than estimated"
 DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
 
 
@@ -144,6 +147,8 @@ def solve_scene(
         on_step=on_step,
         began=began,
     )
+    if _diffusion_is_cut(scene, found.sided):
+        expectation = replace(expectation, notes=(*expectation.notes, CUT))
     seconds = comm.bcast(time.perf_counter() - began)
     return _result(posed[0], expectation, seconds, found=found)
 
@@ -167,6 +172,13 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
     return resolved_mesh(scene, scene.domain.make(comm), min(MOST_CELLS, max_unknowns // per_cell))
+
+
+def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
+    """Whether an entry of the diffusion jumps or has a kink inside of a cell."""
+    x = ufl.SpatialCoordinate(sided.mesh)
+    entries = [entry for row in scene.diffusion for entry in row]
+    return any(integrable(entry, sided.mesh, 0) != entry.ufl(x) for entry in entries)
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:

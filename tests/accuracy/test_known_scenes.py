@@ -10,13 +10,8 @@ from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.reading import parse_scene
 
 LIMIT = 300_000
-# Data that jump or have a kink inside cells: these errors are estimated up to a factor of 2 only.
-ROUGH = {
-    ("jump of the diffusion", "Linf"),
-    ("jump of the diffusion", "L2"),
-    ("jump of the diffusion", "L4"),
-    ("kink of the obstacle", "W1_4"),
-}
+# A diffusion that jumps inside cells: a note says that such errors are not estimated well.
+ROUGH = {("jump of the diffusion", norm) for norm in SCENES["jump of the diffusion"].accuracies}
 REQUESTS = [
     (name, norm, accuracy)
     for name, known in SCENES.items()
@@ -58,3 +53,14 @@ def test_the_true_error_is_below_every_accuracy(comm):
     assert len(found) > 0.9 * len(REQUESTS)
     assert {key: share for key, share in found.items() if share > 1.0} == {}
     assert np.median(list(found.values())) > 0.2
+
+
+def test_a_note_names_a_diffusion_that_jumps(comm):
+    scene = parse_scene(SCENES["jump of the diffusion"].text, Path("jump.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=0.3, norm="H1")
+    result.destroy()
+    assert any("the diffusion jumps" in note for note in result.expectation.notes)
+    scene = parse_scene(SCENES["narrow bump"].text, Path("bump.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=1.0, norm="H1")
+    result.destroy()
+    assert not any("the diffusion jumps" in note for note in result.expectation.notes)
