@@ -139,7 +139,7 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
             coarse_rtol=COARSE_RTOL,
         )
     assert problem.result is not None
-    own = sum(problem.result.seconds.values()) - sum(problem.seconds.values())
+    own = sum(problem.result.seconds.values())
     solve, forms = comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
     last = ascent.phases
     seconds = {

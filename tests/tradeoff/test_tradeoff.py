@@ -218,3 +218,11 @@ def test_the_command_refuses_nonsense(comm: MPI.Comm, capfd: pytest.CaptureFixtu
         assert main(["tradeoff", *arguments]) == 2
         if comm.rank == 0:
             assert message in capfd.readouterr().err
+
+
+def test_the_phases_of_a_run_are_those_of_its_last_solve(comm):
+    run = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P1, 70))
+    own = sum(run.result.seconds.values())
+    run.destroy()
+    assert run.seconds["solve"] >= 0.999 * own
+    assert min(run.seconds.values()) >= 0.0
