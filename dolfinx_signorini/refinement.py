@@ -36,10 +36,6 @@ class Refinement:
     sided: SidedMesh
     parents: Indices
 
-    def after(self, earlier: "Refinement") -> "Refinement":
-        """Return the refinement from the parent mesh of an earlier refinement to this mesh."""
-        return Refinement(self.sided, earlier.parents[self.parents])
-
 
 def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
     """Refine a mesh of triangles or tetrahedra; the call is collective.

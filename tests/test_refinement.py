@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
-from dolfinx_signorini.refinement import Transfer, carried_across, refined
+from dolfinx_signorini.refinement import Refinement, Transfer, carried_across, refined
 
 KINDS = ["square", "cube"]
 CASES = [(kind, degree) for kind in KINDS for degree in (1, 2, 3)]
@@ -41,7 +41,7 @@ def refinements(sided):
     """All cells divided; those at a corner; and these again with their ancestors."""
     local = refined(sided, at_corner(sided))
     again = refined(local.sided, at_corner(local.sided, 0.25))
-    return [refined(sided), local, again.after(local)]
+    return [refined(sided), local, Refinement(again.sided, local.parents[again.parents])]
 
 
 def random_function(space):
