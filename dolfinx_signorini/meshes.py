@@ -86,6 +86,19 @@ def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     return np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
 
 
+def cell_edges(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+    """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
+
+    These are the derivatives of the map from the reference cell.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra that fill the space.
+        cells: Cells of this rank.
+    """
+    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, : domain.topology.dim]
+    return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
+
+
 def cells_near_ball(
     domain: mesh.Mesh, centre: tuple[float, ...], radius: float
 ) -> npt.NDArray[np.int32]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, cell_edges, facet_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -158,7 +158,6 @@ def carried_across(
 def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
     """Return the coordinates of points in the reference cells of their straight-sided cells."""
     dim = domain.topology.dim
-    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, :dim]
-    edges = (x[:, 1:] - x[:, :1]).transpose(0, 2, 1)
-    offsets = points[:, :dim] - x[:, 0]
-    return np.asarray(np.linalg.solve(edges, offsets[:, :, None])[:, :, 0])
+    first = domain.geometry.x[domain.geometry.dofmap[cells, 0], :dim]
+    offsets = points[:, :dim] - first
+    return np.asarray(np.linalg.solve(cell_edges(domain, cells), offsets[:, :, None])[:, :, 0])

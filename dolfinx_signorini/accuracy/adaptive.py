@@ -218,7 +218,7 @@ class _Loop:
             if self.steps:
                 self.rates.measure(found.cells)
             self._estimate(found)
-            self._note(found)
+            self._note()
             divided = self._next_mesh(found)
             if divided is None:
                 return
@@ -261,7 +261,7 @@ class _Loop:
         self.last = self.problem.u, self.division.parents, estimate
         self.estimate = estimate * self.correction
 
-    def _note(self, found: Indicators) -> None:
+    def _note(self) -> None:
         """Note the step."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, SAFETY * self.estimate, seconds)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from dolfinx import fem, la, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms import Norm
 from dolfinx_signorini.quadrature import QuadratureRule
 
@@ -36,7 +36,7 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
     for start in range(0, max(len(owned_cells(domain)), 1), BLOCK):
         cells = owned_cells(domain)[start : start + BLOCK]
         values = f.x.array[space.dofmap.list[cells]]
-        edges = _edges(domain, cells)
+        edges = cell_edges(domain, cells)
         sizes = np.abs(np.einsum("cd,jqd->jcq", values, table))
         if gradient:
             slopes = np.einsum("cd,jqd->cqj", values, table[1:])
@@ -53,7 +53,7 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
 
 def volumes(domain: mesh.Mesh) -> Array:
     """Return the volumes of the owned cells, each as a multiple of that of the reference cell."""
-    return np.asarray(np.abs(np.linalg.det(_edges(domain, owned_cells(domain)))))
+    return np.asarray(np.abs(np.linalg.det(cell_edges(domain, owned_cells(domain)))))
 
 
 def collected(values: Array, owners: Indices, count: int, power: float) -> Array:
@@ -114,10 +114,3 @@ def _points(element: basix.finite_element.FiniteElement, norm: Norm) -> tuple[Ar
         return lattice, np.ones(len(lattice))
     exact = math.ceil(norm.p) * degree
     return QuadratureRule("default", min(exact, max(MAX_DEGREE, 2 * degree))).points(cell)
-
-
-def _edges(domain: mesh.Mesh, cells: Indices) -> Array:
-    """The edges of cells from their first vertex, shape (cells, coordinates, edges)."""
-    dim = domain.topology.dim
-    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, :dim]
-    return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
