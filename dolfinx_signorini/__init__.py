@@ -9,6 +9,7 @@ from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptive
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
@@ -40,6 +41,7 @@ __all__ = [
     "SidedMesh",
     "SignoriniProblem",
     "SolveResult",
+    "bernstein_space",
     "boundary_facets",
     "christof_haubner",
     "coarse_levels",

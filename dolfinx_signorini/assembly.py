@@ -21,6 +21,7 @@ from dolfinx_signorini import checks, compat
 from dolfinx_signorini.bodies import bodies
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
+from dolfinx_signorini.elements import coefficients_of, is_bernstein, nodal_space
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.system import Layout, System
@@ -219,18 +220,22 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
 def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
     """Return a function that evaluates data at dofs, each time with the present values.
 
-    A UFL expression is compiled once, and evaluated on the cells that have one of the dofs.
+    In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
+    data at the control points. A UFL expression is compiled once, and evaluated on the cells that
+    have one of the dofs.
 
     Args:
         space: A scalar Lagrange space.
         value: A number, a UFL expression, a function of the space or of another one on its mesh,
             or a callable of the coordinates, shape (3, n), which returns shape (n,).
-        dofs: Dofs of this rank.
+        dofs: Dofs of this rank: all of them on some facets.
     """
     if isinstance(value, int | float | np.number):
         return lambda: np.full(len(dofs), float(value))
     if isinstance(value, fem.Function) and value.function_space == space:
         return lambda: value.x.array[dofs].copy()
+    if is_bernstein(space):
+        return _coefficients(space, value, dofs)
     if callable(value) and not isinstance(value, Expr):
         x = space.tabulate_dof_coordinates()[dofs].T
         return lambda: _called(space, value, x)
@@ -244,6 +249,23 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     def evaluate() -> Array:
         g.interpolate(expression, cells0=cells)
         return g.x.array[dofs].copy()
+
+    return evaluate
+
+
+def _coefficients(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
+    """As `evaluator`, in the Bernstein basis; the call is collective."""
+    wanted = fem.Function(space)
+    wanted.x.array[dofs] = 1.0
+    wanted.x.scatter_forward()
+    marked = wanted.x.array > 0.0
+    known = np.flatnonzero(marked).astype(np.int32)
+    cells, values_at = cells_with_dofs(space, marked), evaluator(nodal_space(space), value, known)
+
+    def evaluate() -> Array:
+        values = np.zeros(len(marked))
+        values[known] = values_at()
+        return coefficients_of(space, values, cells)[dofs]
 
     return evaluate
 

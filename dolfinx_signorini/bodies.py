@@ -9,6 +9,8 @@ import scipy.sparse as sp
 from dolfinx import fem, la
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_signorini.elements import control_points
+
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +56,7 @@ class Bodies:
     def names(self) -> list[str]:
         """Words for each body, by the box around the body; the first call is collective."""
         dimension = self.space.mesh.geometry.dim
-        x = self.space.tabulate_dof_coordinates()[: len(self.numbers), :dimension]
+        x = control_points(self.space)[: len(self.numbers), :dimension]
         ends = np.full((self.count, 2 * dimension), -np.inf)
         np.maximum.at(ends, self.numbers, np.concatenate((-x, x), axis=1))
         ends = np.max(self.space.mesh.comm.allgather(ends), axis=0)

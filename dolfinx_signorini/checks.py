@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.bodies import Bodies
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.system import System
 
@@ -218,7 +219,7 @@ def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
 def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
     """The owned nodes, shape (n, dimension), the lowest corner of their box, and its sizes."""
     count, dimension = space.dofmap.index_map.size_local, space.mesh.geometry.dim
-    points = space.tabulate_dof_coordinates()[:count, :dimension]
+    points = control_points(space)[:count, :dimension]
     ends = [points.max(axis=0, initial=-np.inf), (-points).max(axis=0, initial=-np.inf)]
     highest, negated = np.max(space.mesh.comm.allgather(ends), axis=0)
     return points, -negated, highest + negated
@@ -325,5 +326,5 @@ def check_held(system: System) -> None:
 
 
 def _place(space: fem.FunctionSpace, dof: int) -> str:
-    x = space.tabulate_dof_coordinates()[dof]
+    x = control_points(space)[dof]
     return "(" + ", ".join(f"{c:.6g}" for c in x) + ")"

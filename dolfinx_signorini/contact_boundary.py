@@ -9,6 +9,7 @@ from dolfinx import fem
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
 from dolfinx_signorini.meshes import edge_chains, facet_cells
 from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
 
@@ -58,11 +59,11 @@ class ContactBoundary:
 
     Attributes:
         points: Coordinates of the contact dofs, shape (points, dimension), sorted.
-        values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where u
-            has Dirichlet data, because the force there is that of the data.
-        pieces: The facets as indices of points, shape (pieces, dimension); a facet of degree 2 in
-            the plane is two pieces.
-        touching: Whether the gap of a point is (but for rounding) zero.
+        values: u, gap and pressure density there, shape (points, 3); the pressure is that of the
+            dof, and NaN where u has Dirichlet data, because the force there is that of the data.
+        pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
+            as many pieces as its degree.
+        touching: Whether the dof of a point is (but for rounding) at the obstacle.
         clear: Whether the gap is large against the accuracy of the mesh.
         upper: Whether the obstacle is an upper one.
     """
@@ -122,15 +123,20 @@ def gather_contact_boundary(problem: Solved) -> ContactBoundary | None:
     fixed.x.array[problem.fixed_dofs] = 1.0
     fixed.x.scatter_forward()
     pieces = local[:, :tdim]
-    if tdim == 2 and space.element.basix_element.degree == 2 and len(local):
-        pieces = np.concatenate((local[:, [0, 2]], local[:, [2, 1]]))
+    if tdim == 2 and len(local):
+        chain = along_edge(local)
+        pieces = np.concatenate([chain[:, i : i + 2] for i in range(chain.shape[1] - 1)])
     used = np.unique(local)
+    opened = problem.gap.x.array
+    gap, values = (
+        values_at_control_points(space, entries)[used] for entries in (opened, problem.u.x.array)
+    )
     pressure = problem.pressure.x.array[used].copy()
     pressure[fixed.x.array[used] > 0.0] = np.nan
     data = (
         index_map.local_to_global(used),
-        space.tabulate_dof_coordinates()[used][:, :tdim],
-        np.stack((problem.u.x.array[used], problem.gap.x.array[used], pressure), axis=1),
+        control_points(space)[used][:, :tdim],
+        np.stack((values, gap, pressure, opened[used]), axis=1),
         index_map.local_to_global(pieces.flatten()).reshape(-1, tdim),
     )
     parts = domain.comm.gather(data, root=0)
@@ -158,7 +164,8 @@ def _merged(parts: list[tuple[Indices, Array, Array, Indices]], upper: bool) -> 
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
-    return ContactBoundary(points, values, pieces, gap <= TOUCHING * size, clear, upper)
+    touching = values[:, 3] <= TOUCHING * size
+    return ContactBoundary(points, values[:, :3], pieces, touching, clear, upper)
 
 
 def _draw_lines(boundary: ContactBoundary) -> Figure:

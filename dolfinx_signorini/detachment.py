@@ -16,6 +16,7 @@ import numpy.typing as npt
 from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 
@@ -60,7 +61,7 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     Returns:
         The same points on all ranks.
     """
-    edges, gap, density = _boundary_table(problem)
+    edges, gap, density, values = _boundary_table(problem)
     largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
@@ -74,8 +75,8 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     for end, middle, length, radius in zip(ends, middles, lengths, reach, strict=True):
         near = tree.query_ball_point(middle, radius)
         strength = min(
-            float(values.ravel()[near].max()) / scale
-            for values, scale in zip((gap, density), largest, strict=True)
+            float(size.ravel()[near].max()) / scale
+            for size, scale in zip((gap, density), largest, strict=True)
         )
         if strength >= SIGNIFICANT:
             point = DetachmentPoint(tuple(map(float, middle)), float(length), strength)
@@ -89,7 +90,7 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     points = []
     for point, _, end in sorted(kept, key=lambda f: (-f[0].strength, f[0].position)):
         inside, outside = edges[end] if gap[end, 0] <= 0.0 else edges[end, ::-1]
-        points.append(_extrapolated(point, inside, outside, nodes, gap.ravel()))
+        points.append(_extrapolated(point, inside, outside, nodes, values.ravel()))
     return points
 
 
@@ -102,7 +103,7 @@ def _extrapolated(
         point: The middle of an edge.
         inside, outside: The ends of the edge, in contact and not.
         nodes: All contact dofs, shape (dofs, 2).
-        gap: Their gap.
+        gap: The gap there.
     """
     size = float(np.ptp(nodes, axis=0).max())
     length = point.uncertainty
@@ -133,24 +134,24 @@ def _zero(s: Array, values: Array, degree: int) -> float:
     return float(real[np.argmin(np.abs(real))]) if len(real) else np.inf
 
 
-def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array]:
+def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Array]:
     """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
 
     Returns:
-        The same on all ranks: ends, shape (edges, 2, 2), gaps and densities, shape (edges, 2).
+        The same on all ranks: ends, shape (edges, 2, 2); then of shape (edges, 2) the gaps and the
+        densities of the dofs, and the values of the gap at their places.
     """
     space = problem.space
     gap, pressure = problem.gap.x.array, problem.pressure.x.array
+    values = values_at_control_points(space, gap)
     pairs = facet_cells(space.mesh, problem.system.layout.owned_facets)
     parts = [np.empty((0, 2), dtype=np.int32)]
     for facet in range(3):
         closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
         nodes = space.dofmap.list[pairs[pairs[:, 1] == facet, 0]][:, closure]
-        # The two vertices come first, then for degree 2 the midpoint.
-        chain = [*nodes.T[:1], *nodes.T[2:], *nodes.T[1:2]]
-        parts += [np.column_stack(pair) for pair in pairwise(chain)]
+        parts += [np.column_stack(pair) for pair in pairwise(along_edge(nodes).T)]
     edges = np.concatenate(parts)
-    x = space.tabulate_dof_coordinates()[:, :2]
-    table = np.column_stack([x[edges].reshape(-1, 4), gap[edges], pressure[edges]])
+    x = control_points(space)[:, :2]
+    table = np.hstack([x[edges].reshape(-1, 4), gap[edges], pressure[edges], values[edges]])
     table = np.concatenate(problem.comm.allgather(table))
-    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8]
+    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8], table[:, 8:]

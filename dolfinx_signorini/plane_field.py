@@ -11,14 +11,13 @@ from dolfinx import fem
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from dolfinx_signorini.elements import control_points, subtriangles, values_at_control_points
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.palette import COLOUR_MAP
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# How a triangle of degree 2 is drawn: its dofs are the vertices, then the midpoints opposite them.
-SUBTRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]}
 TITLE = 180  # characters of a title that are drawn
 ENDS = np.array([[1, 2], [0, 2], [0, 1]])  # edge k lies opposite vertex k
 
@@ -52,14 +51,14 @@ def gather_plane_field(
     """Return a function with parts of the boundary on rank 0, and None on the others.
 
     Args:
-        u: The function, in Lagrange elements of degree 1 or 2; the call is collective.
+        u: The function, in continuous elements of any degree; the call is collective.
         parts: Boundary facets by the name of the part.
     """
     space = u.function_space
     domain, index_map = space.mesh, space.dofmap.index_map
     owned, facets = index_map.size_local, domain.topology.index_map(1).size_local
     cells = space.dofmap.list[: domain.topology.index_map(2).size_local]
-    triangles = cells[:, SUBTRIANGLES[space.element.basix_element.degree]].flatten()
+    triangles = cells[:, subtriangles(space.element.basix_element.degree)].flatten()
     edges = {}
     for name, part in parts.items():
         pairs = facet_cells(domain, part[part < facets])
@@ -67,8 +66,8 @@ def gather_plane_field(
             domain.geometry.dofmap[pairs[:, 0, None], ENDS[pairs[:, 1]]]
         ]
     data = (
-        space.tabulate_dof_coordinates()[:owned, :2],
-        u.x.array[:owned],
+        control_points(space)[:owned, :2],
+        values_at_control_points(space, u.x.array)[:owned],
         index_map.local_to_global(triangles).reshape(-1, 3),
         edges,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.elements import coefficients_of, control_points
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, cell_edges, facet_cells
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +96,7 @@ class Transfer:
         # One of the cells of each dof serves.
         self.dofs, first = np.unique(dofs.ravel(), return_index=True)
         cells = parents[first // dofs.shape[1]]
-        points = _pulled_back(coarse.mesh, cells, fine.tabulate_dof_coordinates()[self.dofs])
+        points = _pulled_back(coarse.mesh, cells, control_points(fine)[self.dofs])
         element = coarse.element.basix_element
         self.basis = element.tabulate(0, points)[0, :, :, 0]
         self.columns = coarse.dofmap.list[cells]
@@ -103,7 +104,7 @@ class Transfer:
 
     def _restriction(self, parents: Indices) -> None:
         """Find for each coarse dof a fine cell with its node, and the values of its basis."""
-        nodes, dofs = self.coarse.tabulate_dof_coordinates(), self.coarse.dofmap.list[parents]
+        nodes, dofs = control_points(self.coarse), self.coarse.dofmap.list[parents]
         child, _ = np.indices(dofs.shape).reshape(2, -1)
         points = _pulled_back(self.fine.mesh, child.astype(np.int32), nodes[dofs.ravel()])
         outside = np.maximum(-points.min(axis=1), points.sum(axis=1) - 1.0)
@@ -115,17 +116,13 @@ class Transfer:
 
     def prolong(self, u: fem.Function) -> fem.Function:
         """Return a function of the coarse space as a function of the fine space."""
-        result = fem.Function(self.fine)
-        result.x.array[self.dofs] = np.einsum("ij,ij->i", self.basis, u.x.array[self.columns])
-        result.x.scatter_forward()
-        return result
+        values = np.einsum("ij,ij->i", self.basis, u.x.array[self.columns])
+        return _interpolant(self.fine, self.dofs, values)
 
     def restrict(self, u: fem.Function) -> fem.Function:
         """Return the interpolation of a function of the fine space in the coarse space."""
-        result = fem.Function(self.coarse)
-        result.x.array[self.nodes] = np.einsum("ij,ij->i", self.values, u.x.array[self.around])
-        result.x.scatter_forward()
-        return result
+        values = np.einsum("ij,ij->i", self.values, u.x.array[self.around])
+        return _interpolant(self.coarse, self.nodes, values)
 
 
 def carried_across(
@@ -143,15 +140,22 @@ def carried_across(
     owned, first = np.unique(dofs.ravel(), return_index=True)
     children = np.argsort(parents, kind="stable").astype(np.int32)
     children = children.reshape(-1, 2**space.mesh.topology.dim)[cells[first // dofs.shape[1]]]
-    x = space.tabulate_dof_coordinates()[owned]
+    x = control_points(space)[owned]
     places = np.array([_pulled_back(u.function_space.mesh, c, x) for c in children.T])
     outside = np.maximum(-places.min(axis=2), places.sum(axis=2) - 1.0)
     best, row = outside.argmin(axis=0), np.arange(len(owned))
     element, values = u.function_space.element.basix_element, u.function_space.dofmap.list
     basis = element.tabulate(0, places[best, row])[0, :, :, 0]
+    at = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
+    return _interpolant(space, owned, at)
+
+
+def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.Function:
+    """The function with given values at the places of dofs, which are all that ranks own."""
     result = fem.Function(space)
-    result.x.array[owned] = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
+    result.x.array[dofs] = values
     result.x.scatter_forward()
+    result.x.array[:] = coefficients_of(space, result.x.array)
     return result
 
 

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.costs import Ledger
+from dolfinx_signorini.elements import is_bernstein
 from dolfinx_signorini.meshes import facet_cells
 
 Indices = npt.NDArray[np.int32]
@@ -72,13 +73,20 @@ class Layout:
     def weights(self) -> Array:
         """The share of the contact boundary that belongs to each contact dof of this rank.
 
-        The shares are the diagonal of the boundary mass matrix, scaled so that they add up to the
-        size of the boundary. Unlike the integrals of the basis functions they are positive for
-        every degree and dimension. The first call is collective.
+        In the Bernstein basis the shares are the integrals of the basis functions. Otherwise they
+        are the diagonal of the boundary mass matrix, scaled so that they add up to the size of the
+        boundary: unlike the integrals of nodal basis functions this diagonal is positive for every
+        degree and dimension. The first call is collective.
 
         Source: Hinton, Rock and Zienkiewicz, Earthq. Eng. Struct. Dyn. 4 (1976) 245-249.
         """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        if is_bernstein(self.space):
+            vector = fem_petsc.assemble_vector(fem.form(v * self.measure))
+            vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            integrals = vector.array_r[self.contact_dofs].copy()
+            vector.destroy()
+            return integrals
         matrix = fem_petsc.assemble_matrix(fem.form(u * v * self.measure))
         matrix.assemble()
         self.ledger.add("matrix", "boundary mass matrix", matrix)

@@ -81,7 +81,7 @@ def test_ends_of_contact_without_gap_or_pressure_are_no_detachment_points(n):
 def made_up_table(gap, density):
     """All edges between neighbours on the line of nodes, with gap and density at both ends."""
     edges, pairs = np.stack((NODES[:-1], NODES[1:]), axis=1), (slice(None, -1), slice(1, None))
-    return edges, *(np.column_stack([v[part] for part in pairs]) for v in (gap, density))
+    return edges, *(np.column_stack([v[part] for part in pairs]) for v in (gap, density, gap))
 
 
 def test_ends_that_belong_to_one_point_are_one(monkeypatch):

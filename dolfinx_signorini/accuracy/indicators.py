@@ -24,6 +24,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.elements import coefficients_of, values_at_control_points
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import SignoriniProblem
@@ -112,9 +113,9 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)
     density = fem.Function(space)
     if apart > 0.0 and largest > 0.0:
-        share = error.x.array / largest
-        density.x.array[:] = np.abs(share) ** (p - 1.0) * np.sign(share)
-        density.x.array[:] *= (largest / apart) ** (p - 1.0)
+        share = values_at_control_points(space, error.x.array) / largest
+        powers = np.abs(share) ** (p - 1.0) * np.sign(share) * (largest / apart) ** (p - 1.0)
+        density.x.array[:] = coefficients_of(space, powers)
     if target.norm.boundary:
         return density * v * ufl.ds(metadata=FACET_RULE.metadata)
     rule = QuadratureRule("default", 2 * space.element.basix_element.degree)

@@ -173,9 +173,11 @@ def facet_kinds(
     optional = _weightless(problem)[None, :] & (held.x.array[dofs] == 0.0)
     closed = (touching[dofs] | optional).all(axis=1)
     kinds[cells[closed], facets[closed]] = CLOSED
-    partly = (touching[dofs] & (held.x.array[dofs] == 0.0)).any(axis=1) & ~closed
-    kinds[cells[partly], facets[partly]] = PARTLY
     element = problem.space.element.basix_element
+    # Of higher degree: where a facet touches with a vertex alone, the force is on its neighbours.
+    inner = dofs if element.degree == 1 else dofs[:, frames.dimension :]
+    partly = (touching[inner] & (held.x.array[inner] == 0.0)).any(axis=1) & ~closed
+    kinds[cells[partly], facets[partly]] = PARTLY
     corners = np.array([dofs[0] for dofs in element.entity_dofs[0]])[frames.order]
     corners = np.take_along_axis(problem.space.dofmap.list[: len(corners)], corners, axis=1)
     return kinds.astype(np.int64), touching[corners].astype(np.int64)

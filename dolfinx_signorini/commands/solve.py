@@ -11,6 +11,7 @@ from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, Step
 from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
+from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.records import folder_name
 from dolfinx_signorini.scenes.output.files import write_results
@@ -63,7 +64,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"
     )
     dial.add_argument(
-        "--degree", type=int, choices=(1, 2), help="degree of the elements (default: 2)"
+        "--degree",
+        type=int,
+        choices=range(1, HIGHEST_DEGREE + 1),
+        help="degree of the elements (default: 2)",
     )
     dial.add_argument(
         "--max-unknowns",

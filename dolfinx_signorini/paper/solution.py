@@ -1,8 +1,9 @@
 """The solution of Christof and Haubner's experiment, and the problem that it solves."""
 
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import mesh
 
+from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
@@ -93,7 +94,7 @@ def paper_problem(
     Source: Christof and Haubner, Section 2.3.
     """
     domain = exact.mesh
-    space = fem.functionspace(domain, ("Lagrange", degree))
+    space = bernstein_space(domain, degree)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
     dx = ufl.Measure(

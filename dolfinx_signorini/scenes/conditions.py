@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.assembly import evaluator
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution, matching_obstacle
-from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.palette import COLOURS
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.references import interpolant
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula, number
 from dolfinx_signorini.scenes.jumps import integrable_on_facets
@@ -224,18 +224,18 @@ class Dirichlet(BoundaryCondition):
     def dirichlet(self, setting: Setting) -> fem.DirichletBC:
         space, facets = setting.space, setting.sided.facets(self.sides)
         dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
-        if self.value is not None and self.value.constant is not None:
-            return fem.dirichletbc(default_scalar_type(self.value.constant), dofs, space)
         if self.value is not None:
-            data = self.value.ufl(setting.x)
+            constant = self.value.constant
+            data = self.value.ufl(setting.x) if constant is None else constant
         elif setting.exact is not None:
             data = setting.exact.u
         else:
             raise InputError("data follow from manufactured solutions only", "dirichlet")
-        marked = fem.Function(space)
-        marked.x.array[dofs] = 1.0
-        cells = cells_with_dofs(space, marked.x.array > 0.0)
-        return fem.dirichletbc(interpolant(space, data, cells), dofs)
+        owned = dofs[dofs < space.dofmap.index_map.size_local]
+        values = fem.Function(space)
+        values.x.array[owned] = evaluator(space, data, owned)()
+        values.x.scatter_forward()
+        return fem.dirichletbc(values, dofs)
 
     @classmethod
     def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:

@@ -22,9 +22,9 @@ from dolfinx_signorini.scenes.regularity import (
 )
 from dolfinx_signorini.scenes.scene import Scene
 
-# Per unknown, for (dimension, degree): bytes as measured, and the order of magnitude of seconds.
-BYTES = {(2, 1): 1.3e3, (2, 2): 1.3e3, (3, 1): 2.8e3, (3, 2): 3.2e3}
-SECONDS = {(2, 1): 1e-5, (2, 2): 2e-5, (3, 1): 3e-5, (3, 2): 6e-5}
+# Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
+BYTES = {2: (1.3e3, 1.4e3, 1.6e3, 2.1e3), 3: (2.8e3, 4.1e3, 7.0e3, 1.1e4)}
+SECONDS = {2: (1e-5, 2e-5, 3e-5, 5e-5), 3: (3e-5, 6e-5, 1e-4, 2e-4)}
 PROGRAM_BYTES = 1.5e8
 MAX_CHECKED = 20_000  # unknowns of a mesh that an exact solution is looked at on
 MAX_CORNERS = 4  # corners that a note lists
@@ -153,17 +153,13 @@ def terms(scene: Scene) -> list[str]:
 
 def unknowns(scene: Scene) -> int:
     """Return about how many unknowns a scene has: exactly where the mesh is no polygon's."""
-    vertices = scene.domain.vertices
-    if scene.degree == 1:
-        return vertices
-    return (4 if scene.domain.dimension == 2 else 8) * vertices
+    return int(scene.degree**scene.domain.dimension * scene.domain.vertices)
 
 
 def cost(scene: Scene) -> tuple[float, float]:
     """Return about how many bytes of memory and seconds of one core a scene takes."""
-    kind = scene.domain.dimension, scene.degree
-    count = unknowns(scene)
-    return PROGRAM_BYTES + BYTES[kind] * count, SECONDS[kind] * count
+    dimension, kind, count = scene.domain.dimension, scene.degree - 1, unknowns(scene)
+    return PROGRAM_BYTES + BYTES[dimension][kind] * count, SECONDS[dimension][kind] * count
 
 
 def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.manufactured import ManufacturedSolution, contact_violations, manufacture
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
@@ -80,7 +81,7 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         failing = violations(scene, sided)
         if failing:
             raise InputError("; ".join(failing), "solution")
-    space = fem.functionspace(sided.mesh, ("Lagrange", scene.degree))
+    space = bernstein_space(sided.mesh, scene.degree)
     setting = Setting(sided, space, _exact_solution(scene, sided))
     both = zip(_cell_terms(scene, setting), _facet_terms(scene, setting, parts), strict=True)
     sources, reactions = (on_cells | on_facets for on_cells, on_facets in both)

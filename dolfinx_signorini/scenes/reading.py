@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.scenes.conditions import CONDITIONS, read_conditions
@@ -92,7 +93,7 @@ def parse_scene(text: str, path: Path, comm: MPI.Comm) -> Scene:
         solution=u,
         manufactured=manufactured,
         norms=_norms(solution),
-        degree=top.integer("degree", 1, 2) if top.has("degree") else Scene.degree,
+        degree=top.integer("degree", 1, HIGHEST_DEGREE) if top.has("degree") else Scene.degree,
         rtol=_rtol(top),
         accuracy=accuracy,
         norm=norm,

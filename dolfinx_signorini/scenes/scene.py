@@ -42,7 +42,7 @@ class Scene:
             obstacle, too, where the contact boundary has none.
         norms: The norms of the error that are measured where the solution is known, see
             `norms.parse_norm`.
-        degree: The degree of the Lagrange elements, 1 or 2.
+        degree: The degree of the elements, from 1 to 4.
         rtol: The natural residual to reach, relative to the data.
         accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None for
             a solution on the domain's mesh.

@@ -42,7 +42,7 @@ class Family:
         dimension: The dimension of space.
         width: The cell size of the mesh with n = 1: the root of twice the area of a cell.
         make: Makes the mesh with n cells across.
-        pose: Assembles the problem on a mesh, for elements of degree 1 or 2.
+        pose: Assembles the problem on a mesh, for elements of a degree.
     """
 
     dimension: int

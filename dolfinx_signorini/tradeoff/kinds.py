@@ -12,7 +12,7 @@ class Kind:
     Attributes:
         graded: Whether the cells are small at the detachment points, which solutions on coarser
             meshes find; otherwise the mesh is uniform.
-        degree: Polynomial degree of the Lagrange elements, 1 or 2.
+        degree: Polynomial degree of the elements.
     """
 
     graded: bool

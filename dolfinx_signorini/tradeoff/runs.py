@@ -11,6 +11,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import error_norms
@@ -188,8 +189,8 @@ def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
 def _check(family: Family, configuration: Configuration) -> None:
     if configuration.n < 1:
         raise InputError(f"a mesh needs at least one cell across, not {configuration.n}", "n")
-    if configuration.kind.degree not in (1, 2):
-        raise InputError(f"1 or 2, not {configuration.kind.degree}", "degree")
+    if not 1 <= configuration.kind.degree <= HIGHEST_DEGREE:
+        raise InputError(f"1 to {HIGHEST_DEGREE}, not {configuration.kind.degree}", "degree")
     if configuration.method not in METHODS:
         raise InputError(f"unknown {configuration.method!r}", "method")
     if not configuration.kind.suits(family.dimension):

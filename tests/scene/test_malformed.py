@@ -84,7 +84,7 @@ BROKEN_SIDES = st.sampled_from(
 )
 BROKEN_TOP = st.sampled_from(
     [
-        "degree = 3", "degree = 0", "degree = 1.0", "rtol = 2", "rtol = 0", "rtol = -1e-8",
+        "degree = 5", "degree = 0", "degree = 1.0", "rtol = 2", "rtol = 0", "rtol = -1e-8",
         'rtol = "1"', "rtol = nan", "accuracy = 0.1", "accuracy = 5", 'outputs = "fields"',
         'outputs = ["fiels"]', "outputs = [1]", "outputs = [[]]", "title = 1", "title = []",
         "solution = 1", "domain = 3", "contact = []", "dirichlet = 4", "equation = []",

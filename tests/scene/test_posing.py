@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
@@ -56,7 +57,7 @@ def values(result):
     """
     space = result.u.function_space
     owned = space.dofmap.index_map.size_local
-    nodes = space.tabulate_dof_coordinates()[:owned].round(10)
+    nodes = control_points(space)[:owned].round(10)
     table = np.column_stack((nodes, result.u.x.array[:owned]))
     table = np.concatenate(space.mesh.comm.allgather(table))
     return table[np.lexsort(table[:, :3].T), 3]

@@ -42,7 +42,9 @@ def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     force = 0.58663**1.5 if bound == "lower" else -(0.58663**1.5)
     assert summary.forces["contact"] == pytest.approx(force, rel=0.1)
     assert summary.imbalance <= 1e-4
-    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=5e-3)
+    # The obstacle is the solution on the whole facet with the point, 1/64 long, and next to the
+    # facet far from the solution.
+    assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=0.02)
 
 
 def test_arguments_go_before_the_scene(comm, parse):

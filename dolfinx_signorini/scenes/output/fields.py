@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
+from dolfinx_signorini.elements import nodal_space, values_at_control_points
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.records import on_first
 from dolfinx_signorini.scenes.output.folder import reserve
@@ -32,7 +33,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Raises:
         InputError: The files do not fit on the disk.
     """
-    fields = [result.u, result.gap, result.pressure, *masks(result), *indicator(result)]
+    fields = _together([result.u, result.gap, result.pressure, *masks(result), *indicator(result)])
     comm = result.posed.problem.comm
     size = _size(fields)
     on_first(comm, folder.parent, lambda: reserve(folder, size))
@@ -79,6 +80,18 @@ def indicator(result: SceneResult) -> list[fem.Function]:
     np.maximum.at(error.x.array, dofs, result.found.cells[:, None])
     error.x.scatter_forward()
     return [error]
+
+
+def _together(fields: Sequence[fem.Function]) -> list[fem.Function]:
+    """Return functions of one space as functions of one nodal space."""
+    space = fields[0].function_space
+    target = nodal_space(space)
+    if target == space:
+        return list(fields)
+    result = [fem.Function(target, name=field.name) for field in fields]
+    for old, new in zip(fields, result, strict=True):
+        new.x.array[:] = values_at_control_points(space, old.x.array)
+    return result
 
 
 def _size(fields: Sequence[fem.Function]) -> int:

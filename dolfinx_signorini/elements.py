@@ -1,0 +1,164 @@
+"""Continuous piecewise polynomials in a basis whose coefficients bound the polynomial.
+
+In the Bernstein basis the functions are non-negative and add up to 1, so that a polynomial lies
+between its smallest and its largest coefficient. Coefficients that are not below those of the
+obstacle keep the polynomial above the obstacle at every point, and not only at nodes.
+
+Each coefficient belongs to a control point: the dofs of the Bernstein basis and the nodes of
+equidistant interpolation have the same places and numbers.
+
+Sources: Lai and Schumaker, Spline functions on triangulations, Cambridge (2007), Chapter 2;
+Ainsworth, Andriamaro and Davydov, SIAM J. Sci. Comput. 33 (2011) 3087-3109.
+"""
+
+import functools
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+HIGHEST_DEGREE = 4  # that problems are tested with
+ZERO = 1e-10  # entries of the small matrices between two bases that are rounding
+
+
+def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
+    """Return the continuous piecewise polynomials in the Bernstein basis.
+
+    Args:
+        domain: A mesh of triangles or tetrahedra.
+        degree: The polynomial degree; of degree 1 the basis is that of Lagrange elements.
+    """
+    if degree == 1:
+        return fem.functionspace(domain, ("Lagrange", 1))
+    variant = basix.LagrangeVariant.bernstein
+    cell = domain.topology.cell_name()
+    return fem.functionspace(
+        domain, basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+    )
+
+
+def is_bernstein(space: fem.FunctionSpace) -> bool:
+    """Return whether the basis of a space is the Bernstein basis of a degree above 1."""
+    element = space.element.basix_element
+    return bool(element.lagrange_variant == basix.LagrangeVariant.bernstein and element.degree > 1)
+
+
+def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """Return the space with the same dofs and a nodal basis: its nodes are the control points.
+
+    Args:
+        space: A space of continuous elements; one with a nodal basis is returned as it is.
+    """
+    if not is_bernstein(space):
+        return space
+    variant = basix.LagrangeVariant.equispaced
+    cell, degree = space.mesh.topology.cell_name(), space.element.basix_element.degree
+    nodal = fem.functionspace(
+        space.mesh, basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+    )
+    assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+    return nodal
+
+
+def control_points(space: fem.FunctionSpace) -> Array:
+    """Return the places of the dofs of this rank, shape (dofs, 3): nodes or control points.
+
+    Args:
+        space: A scalar space of continuous elements; in the Bernstein basis on straight cells.
+    """
+    if not is_bernstein(space):
+        return np.asarray(space.tabulate_dof_coordinates())
+    element, domain = space.element.basix_element, space.mesh
+    lattice = _nodal_element(element.cell_type, element.degree).points
+    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
+    dofs = space.dofmap.list
+    corners = domain.geometry.x[domain.geometry.dofmap[: len(dofs)]]
+    places = np.zeros((int(dofs.max(initial=-1)) + 1, 3))
+    places[dofs] = shares @ corners
+    return places
+
+
+def values_at_control_points(
+    space: fem.FunctionSpace, coefficients: Array, cells: Indices | None = None
+) -> Array:
+    """Return the values of a function at the places of its dofs.
+
+    Args:
+        space: The space of the function.
+        coefficients: The values of all dofs of this rank.
+        cells: Cells of this rank on which the values are wanted; None for all. The entries of dofs
+            of no such cell are not changed.
+    """
+    return _changed(space, coefficients, cells, 0)
+
+
+def coefficients_of(space: fem.FunctionSpace, values: Array, cells: Indices | None = None) -> Array:
+    """Return the dofs of the function of a space that has given values at their places.
+
+    The coefficients of a facet or an edge depend on the values there alone.
+
+    Args:
+        space: The space of the function.
+        values: The values at the places of all dofs of this rank.
+        cells: Cells of this rank on which the dofs are wanted; None for all. The entries of dofs of
+            no such cell are not changed.
+    """
+    return _changed(space, values, cells, 1)
+
+
+def along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the entries of the dofs on edges, shape (edges, dofs), in the order along each edge.
+
+    Args:
+        entries: Entries in the order of the closure of an edge: both ends, then the inside.
+    """
+    return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
+
+
+@functools.cache
+def subtriangles(degree: int) -> Indices:
+    """Return the small triangles between the dofs of a triangle, shape (degree^2, 3)."""
+    lattice = _nodal_element(basix.CellType.triangle, degree).points
+    places = np.rint(degree * lattice).astype(int)
+    number = {(i, j): dof for dof, (i, j) in enumerate(places.tolist())}
+    found = []
+    for i, j in number:
+        for corners in (((i, j), (i + 1, j), (i, j + 1)), ((i, j), (i - 1, j), (i, j - 1))):
+            if all(corner in number for corner in corners):
+                found.append([number[corner] for corner in corners])
+    return np.array(found, dtype=np.int32)
+
+
+def _changed(space: fem.FunctionSpace, entries: Array, cells: Indices | None, way: int) -> Array:
+    if not is_bernstein(space):
+        return entries
+    element = space.element.basix_element
+    matrix = _bases(element.cell_type, element.degree)[way]
+    dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
+    result = entries.copy()
+    result[dofs] = entries[dofs] @ matrix.T
+    return result
+
+
+@functools.cache
+def _nodal_element(cell: basix.CellType, degree: int) -> Any:
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.equispaced
+    return basix.create_element(family, cell, degree, variant)
+
+
+@functools.cache
+def _bases(cell: basix.CellType, degree: int) -> tuple[Array, Array]:
+    """The matrix from coefficients to values at control points, and its inverse."""
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
+    basis = basix.create_element(family, cell, degree, variant)
+    values = np.array(basis.tabulate(0, _nodal_element(cell, degree).points))[0, :, :, 0]
+    pair: tuple[Array, Array] = values, np.linalg.inv(values)
+    for matrix in pair:
+        matrix[np.abs(matrix) < ZERO] = 0.0
+    return pair
