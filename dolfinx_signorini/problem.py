@@ -62,9 +62,10 @@ class SignoriniProblem:
         contact: The contact boundary: indices of facets, local to the rank, as `dolfinx.mesh` gives
             them; or MeshTags of facets, alone or in a pair with one value or several.
         obstacle: The obstacle g: a number, a UFL expression, a function, or a callable of the
-            coordinates, shape (3, n). The obstacle is used at the contact dofs only: for degree 1
-            the constraint then holds on the whole boundary against the interpolant of g; for
-            degree 2 at vertices and edge midpoints, and u may fall below g between them.
+            coordinates, shape (3, n). The obstacle is used at the contact dofs only. For degree 1
+            and in the Bernstein basis, see `bernstein_space`, the constraint holds at every point
+            of the boundary against the interpolant of g. In nodal elements of degree 2 and higher
+            the constraint holds at the nodes, and u may fall below g between them.
         bound: "lower" for u >= g, "upper" for u <= g.
         bcs: Dirichlet conditions.
         u: The function to be filled with the solution; a new one by default.

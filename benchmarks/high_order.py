@@ -1,0 +1,156 @@
+"""What degree pays: the paper's scene in degrees 1 to 4, on uniform and on adapted meshes.
+
+    ./with-dolfinx python3 benchmarks/high_order.py orders   # uniform meshes, and a picture
+    ./with-dolfinx python3 benchmarks/high_order.py equal    # against P1 with N = 1001, in turn
+    ./with-dolfinx python3 benchmarks/high_order.py reach    # how small errors can be made
+
+All times are from nothing to the solution, after a run that compiles the forms. True errors are those
+of the exact solution, which the adaptive loop is not told; sup norms are maxima.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+from common import RESULTS, write_json
+from matplotlib.figure import Figure
+from mpi4py import MPI
+
+from dolfinx_signorini import (
+    ManufacturedSolution,
+    SidedMesh,
+    SignoriniProblem,
+    christof_haubner,
+    coarse_levels,
+    error_norms,
+    friedrichs_keller,
+    solve_adaptively,
+    solve_cascade,
+)
+from dolfinx_signorini.palette import COLOURS
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.plotting import save
+from dolfinx_signorini.tables import text_table
+
+COMM = MPI.COMM_WORLD
+FIRST = 4  # squares per side of the first mesh of the adaptive loop
+N = 1001
+# Errors of uniform P1 with N = 1001; the largest error of the derivatives is the true maximum.
+EQUAL = {"L4": 6.0e-6, "Linf": 6.7e-5, "W1_4": 1.34e-2, "W1_inf": 0.344}
+REACH = {"L4": (1e-6, 1e-7, 1e-8, 1e-9), "Linf": (1e-6, 1e-7, 1e-8), "W1_inf": (1e-2, 1e-3)}
+ORDERS = ("L4", "W1_4")
+SIZES = {1: (32, 64, 128, 256), 2: (16, 32, 64, 128), 3: (10, 20, 40, 80), 4: (8, 16, 32, 64)}
+
+Solved = tuple[SignoriniProblem, ManufacturedSolution]
+
+
+def uniform(degree: int, n: int) -> Solved:
+    """Solve on a uniform mesh, by the cascade."""
+    posed: list[Solved] = []
+
+    def pose(level: int) -> SignoriniProblem:
+        exact = christof_haubner(friedrichs_keller(COMM, level))
+        posed[:] = [(paper_problem(exact, degree), exact)]
+        return posed[0][0]
+
+    solve_cascade(lambda level, _: pose(level), [*coarse_levels(n), n])
+    return posed[0]
+
+
+def adapted(degree: int, norm: str, accuracy: float) -> Solved:
+    """Solve on adapted meshes, to an accuracy."""
+    posed: list[ManufacturedSolution] = []
+
+    def pose(sided: SidedMesh) -> SignoriniProblem:
+        posed[:] = [christof_haubner(sided.mesh)]
+        return paper_problem(posed[0], degree)
+
+    first = SidedMesh(friedrichs_keller(COMM, FIRST), {})
+    found = solve_adaptively(pose, first, norm=norm, accuracy=accuracy)
+    return found.problem, posed[0]
+
+
+def timed(solve: Callable[[], Solved], norm: str) -> tuple[int, float, float]:
+    """Return unknowns, the true error, and the seconds of the solution from nothing."""
+    COMM.barrier()
+    began = time.perf_counter()
+    problem, exact = solve()
+    seconds = COMM.allreduce(time.perf_counter() - began, op=MPI.MAX)
+    result = problem.unknowns, error_norms(problem.u, exact, [norm])[norm], seconds
+    problem.destroy()
+    return result
+
+
+def orders() -> list[list[object]]:
+    """Errors on uniform meshes by degree, and their slopes against unknowns."""
+    rows: list[list[object]] = []
+    figure = Figure(figsize=(8.4, 4.0), layout="constrained")
+    for axes, norm in zip(figure.subplots(1, 2), ORDERS, strict=True):
+        for degree, sizes in SIZES.items():
+            found = [timed(lambda d=degree, n=n: uniform(d, n), norm)[:2] for n in sizes]
+            unknowns, errors = np.array(found).T
+            slope = np.polyfit(np.log(unknowns[-2:]), np.log(errors[-2:]), 1)[0]
+            rows.append([norm, f"uniform P{degree}", int(unknowns[-1]), errors[-1], slope])
+            axes.loglog(unknowns, errors, "o-", color=COLOURS[degree], label=f"uniform P{degree}")
+            goals = errors[0] * np.array([0.3, 0.03, 0.003])
+            found = [timed(lambda d=degree, e=e: adapted(d, norm, e), norm)[:2] for e in goals]
+            unknowns, errors = np.array(found).T
+            slope = np.polyfit(np.log(unknowns), np.log(errors), 1)[0]
+            rows.append([norm, f"adapted P{degree}", int(unknowns[-1]), errors[-1], slope])
+            axes.loglog(unknowns, errors, "s--", color=COLOURS[degree], label=f"adapted P{degree}")
+        axes.set(xlabel="unknowns", ylabel=f"error in {norm}")
+        axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", ncols=2)
+    if COMM.rank == 0:
+        RESULTS.mkdir(exist_ok=True)
+        save(figure, RESULTS / "high_order.png")
+    return rows
+
+
+def equal() -> list[list[object]]:
+    """Seconds for the errors of uniform P1 with N = 1001, beside its own."""
+    rows: list[list[object]] = []
+    for norm, error in EQUAL.items():
+        for degree in (2, 3, 4):
+            timed(lambda d=degree: adapted(d, norm, error), norm)  # compiles the forms
+            unknowns, found, seconds = timed(lambda d=degree: adapted(d, norm, error), norm)
+            _, peer, other = timed(lambda: uniform(1, N), norm)
+            rows.append([norm, peer, f"P{degree}", unknowns, found, seconds, other / seconds])
+    return rows
+
+
+def reach() -> list[list[object]]:
+    """Unknowns and seconds for ever smaller errors in degree 4."""
+    rows: list[list[object]] = []
+    for norm, accuracies in REACH.items():
+        for accuracy in accuracies:
+            timed(lambda e=accuracy: adapted(4, norm, e), norm)
+            rows.append([norm, accuracy, *timed(lambda e=accuracy: adapted(4, norm, e), norm)])
+    return rows
+
+
+PARTS = {
+    "orders": (orders, ["norm", "kind", "unknowns", "error", "slope in unknowns"]),
+    "equal": (
+        equal,
+        ["norm", "error of P1", "adapted", "unknowns", "true error", "s", "times as fast"],
+    ),
+    "reach": (reach, ["norm", "asked", "unknowns", "true error", "s"]),
+}
+
+
+def main() -> None:
+    """Print the table of a part on rank 0."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("part", choices=PARTS)
+    part = parser.parse_args().part
+    make, columns = PARTS[part]
+    rows = make()
+    if COMM.rank == 0:
+        print(text_table(columns, rows, part))
+    write_json(COMM, f"high_order_{part}", {"columns": columns, "rows": rows})
+
+
+if __name__ == "__main__":
+    main()
