@@ -169,7 +169,7 @@ def test_a_linear_function_is_carried_without_change(comm: MPI.Comm) -> None:
 def test_configurations_without_sense_are_refused(comm: MPI.Comm) -> None:
     for configuration, message in (
         (Configuration(UNIFORM_P1, 0), "cell across"),
-        (Configuration(Kind(False, 3), 4), "degree"),
+        (Configuration(Kind(False, 5), 4), "degree"),
         (Configuration(UNIFORM_P1, 4, method="newton"), "method"),
     ):
         with pytest.raises(InputError, match=message):
