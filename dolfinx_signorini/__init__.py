@@ -23,6 +23,7 @@ from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.stress_intensity import StressIntensity, stress_intensity
 
 __all__ = [
     "METHODS",
@@ -41,6 +42,7 @@ __all__ = [
     "SidedMesh",
     "SignoriniProblem",
     "SolveResult",
+    "StressIntensity",
     "bernstein_space",
     "boundary_facets",
     "christof_haubner",
@@ -55,6 +57,7 @@ __all__ = [
     "solve_adaptively",
     "solve_cascade",
     "solve_scene",
+    "stress_intensity",
 ]
 
 __version__ = "0.1.0"
