@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.paper.theory.examples import paper_example
-from dolfinx_signorini.paper.theory.experiments import (
+from dolfinx_signorini.paper.theory.families import (
     Row,
     discretise,
     experiments,
@@ -18,7 +18,7 @@ from dolfinx_signorini.paper.theory.experiments import (
 from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
 from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.paper.theory.report import PICTURES, Document
-from dolfinx_signorini.paper.theory.statements import STATEMENTS, Statement, select
+from dolfinx_signorini.paper.theory.statements import MEASURED, Statement, select
 from dolfinx_signorini.plotting import picture_files, save
 from dolfinx_signorini.records import check_outputs, folder_name, on_first, write_file
 
@@ -33,13 +33,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--statement",
         action="append",
         metavar="NUMBER",
-        help="a statement of the paper, may be repeated; all by default: "
-        + ", ".join(f"{s.key} ({s.name.split(',')[0]})" for s in STATEMENTS),
+        help="a statement, may be repeated; all by default: " + ", ".join(s.key for s in MEASURED),
     )
     parser.add_argument(
         "--max-n",
         type=int,
-        default=401,
+        default=SMALLEST,
         metavar="N",
         help=f"cells per side of the finest mesh, {SMALLEST} to {LARGEST} (default %(default)s)",
     )
@@ -83,13 +82,15 @@ def _write(
     approximation: OneSided | None,
 ) -> None:
     """Print the tables and write the document; rank 0 only."""
-    document = Document(chosen, rows, args.max_n)
+    document = Document(chosen, rows)
     for statement in chosen:
-        print(document.section(statement), flush=True)
-    print(document.summary(), flush=True)
+        if statement.checks:
+            print(document.section(statement), flush=True)
+    count = sum(map(len, document.verdicts.values()))
+    print(f"{count - len(document.failing)} of {count} checks hold", flush=True)
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
-    for name in {statement.figure for statement in chosen} & FIGURES.keys():
+    for name in {statement.figure for statement in chosen if statement.checks} & FIGURES.keys():
         save(FIGURES[name](rows), pictures / name)
     if approximation is not None:
         save(draw_one_sided(approximation), pictures / ONE_SIDED)
@@ -104,7 +105,7 @@ def _statements(args: argparse.Namespace) -> list[Statement]:
     try:
         return select(args.statement)
     except KeyError as error:
-        known = ", ".join(statement.key for statement in STATEMENTS)
+        known = ", ".join(statement.key for statement in MEASURED)
         message = f"unknown {error.args[0]!r}, known are {known}"
         raise InputError(message, "--statement") from None
 

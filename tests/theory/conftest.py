@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.paper.theory.examples import paper_example, rough_example, smooth_example
-from dolfinx_signorini.paper.theory.experiments import discretise
+from dolfinx_signorini.paper.theory.families import discretise
 
 
 @functools.cache

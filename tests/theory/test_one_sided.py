@@ -8,13 +8,13 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import NotConvergedError
+from dolfinx_signorini.paper.theory.cea import nearest, smallest_one_sided
 from dolfinx_signorini.paper.theory.discretisation import difference
 from dolfinx_signorini.paper.theory.one_sided import (
     EdgeData,
     count_cases,
     edge_data,
     one_sided_approximation,
-    sampling_error,
     solve_linear_program,
 )
 from dolfinx_signorini.paper.theory.proven import supercloseness_order
@@ -55,18 +55,48 @@ def test_lemma_3_5(discretisation, name):
     assert order >= supercloseness_order(p).value - 0.05
 
 
-def test_admissible_along_every_edge(discretisation):
-    # At points of its own, finer than those of the program, within the bound that it states.
-    d = discretisation("paper", 25)
+@pytest.mark.parametrize(("name", "n"), [("paper", 25), ("2.5", 25)])
+def test_admissible_along_every_edge(discretisation, name, n):
+    # At points of its own, ten times as fine as those of the program.
+    d = discretisation(name, n)
     found = one_sided_approximation(d)
-    curve = d.curve
-    t = np.linspace(0.0, 1.0, 640, dtype=np.float64)
-    u = curve.samples([d.exact.u], t)[:, :, 0]
-    w_h, ritz = along(curve.values(found.w_h), t), along(curve.values(d.ritz), t)
-    violation = float((ritz - u - w_h).max())
-    assert violation <= found.sampling_error * (1.0 + 1e-6) + 1e-12
-    assert found.sampling_error < 1e-3 * found.norm
-    assert float((w_h - ritz).max()) <= 1e-10
+    t = np.linspace(0.0, 1.0, 641, dtype=np.float64)
+    u = d.curve.samples([d.exact.u], t)[:, :, 0]
+    w_h, ritz = along(d.curve.values(found.w_h), t), along(d.curve.values(d.ritz), t)
+    assert float((ritz - u - w_h).max()) <= 1e-15
+    assert float((w_h - ritz).max()) <= 1e-15
+    assert (found.below, found.above) == (0.0, 0.0)
+
+
+def test_without_the_lowering_w_h_would_not_be_admissible(discretisation):
+    d = discretisation("paper", 25)
+    y = solve_linear_program(COMM, edge_data(d), np.ones(len(d.curve.s)))
+    t = np.linspace(0.0, 1.0, 641, dtype=np.float64)
+    assert float((-along(y, t) - d.curve.samples([d.exact.u], t)[:, :, 0]).max()) > 1e-7
+
+
+@pytest.mark.parametrize("name", ["paper", "2.5"])
+def test_the_infimum_of_lemma_3_4(discretisation, name):
+    d = discretisation(name, 15)
+    infimum, found = smallest_one_sided(d), one_sided_approximation(d)
+    assert supercloseness(d) <= infimum <= found.norm * (1.0 + 1e-9)
+    # An u_h that is 2.8 times as far off would be noticed.
+    assert 2.8 * supercloseness(d) > infimum
+
+
+def test_the_nearest_point_of_a_polyhedron():
+    matrix, vector = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([-1.0, 0.3])
+    rows, lower = np.array([[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), np.array([-0.4, -0.3, 0.2])
+    y = nearest(matrix, vector, rows, lower)
+    grid = np.linspace(-1.0, 1.0, 801)
+    points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    feasible = points[(points @ rows.T >= lower - 1e-9).all(axis=1)]
+
+    def value(p):
+        return 0.5 * ((p @ matrix) * p).sum(axis=-1) + p @ vector
+
+    assert (rows @ y >= lower - 1e-9).all()
+    assert value(y) == pytest.approx(value(feasible).min(), abs=1e-4)
 
 
 def test_every_node_is_of_a_case(discretisation):
@@ -106,30 +136,21 @@ def test_no_node_of_a_minimiser_can_be_lowered():
         assert (along(lower, data.t) + data.u).min() < -1e-3
 
 
-def test_exact_where_u_vanishes_at_a_node():
-    # Next to a zero of u with a horizontal tangent y cannot be negative, between samples neither.
-    y = solve_linear_program(COMM, wave(), np.ones(4))
-    assert abs(y[[0, 1, 3]]).max() < 1e-12
-    assert y[2] == pytest.approx(-2.0)  # case 1: u(2) itself
-
-
 def test_a_program_without_a_solution():
     # Without the upper bound and with the negative cost the program has no solution.
     with pytest.raises(NotConvergedError, match="linear program"):
         solve_linear_program(COMM, wave(), -np.ones(4), bounded=False)
 
 
-def test_sampling_error_is_a_bound():
-    # y touches u at the samples and dives below between them, as u is convex.
+def test_lowered_data_lie_below_u():
+    # A convex u lies below its chords: the chords of the lowered data lie below u.
     samples = 8
     data = sampled(lambda s: 1.0 + 0.5 * (s - 2.0) ** 2, lambda s: s - 2.0, samples=samples)
-    y = np.full(4, -data.u[1, -1])  # u is smallest there: -y is above u nowhere but there
-    y[1] = -data.u[1, -2] * samples + data.u[1, -1] * (samples - 1)  # through the sample before
-    s = np.linspace(0.0, 1.0, 8001)
-    exact = 1.0 + 0.5 * (s - 1.0) ** 2
-    violation = float((-(y[1] * (1.0 - s) + y[2] * s) - exact).max())
-    assert 0.0 < violation <= sampling_error(data, y)
-    assert sampling_error(data, np.zeros(4)) == 0.0
+    t = np.linspace(0.0, 1.0, 8001)
+    for edge in range(4):
+        exact = 1.0 + 0.5 * (edge + t - 2.0) ** 2
+        assert (np.interp(t, data.t, data.u[edge]) > exact + 1e-4).any()
+        assert (np.interp(t, data.t, data.lowered().u[edge]) <= exact).all()
 
 
 def test_edge_data_have_exact_zeros(discretisation):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
@@ -93,6 +94,11 @@ class BoundaryCurve:
         reverse = self._reverse == 1
         values[reverse] = values[reverse, ::-1]
         return values
+
+    def gradients(self, function: fem.Function) -> Array:
+        """Return the gradient of a function of the space on each edge, shape (n, 2)."""
+        grad = ufl.grad(function)
+        return self.samples([grad[0], grad[1]], np.array([0.5]))[:, 0]
 
     def facets_between(self, edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
         """Return the owned facets (local indices) of the marked edges."""

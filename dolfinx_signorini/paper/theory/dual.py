@@ -5,10 +5,6 @@ mesh of u_h and finer by an integer factor. On the mesh of u_h itself z would be
 and the decisive term (z - I_h(z), u_h - u)_H1 would vanish. The price is one more term in the
 chain, the `remainder`, with which the chain holds to rounding.
 
-The reaction term of z is integrated by the vertex rule. The matrix then has no positive entry off
-its diagonal, so that the discrete maximum principle holds and z <= 0 is exact; the error of the
-rule is part of the remainder, too.
-
 All quantities are for the load divided by the third power of E = ||(u - u_h)^+||_L4, or with - for
 +, so that the left end of each chain is E itself.
 """
@@ -32,14 +28,13 @@ from dolfinx_signorini.paper.theory.discretisation import (
     difference,
 )
 from dolfinx_signorini.paper.theory.parts import expression_norms
+from dolfinx_signorini.paper.theory.seminorms import second_seminorms
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.references import interpolant
 from dolfinx_signorini.solvers.prediction import interpolate_between
 
-EPSILON = 0.25  # of the exponents (4 - eps)/3 and their like
-Q = (4.0 - EPSILON) / 3.0  # of the load and of second derivatives of z
-S = (4.0 - EPSILON) / (1.0 - EPSILON)  # conjugate to Q
+EPSILONS = (0.1, 0.25, 0.45)  # of the exponents (4 - eps)/3 and their like
+TOO_HIGH = 2.0  # an exponent above 4/3: second derivatives of z are not in this L^q
 
 
 @dataclass(frozen=True)
@@ -55,15 +50,15 @@ class DualChain:
         bumps: (z, Sigma)_H1 with Sigma the hat functions of (20); 0 for (D~).
         bump_load: The integral of the load with Sigma; 0 for (D~).
         remainder: What the finite element approximation of z contributes: load(w - I w) -
-            (z, w - I w)_H1, I the interpolation on the finer mesh, and the error of the vertex
-            rule in (z, I w + Sigma)_H1.
+            (z, w - I w)_H1, I the interpolation on the finer mesh.
         interpolation: (z - I_h(z), w)_H1, a part of `duality`.
         sign: (I_h(z), w)_H1, the other part, which is not positive.
-        holder: ||z - I_h(z)||_{W^{1,q}} ||w||_{W^{1,s}}, which bounds `interpolation`.
+        holder: ||z - I_h(z)||_{W^{1,q}} ||w||_{W^{1,s}} for each epsilon, q = (4 - eps)/3 and s
+            its conjugate, which bounds `interpolation`.
         holder_split: The same with ||w||_{W^{1,s}} interpolated between W^{1,4} and W^{1,inf}.
-        stability: ||z||_H1 over ||load||_{L^q}: the constant of (18) and (22).
-        regularity: ||z - I_h(z)||_{W^{1,q}} over h ||load||_{L^q}: the constant of (19) and (23)
-            times that of the interpolation.
+        stability: ||z||_H1 over ||load||_{L^q} for each epsilon: the constant of (18) and (22).
+        regularity: The discrete W^{2,q} seminorm of z over ||load||_{L^q} for each q, and for one
+            above 4/3: the constant of (19) and (23).
         largest: The largest value of z relative to its size: not positive but for rounding.
         contact: The largest |z| on the contact cells relative to its size.
         admissible: The smallest nodal value on the contact cells of the function w + Sigma that
@@ -77,10 +72,10 @@ class DualChain:
     remainder: float
     interpolation: float
     sign: float
-    holder: float
-    holder_split: float
-    stability: float
-    regularity: float
+    holder: dict[str, float]
+    holder_split: dict[str, float]
+    stability: dict[str, float]
+    regularity: dict[str, float]
     largest: float
     contact: float
     admissible: float
@@ -156,16 +151,12 @@ class _Dual:
     def chain(self) -> DualChain:
         """Evaluate the terms."""
         coarse, fine, sign, z = self.coarse, self.fine, self.sign, self.z
-        wanted = [f"W1_{S!r}", "W1_4", "W1_inf"]
-        weak, middle, strong = error_norms(self.u_h, fine.exact, wanted).values()
-        theta = 3.0 * EPSILON / (4.0 - EPSILON)
+        strong = error_norms(self.u_h, fine.exact, ["W1_inf"])["W1_inf"]
         bumps = self._bumps(strong)
         z_h = transfer(z, coarse.space)
         rough = difference(z, transfer(z_h, fine.space))
         duality = sign * (fine.product(z, self.u_h) - fine.exact_product(z))
         orthogonality = sign * (coarse.product(z_h, coarse.u_h) - coarse.exact_product(z_h))
-        rough_norm = error_norms(rough, None, [f"W1_{Q!r}"])[f"W1_{Q!r}"]
-        load_norm = expression_norms(fine.space, self.load, [f"L{Q!r}"])[f"L{Q!r}"]
         curve_z, size = fine.curve.values(z), _largest(z, -1.0)
         held = self.fine_cells | np.roll(self.fine_cells, 1)
         interpolated = interpolant(fine.space, fine.exact.u)
@@ -177,21 +168,40 @@ class _Dual:
             duality=duality,
             bumps=fine.product(z, bumps),
             bump_load=-self._integral(self.load * bumps),
-            remainder=self._remainder(interpolated, test),
+            remainder=self._remainder(interpolated),
             interpolation=duality - orthogonality,
             sign=orthogonality,
-            holder=rough_norm * weak,
-            holder_split=rough_norm * strong**theta * middle ** (1.0 - theta),
-            stability=fine.norm(z) / load_norm,
-            regularity=rough_norm / (cell_size(coarse.space.mesh) * load_norm),
+            **self._by_epsilon(rough, strong),
             largest=_largest(z, 1.0) / size,
             contact=float(np.abs(curve_z[held]).max(initial=0.0)) / size,
             admissible=float(values[held].min(initial=0.0) / np.abs(values).max()),
         )
 
+    def _by_epsilon(self, rough: fem.Function, strong: float) -> dict[str, dict[str, float]]:
+        """What depends on epsilon."""
+        fine, size = self.fine, self.fine.norm(self.z)
+        result: dict[str, dict[str, float]] = {
+            name: {} for name in ("holder", "holder_split", "stability", "regularity")
+        }
+        exponents = {f"{e:g}": (4.0 - e) / 3.0 for e in EPSILONS}
+        loads = [f"L{q!r}" for q in (*exponents.values(), TOO_HIGH)]
+        load = expression_norms(fine.space, self.load, loads)
+        seminorms = second_seminorms(self.z, (*exponents.values(), TOO_HIGH))
+        for (key, q), name in zip(exponents.items(), loads, strict=False):
+            norm, conjugate = f"W1_{q!r}", f"W1_{q / (q - 1.0)!r}"
+            rest = error_norms(rough, None, [norm])[norm]
+            weak, middle = error_norms(self.u_h, fine.exact, [conjugate, "W1_4"]).values()
+            theta = 1.0 - 4.0 * (q - 1.0) / q
+            result["holder"][key] = rest * weak
+            result["holder_split"][key] = rest * strong**theta * middle ** (1.0 - theta)
+            result["stability"][key] = size / load[name]
+            result["regularity"][key] = seminorms[f"{q:g}"] / load[name]
+        result["regularity"]["none"] = seminorms[f"{TOO_HIGH:g}"] / load[loads[-1]]
+        return result
+
     def _solve(self) -> fem.Function:
         z, v = ufl.TrialFunction(self.fine.space), ufl.TestFunction(self.fine.space)
-        a = ufl.inner(ufl.grad(z), ufl.grad(v)) * ufl.dx + lumped(z * v)
+        a = (ufl.inner(ufl.grad(z), ufl.grad(v)) + z * v) * ufl.dx
         form = self.load * v * ufl.dx(metadata=PAPER_RULE.metadata)
         problem = SignoriniProblem(a, form, contact=self.fine.curve.facets_between(self.fine_cells))
         solution = problem.solve(rtol=THEORY_RTOL)
@@ -207,22 +217,14 @@ class _Dual:
             values[ends] = cell_size(self.coarse.space.mesh) * slope
         return transfer(curve.function(values), self.fine.space)
 
-    def _remainder(self, interpolated: fem.Function, test: fem.Function) -> float:
+    def _remainder(self, interpolated: fem.Function) -> float:
         fine, z, sign = self.fine, self.z, self.sign
         work = -sign * self._integral(self.load * (fine.exact.u - interpolated))
-        product = -sign * (fine.exact_product(z) - fine.product(z, interpolated))
-        mass = z * test * ufl.dx
-        lumping = fem.assemble_scalar(fem.form(lumped(z * test) - mass))
-        return work - product + float(fine.comm.allreduce(lumping))
+        return work + sign * (fine.exact_product(z) - fine.product(z, interpolated))
 
     def _integral(self, integrand: Expr) -> float:
         form = fem.form(integrand * ufl.dx(metadata=PAPER_RULE.metadata))
         return float(self.fine.comm.allreduce(fem.assemble_scalar(form)))
-
-
-def lumped(integrand: Expr) -> ufl.Form:
-    """Return an integral by the vertex rule."""
-    return integrand * ufl.dx(metadata=QuadratureRule("vertex", 1).metadata)
 
 
 def transfer(source: fem.Function, space: fem.FunctionSpace) -> fem.Function:

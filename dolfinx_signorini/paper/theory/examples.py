@@ -11,6 +11,13 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
+from dolfinx_signorini.paper.theory.pieces import (
+    BUMP_RADIUS,
+    Piece,
+    bumps,
+    composed,
+    levels_of_bumps,
+)
 
 PLACES = (0.0, 0.25, 0.5, 0.75)  # of a boundary edge: on its first node ... in the middle ...
 
@@ -76,6 +83,67 @@ def smooth_example() -> Example:
         )
 
     return Example(exact, singular=(), contact=())
+
+
+def kinked_example() -> Example:
+    """Return |x_1 + 0.3 x_2 - 0.7| with no meaning for contact: in W^{1,inf}, not in H^2."""
+
+    def exact(domain: mesh.Mesh) -> ManufacturedSolution:
+        x = ufl.SpatialCoordinate(domain)
+        side = x[0] + 0.3 * x[1] - 0.7
+        sign = ufl.conditional(ufl.lt(side, 0.0), -1.0, 1.0)
+        return ManufacturedSolution(domain, abs(side), (sign, 0.3 * sign), abs(side))
+
+    return Example(exact, singular=(), contact=())
+
+
+RIGHT, LEFT, UP, DOWN = (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
+COMPOSED = {
+    "two": (Piece((0.25, 0.0), RIGHT, UP, 0.2), Piece((0.75, 0.0), LEFT, UP, 0.2)),
+    "three": (
+        Piece((0.25, 0.0), RIGHT, UP, 0.2),
+        Piece((0.75, 0.0), LEFT, UP, 0.2),
+        Piece((0.5, 1.0), RIGHT, DOWN, 0.4),
+    ),
+    "weak": (Piece(DETACHMENT, RIGHT, UP, SUPPORT_RADIUS, exponent=3.5),),
+    "corner": (
+        Piece(DETACHMENT, RIGHT, UP, SUPPORT_RADIUS),
+        Piece((1.0, 0.5), DOWN, LEFT, SUPPORT_RADIUS),
+        Piece((1.0, 0.0), LEFT, UP, 0.5, exponent=2.0),
+    ),
+}
+CONTACT = {
+    "two": ((0.25, 0.75), (0.95, 4.05)),
+    "three": ((0.25, 0.75), (0.95, 2.5), (2.9, 4.05)),
+    "weak": ((0.5, 4.05),),
+    "corner": ((0.5, 1.5), (1.95, 4.05)),
+}
+
+
+def composed_example(name: str) -> Example:
+    """Return a solution with two or three points, a weak point, or contact across a corner.
+
+    Args:
+        name: One of `COMPOSED`.
+    """
+    pieces = COMPOSED[name]
+    points = tuple(piece.point for piece in pieces if piece.exponent == 1.5)
+    return Example(partial(composed, pieces=pieces), points, CONTACT[name])
+
+
+def sharp_example(p: float, last: int = 10) -> Example:
+    """Return bumps on ever smaller scales: in W^{2,p} and, with all levels, without (A).
+
+    Args:
+        p: The exponent.
+        last: The finest level: bumps of the width 2^-last.
+    """
+    levels = levels_of_bumps(p, 3, last)
+    points = tuple(point for level in levels for point in level.points)
+    free = [(x - BUMP_RADIUS * level.width, x) for level in levels for x, _ in level.points]
+    ends = [end for pair in free for end in pair]
+    contact = tuple(zip(ends[1::2], [*ends[2::2], 4.0 + ends[0]], strict=True))
+    return Example(partial(bumps, levels=levels), points, contact)
 
 
 def rough_example(p: float) -> Example:

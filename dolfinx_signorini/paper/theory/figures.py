@@ -11,22 +11,35 @@ from matplotlib.ticker import NullLocator
 
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.pictures import draw_convergence
-from dolfinx_signorini.paper.theory.evidence import Row, Rows, Value, entry, fine, orders
+from dolfinx_signorini.paper.theory.checks import (
+    Row,
+    Rows,
+    Value,
+    entry,
+    fine,
+    interpolation_constant,
+    orders,
+    over,
+)
 from dolfinx_signorini.paper.theory.examples import PLACES
-from dolfinx_signorini.paper.theory.experiments import placed_name
+from dolfinx_signorini.paper.theory.families import POWER_EXPONENTS, placed_name, power_name
+from dolfinx_signorini.paper.theory.measures import TRACE
 from dolfinx_signorini.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.paper.theory.proven import allowed_order, proven_order
-from dolfinx_signorini.paper.theory.section3 import FINE, SUPERCLOSE
-from dolfinx_signorini.paper.theory.section4 import PLACED_NORMS, TRANSITION, relative_errors
-from dolfinx_signorini.paper.theory.section5 import TERMS, contact_set, detachment_error
+from dolfinx_signorini.paper.theory.section4 import NAMES, PLACED, TRANSITION
+from dolfinx_signorini.paper.theory.section5 import contact_set, detachment_error
 
+FINE = 31  # cells per side of the paper's solution
+TERMS = {
+    "plus": ("interpolation", "bumps", "bump_load", "remainder"),
+    "minus": ("interpolation", "sign", "remainder"),
+}
 TERM_NAMES = {
     "interpolation": "$(z - I_h z, w)$",
     "bumps": "$(z, \\Sigma)$, hat functions",
     "bump_load": "load of $\\Sigma$",
     "remainder": "approximation of $z$",
     "sign": "$-(I_h z, w)$",
-    "holder": "Hölder bound of $(z - I_h z, w)$",
 }
 LEGENDS: dict[str, dict[str, Any]] = {
     "inside": {"loc": "lower left"},
@@ -66,30 +79,79 @@ def draw_supercloseness(rows: Rows) -> Figure:
     return _tight(figure)
 
 
-def draw_regularity(rows: Rows) -> Figure:
+def draw_powers(rows: Rows) -> Figure:
     """Draw measured, proven and allowed orders against p (Corollaries 4.1 and 4.2)."""
-    figure, panels = plt.subplots(2, 2, figsize=(10, 7), sharex=True)
-    x, exponents = np.arange(len(SUPERCLOSE)), SUPERCLOSE.values()
-    norms = ("W1_inf", "Linf", "W1_4", "H1_2_boundary_spectral")
-    for axes, norm in zip(panels.flat, norms, strict=True):
-        proven = [proven_order(p, norm).value for p in exponents]
-        allowed = [allowed_order(p, norm) for p in exponents]
-        measured = [orders(fine(rows[name]), entry("errors", norm))[-1] for name in SUPERCLOSE]
+    figure, panels = plt.subplots(1, 4, figsize=(13, 3.6), sharex=True)
+    x = np.arange(len(POWER_EXPONENTS))
+    for axes, norm in zip(panels.flat, ("W1_inf", "Linf", "W1_4", TRACE), strict=True):
+        proven = [proven_order(p, norm).value for p in POWER_EXPONENTS]
+        allowed = [allowed_order(p, norm) for p in POWER_EXPONENTS]
+        families = [rows[power_name(p)] for p in POWER_EXPONENTS]
+        measured = [orders(family, entry("errors", norm))[-1] for family in families]
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
         axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
-        axes.set(title=norm.replace("_spectral", ""), ylabel="order")
+        axes.set(title=NAMES[norm], xlabel="p of $W^{2,p}$")
         axes.grid(alpha=0.3)
-        axes.set_xticks(x, [f"{p:g}" for p in exponents])
-    for axes in panels[1]:
-        axes.set_xlabel("p of $W^{2,p}$")
-    panels[0, 0].legend()
+        axes.set_xticks(x, [f"{p:g}" for p in POWER_EXPONENTS])
+    panels[0].set_ylabel("order")
+    panels[0].legend(fontsize="small")
+    return _tight(figure)
+
+
+def draw_logarithms(rows: Rows) -> Figure:
+    """Draw the fourth power of the normalised W^{1,4} error against ln N (Remark 4.4, 1)."""
+    figure, axes = plt.subplots(figsize=(6.4, 4.2))
+    family, value = rows[power_name(np.inf)], over(entry("errors", "W1_4"), 1.0, to=4.0)
+    x = np.log([row["n"] for row in family])
+    y = np.array([value(row) for row in family])
+    B = interpolation_constant()
+    axes.plot(x, y[-1] + B * (x - x[-1]), color=COLOURS[1], label=f"slope B = {B:.4f}")
+    axes.plot(x, y, "o", color=COLOURS[0], label="measured")
+    axes.set(xlabel="ln N", ylabel="$(W^{1,4}$ error / $h)^4$")
+    axes.set_title("The logarithm in $W^{1,4}$, $u = -r^{3/2} \\sin(3\\theta/2)$")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return _tight(figure)
+
+
+def draw_factors(rows: Rows) -> Figure:
+    """Draw how the factors of the singularities converge."""
+    figure, axes = plt.subplots(figsize=(6.8, 4.4))
+    family = fine(rows["paper"], FINE)
+    curves = (
+        ("b - 10, order 2", lambda row: abs(row["factors"]["three_halves"] - 10.0), 2.0),
+        ("a, order 2", lambda row: abs(row["factors"]["half"]), 2.0),
+        ("corrected point - 1/2, order 2", lambda row: abs(row["factors"]["corrected"] - 0.5), 2.0),
+        ("point by the contact set - 1/2", detachment_error, None),
+    )
+    for i, (label, value, order) in enumerate(curves):
+        _curve(axes, family, value, label, i, order)
+    _finish(axes, family, "Factors of $r^{1/2}$ and $r^{3/2}$, paper", "error", "right")
+    return _tight(figure)
+
+
+def draw_enclosure(rows: Rows) -> Figure:
+    """Draw the enclosures of the detachment point."""
+    figure, axes = plt.subplots(figsize=(6.8, 3.6))
+    family = rows["bounds"]
+    for i, row in enumerate(family):
+        found = row["enclosure"]
+        axes.plot([found["outer"], found["inner"]], [i, i], color=COLOURS[0], linewidth=6)
+    axes.axvline(0.5, color="black", linestyle=":", label="detachment point")
+    axes.set_yticks(range(len(family)), [str(row["n"]) for row in family])
+    axes.set(xlabel="$x_1$ on the bottom edge", ylabel="cells per side N")
+    axes.set_title("Contact begins in here")
+    axes.grid(alpha=0.3)
+    axes.legend()
     return _tight(figure)
 
 
 def draw_errors(rows: Rows) -> Figure:
     """Draw the errors of the paper's solution with the orders of Theorem 6.1."""
-    return draw_convergence(fine(rows["paper"]), ("W1_inf", "W1_4", "Linf", "H1_2_boundary", "L4"))
+    return draw_convergence(
+        fine(rows["paper"], FINE), ("W1_inf", "W1_4", "Linf", "H1_2_boundary", "L4")
+    )
 
 
 def draw_dual(rows: Rows) -> Figure:
@@ -99,9 +161,8 @@ def draw_dual(rows: Rows) -> Figure:
     for axes, (part, title) in zip(panels, titles.items(), strict=True):
         _band(axes, rows["dual"], entry(part, "error"), "error (left-hand side)")
         for i, (name, label) in enumerate(TERM_NAMES.items()):
-            if name not in (*TERMS[part], "holder") or (part, name) == ("plus", "sign"):
-                continue  # (I_h z, w) vanishes for (D)
-            _curve(axes, rows["dual"], _size(part, name), label, i, None)
+            if name in TERMS[part]:
+                _curve(axes, rows["dual"], _size(part, name), label, i, None)
         _finish(axes, rows["dual"], title, "size of the term", "below")
     return _tight(figure)
 
@@ -133,11 +194,11 @@ def draw_placement(rows: Rows) -> Figure:
     """Draw the errors by the place of the detachment point (Section 7)."""
     figure, axes = plt.subplots(figsize=(8, 5))
     families = {place: rows[placed_name(place)] for place in PLACES}
-    for i, norm in enumerate(PLACED_NORMS):
-        found = relative_errors(families, norm)
-        label = norm.replace("_spectral", "")
+    for i, norm in enumerate(PLACED):
+        last = {place: family[-1]["errors"][norm] for place, family in families.items()}
+        label = NAMES[norm]
         marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
-        values = [found[place][-1] for place in PLACES]
+        values = [last[place] / last[0.0] for place in PLACES]
         axes.plot(PLACES, values, marker + "-", color=colour, label=label)
     axes.set_xticks(PLACES, ["on a node", "a quarter", "the middle", "three quarters"])
     n = families[0.0][-1]["n"]
@@ -189,7 +250,10 @@ def draw_one_sided(found: OneSided, last: float = 0.72) -> Figure:
 FIGURES: dict[str, Callable[[Rows], Figure]] = {
     "projection": draw_projection,
     "supercloseness": draw_supercloseness,
-    "regularity": draw_regularity,
+    "powers": draw_powers,
+    "logarithms": draw_logarithms,
+    "factors": draw_factors,
+    "enclosure": draw_enclosure,
     "errors": draw_errors,
     "dual": draw_dual,
     "contact_sets": draw_contact_sets,

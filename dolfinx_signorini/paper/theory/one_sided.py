@@ -6,10 +6,11 @@ so that problem (11) is a linear program for the nodal values of y:
     minimise sum y_i    subject to    y >= -u along the whole of every edge,  y <= 0.
 
 The upper bound holds along an edge as soon as it holds at the nodes. The lower bound is set at
-samples of every edge; where u vanishes at a node also through the tangent there.
+samples of every edge, for u lowered by what u may sag between two samples, so that it holds along
+the whole edge: w_h is feasible, and at most a trifle larger than the solution of (11).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,11 @@ from mpi4py import MPI
 from scipy.optimize import linprog
 
 from dolfinx_signorini.errors import NotConvergedError
-from dolfinx_signorini.paper.theory.discretisation import Discretisation
+from dolfinx_signorini.paper.theory.discretisation import Discretisation, difference
 
 SAMPLES = 64  # intervals per edge
 VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
+MARGIN = 1e-9  # of the largest u on the boundary: more than HiGHS violates a constraint
 TOUCHING = 1e-9  # of the largest u on the boundary: what counts as touching; HiGHS' accuracy
 
 Array = npt.NDArray[np.float64]
@@ -53,6 +55,23 @@ class EdgeData:
         starts = np.concatenate(([0.0], np.cumsum(self.widths)[:-1]))
         return np.asarray(starts[:, None] + self.widths[:, None] * self.t)
 
+    def lowered(self) -> "EdgeData":
+        """Return the data with u lowered, but not below 0, by what u may sag between samples.
+
+        Between two samples at a distance d, u lies no more than d/4 times the oscillation of u'
+        below its chord. The oscillation is taken from the samples of the interval and of its two
+        neighbours: right where u' is monotone, and safe where u' has one extremum that the samples
+        resolve.
+        """
+        padded = np.pad(self.slope, ((0, 0), (1, 1)), mode="edge")
+        window = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=1)
+        oscillation = window.max(axis=2) - window.min(axis=2)
+        sag = 0.25 * (self.t[1] - self.t[0]) * self.widths[:, None] * oscillation
+        sides = np.pad(sag, ((0, 0), (1, 1)))
+        margin = MARGIN * float(self.u.max(initial=0.0))
+        u = np.maximum(self.u - np.maximum(sides[:, :-1], sides[:, 1:]) - margin, 0.0)
+        return replace(self, u=u)
+
     def along(self, nodal: Array) -> Array:
         """Return the samples of a piecewise linear function, given by its values at the nodes."""
         return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
@@ -68,8 +87,10 @@ class OneSided:
     Attributes:
         w_h: The function, harmonic in the discrete sense inside.
         norm: The H^1 norm of w_h.
-        sampling_error: A bound on how far w_h may lie below R_h(u) - u between two samples.
-        upper_error: How far w_h lies above R_h(u) at a node: rounding.
+        below: How far w_h lies below R_h(u) - u at a sample: not at all.
+        above: How far w_h lies above R_h(u) at a node: not at all.
+        distance: The largest w_h - R_h(u) + u at a node, which (13) bounds.
+        tested: ||R_h(u) - u_h||_H1^2 over (R_h(u) - u_h, w_h)_H1, at most 1 by the proof of (9).
         cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
         data: u along the boundary edges.
         ritz: R_h(u) at the boundary nodes.
@@ -78,8 +99,10 @@ class OneSided:
 
     w_h: fem.Function
     norm: float
-    sampling_error: float
-    upper_error: float
+    below: float
+    above: float
+    distance: float
+    tested: float
     cases: tuple[int, int, int, int]
     data: EdgeData
     ritz: Array
@@ -92,15 +115,21 @@ def one_sided_approximation(discretisation: Discretisation) -> OneSided:
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
     """
-    curve, data = discretisation.curve, edge_data(discretisation)
+    curve, exact = discretisation.curve, edge_data(discretisation)
+    data = exact.lowered()
     y = solve_linear_program(discretisation.comm, data, np.ones(len(curve.s)))
+    held = (data.u == 0.0).any(axis=1)
+    y = np.where(held | np.roll(held, 1), 0.0, np.minimum(y, 0.0))
     ritz = curve.values(discretisation.ritz)
     w_h = discretisation.harmonic(curve.function(ritz + y))
+    apart = difference(discretisation.ritz, discretisation.u_h)
     return OneSided(
         w_h=w_h,
         norm=discretisation.norm(w_h),
-        sampling_error=sampling_error(data, y),
-        upper_error=float(max(y.max(), 0.0)),
+        below=float(max((-exact.u - exact.along(y)).max(), 0.0)),
+        above=float(max(y.max(), 0.0)),
+        distance=float((y + exact.u[:, 0]).max()),
+        tested=discretisation.product(apart, apart) / discretisation.product(apart, w_h),
         cases=count_cases(data, y),
         data=data,
         ritz=ritz,
@@ -150,7 +179,7 @@ def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, st
     scale = float(data.u.max()) or 1.0
     low = -data.u[:, 0] / scale
     # Edges on which u vanishes are held by their nodes alone.
-    edges = np.flatnonzero((data.u[:, 1:-1] > 0.0).any(axis=1))
+    edges = np.flatnonzero((data.u > 0.0).any(axis=1))
     rows = np.arange(len(edges) * (m - 2)).reshape(len(edges), m - 2)
     t = np.broadcast_to(data.t[1:-1], rows.shape)
     first = np.broadcast_to(edges[:, None], rows.shape)
@@ -162,12 +191,10 @@ def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, st
         ),
         shape=(rows.size, n),
     )
-    # With y = 0 where u = 0 at the end of an edge, y >= -u near there is a bound on the slope of y.
-    matrix, lower = _tangents(data, edges if bounded else edges[:0], n)
     result = linprog(
         cost / max(float(np.abs(cost).max()), 1e-300),
-        A_ub=-sp.vstack([inner, matrix]),
-        b_ub=np.concatenate([data.u[edges, 1:-1].ravel(), -lower]) / scale,
+        A_ub=-inner,
+        b_ub=data.u[edges, 1:-1].ravel() / scale,
         bounds=np.column_stack([low, np.full(n, 0.0 if bounded else np.inf)]),
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
@@ -175,40 +202,6 @@ def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, st
     if result.status != 0:
         return None, str(result.message)
     return np.asarray(result.x * scale), ""
-
-
-def _tangents(data: EdgeData, edges: npt.NDArray[np.int64], n: int) -> tuple[sp.csr_matrix, Array]:
-    """The rows y' >= -u' at the ends of edges where u vanishes."""
-    at_start = edges[data.u[edges, 0] == 0.0]
-    at_end = edges[data.u[edges, -1] == 0.0]
-    nodes = np.concatenate([(at_start + 1) % n, at_end])
-    slope = np.concatenate([data.slope[at_start, 0], -data.slope[at_end, -1]])
-    width = np.concatenate([data.widths[at_start], data.widths[at_end]])
-    rows = np.arange(len(nodes))
-    matrix = sp.csr_matrix((np.ones(len(nodes)), (rows, nodes)), shape=(len(nodes), n))
-    return matrix, -width * np.maximum(slope, 0.0)
-
-
-def sampling_error(data: EdgeData, y: Array) -> float:
-    """Bound how far y lies below -u between samples.
-
-    Between two samples at a distance d, u lies no more than d/4 times the oscillation of u' below
-    its chord. The oscillation is taken from the samples of the interval and of its two neighbours:
-    right where u' is monotone, and safe where u' has one extremum that the samples resolve.
-
-    Args:
-        data: u along the edges.
-        y: w_h - R_h(u) at the nodes.
-    """
-    excess = data.along(y) + data.u
-    low = np.minimum(excess[:, 1:], excess[:, :-1])
-    padded = np.pad(data.slope, ((0, 0), (1, 1)), mode="edge")
-    window = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=1)
-    oscillation = window.max(axis=2) - window.min(axis=2)
-    sag = 0.25 * (data.t[1] - data.t[0]) * data.widths[:, None] * oscillation
-    vanishing = (y == 0.0) & (np.roll(y, -1) == 0.0)  # -u <= 0 = y holds exactly
-    violation = np.where(vanishing[:, None], 0.0, np.maximum(sag - low, 0.0))
-    return float(violation.max())
 
 
 def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:

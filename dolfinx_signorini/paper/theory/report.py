@@ -1,10 +1,10 @@
-"""The document: each statement with the command that checks it and its figures."""
+"""The document: each statement with its measurements, and those without with the reason."""
 
 import textwrap
 from collections.abc import Sequence
 
-from dolfinx_signorini.paper.theory.evidence import Rows
-from dolfinx_signorini.paper.theory.statements import Statement
+from dolfinx_signorini.paper.theory.checks import Check, Rows, Verdict
+from dolfinx_signorini.paper.theory.statements import EQUATIONS, STATEMENTS, Statement
 from dolfinx_signorini.tables import markdown_table
 
 PICTURES = "theory"  # the folder of the pictures, beside the document
@@ -12,17 +12,26 @@ PICTURES = "theory"  # the folder of the pictures, beside the document
 INTRODUCTION = """\
 # The theory, measured
 
-Every statement of C. Christof and C. Haubner, "Finite element error estimates in non-energy norms
-for the two-dimensional scalar Signorini problem", Numer. Math. (2020), with the command that checks
-it and the measured figure beside the proven one. This page and its pictures are written by
+What C. Christof and C. Haubner state in "Finite element error estimates in non-energy norms for the
+two-dimensional scalar Signorini problem", Numer. Math. (2020), each statement in one line with what
+is measured of it, what is proven, and whether both agree. This page and its pictures are written by
 
     {command}
 
-An order is the one between the two finest meshes and counts as reached within 0.05; "- eps" stands
-for "less any positive number". An inequality counts as satisfied if it is violated by no more than
-1e-9 of its size: linear systems are solved to 1e-11. Numbers below that are printed as bounds, as
-they are different on every machine. Meshes are Friedrichs-Keller triangulations with N cells per
-side, elements are linear, and everything is the same on any number of processes.
+and one statement alone by `dolfinx-signorini theory --statement NUMBER`, with the number or word
+behind its title.
+
+{count} checks: {holding} hold{failing}. A check reads figures and has limits; each was fed a wrong
+input and failed (`tests/theory/test_wrong_input.py`). Orders are those between the two finest
+meshes, and lie between the proven one and the one that the solution allows, to 0.05; inequalities
+hold up to 1e-9 of their size. "- eps" stands for "less any positive number". Numbers below that are
+printed as bounds, as they are different on every machine. Meshes are Friedrichs-Keller
+triangulations with N cells per side where nothing else is said, h = 1/N; norms are those of
+`error_norms`, sup norms true maxima. Everything is the same on any number of processes.
+
+What the measurements question: the remark of Section 7 that the middle of an edge is the worst
+place of the detachment point, the remark there that the contact sets of u_h approximate that of u,
+and the left-hand side of (9) as printed. No theorem.
 """
 
 
@@ -30,69 +39,115 @@ class Document:
     """What was measured for statements, as a document in Markdown:
 
         document = Document(STATEMENTS, rows, max_n=401)
-        print(document.summary())
+        print(document.text("dolfinx-signorini theory"))
 
     Args:
         statements: The statements, in order.
         rows: The rows of their experiments.
-        max_n: Cells per side of the finest mesh.
 
     Attributes:
-        checks: The checks of each statement, by its key.
+        verdicts: The verdicts on the checks of each statement, by its key.
     """
 
-    def __init__(self, statements: Sequence[Statement], rows: Rows, max_n: int):
-        self.statements, self.rows, self.max_n = statements, rows, max_n
-        self.checks = {statement.key: statement.checks(rows) for statement in statements}
+    def __init__(self, statements: Sequence[Statement], rows: Rows):
+        self.statements, self.rows = statements, rows
+        self.verdicts = {
+            statement.key: [check.verdict(rows) for check in statement.checks]
+            for statement in statements
+        }
 
-    def summary(self) -> str:
-        """Return a table of the statements: the headline of each, and how many checks hold."""
-        lines = []
-        for statement in self.statements:
-            checks = self.checks[statement.key]
-            first, holding = checks[0], sum(check.holds for check in checks)
-            cells = [statement.name, first.what, first.proven, first.measured]
-            lines.append([*map(_cell, cells), f"{holding} of {len(checks)}"])
-        return markdown_table(("statement", "headline", "proven", "measured", "checks hold"), lines)
+    @property
+    def failing(self) -> list[str]:
+        """The names of the checks that do not hold."""
+        return [
+            f"{statement.key}: {check.name}"
+            for statement in self.statements
+            for check, verdict in zip(statement.checks, self.verdicts[statement.key], strict=True)
+            if not verdict.holds
+        ]
 
     def section(self, statement: Statement) -> str:
         """Return what the document says about one of the statements."""
-        checks = self.checks[statement.key]
-        columns = ["measured quantity", "proven", "measured", "holds"]
-        if any(check.reason for check in checks):
-            columns.append("better because")
-        lines = []
-        for check in checks:
-            holds = "yes" if check.holds else "NO"
-            cells = [check.what, check.proven, check.measured, holds, check.reason]
-            lines.append([_cell(cell) for cell in cells[: len(columns)]])
+        pairs = list(zip(statement.checks, self.verdicts[statement.key], strict=True))
         parts = [
-            f"## {statement.name}",
-            _wrapped(statement.claim),
-            f"    dolfinx-signorini theory --statement {statement.key} --max-n {self.max_n}",
+            f"### {statement.name} [{statement.key}]",
+            _wrapped(statement.claim, "> "),
             _wrapped(statement.comment),
-            markdown_table(columns, lines),
         ]
-        for title, text in statement.tables(self.rows):
-            parts += [f"{title}:", text]
+        listed = [pair for pair in pairs if not pair[0].column]
+        if listed:
+            parts.append(_list(listed))
+        crossed = [pair for pair in pairs if pair[0].column]
+        if crossed:
+            parts += ["Orders, measured and proven:", _cross(crossed)]
         return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
     def text(self, command: str) -> str:
         """Return the whole document, which says that a command has written it."""
-        parts = [INTRODUCTION.format(command=command), self.summary()]
-        shown = {""}
-        for statement in self.statements:
-            parts.append(self.section(statement))
-            if statement.figure not in shown:
-                shown.add(statement.figure)
-                parts.append(f"![{statement.figure}]({PICTURES}/{statement.figure}.png)\n")
+        verdicts = [verdict for found in self.verdicts.values() for verdict in found]
+        failing = self.failing
+        words = {
+            "command": command,
+            "count": len(verdicts),
+            "holding": len(verdicts) - len(failing),
+            "failing": f", {len(failing)} do not: {'; '.join(failing)}" if failing else "",
+        }
+        parts, shown = [INTRODUCTION.format(**words)], {""}
+        for beyond, title in ((False, "The paper"), (True, "Beyond the paper")):
+            chosen = [s for s in self.statements if s.checks and s.beyond == beyond]
+            parts += [f"## {title}\n"] if chosen else []
+            for statement in chosen:
+                parts.append(self.section(statement))
+                if statement.figure not in shown:
+                    shown.add(statement.figure)
+                    parts.append(f"![{statement.figure}]({PICTURES}/{statement.figure}.png)\n")
+        if len(self.statements) == len(STATEMENTS):
+            parts += [_others(), _equations()]
         return "\n".join(parts)
 
 
-def _cell(text: str) -> str:
-    """A text as a cell of a table, without the bars that would end the cell."""
-    return text.replace("||", "‖")
+def _list(pairs: Sequence[tuple[Check, Verdict]]) -> str:
+    """One row for each check."""
+    lines = [[c.name, c.proven, v.measured, _answer(v)] for c, v in pairs]
+    return markdown_table(("measured quantity", "proven", "measured", "holds"), lines)
 
 
-def _wrapped(text: str) -> str:
-    return textwrap.fill(_cell(text), 100, break_long_words=False, break_on_hyphens=False)
+def _cross(pairs: Sequence[tuple[Check, Verdict]]) -> str:
+    """One entry for each check."""
+    rows = list(dict.fromkeys(check.what for check, _ in pairs))
+    columns = list(dict.fromkeys(check.column for check, _ in pairs))
+    cells = {
+        (c.what, c.column): f"{v.measured.removeprefix('order ')} / {c.proven}"
+        + ("" if v.holds else " NO")
+        for c, v in pairs
+    }
+    lines = [[row, *(cells.get((row, column), "") for column in columns)] for row in rows]
+    return markdown_table(("", *columns), lines)
+
+
+def _others() -> str:
+    """The statements without an experiment."""
+    lines = [[s.name, s.claim, s.reason] for s in STATEMENTS if not s.checks]
+    table = markdown_table(("statement", "claim", "why nothing is measured"), lines)
+    return f"## Statements without an experiment\n\n{table}"
+
+
+def _equations() -> str:
+    """The numbered formulas."""
+    table = markdown_table(("formula", "measured with, or what it is"), list(EQUATIONS.items()))
+    return f"## Numbered formulas\n\n{table}"
+
+
+def _answer(verdict: Verdict) -> str:
+    return "yes" if verdict.holds else "NO"
+
+
+def _wrapped(text: str, prefix: str = "") -> str:
+    return textwrap.fill(
+        text,
+        100,
+        initial_indent=prefix,
+        subsequent_indent=prefix,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -1,143 +1,18 @@
-"""Section 5 and conditions (A), (A_h) against their measurements."""
+"""The checks of Section 5: the dual problems, and the parts of the error by their signs."""
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
-from dolfinx_signorini.paper.theory.contact_sets import (
-    ContactSet,
-    condition_a,
-    condition_a_h,
-    given_contact_set,
-)
-from dolfinx_signorini.paper.theory.dual import EPSILON
-from dolfinx_signorini.paper.theory.evidence import (
-    ROUNDING,
-    Check,
-    Row,
-    Rows,
-    Tables,
-    Value,
-    bound_check,
-    entry,
-    fine,
-    order_check,
-    order_table,
-    order_text,
-    orders,
-    row_table,
-)
-from dolfinx_signorini.paper.theory.examples import paper_example
-from dolfinx_signorini.paper.theory.proven import ProvenOrder, proven_order
-from dolfinx_signorini.paper.theory.violations import LENGTH, ever_more_intervals, fat_cantor_set
+from dolfinx_signorini.paper.theory.checks import ROUNDING, Check, Order, Row, Rows, Within, entry
+from dolfinx_signorini.paper.theory.contact_sets import ContactSet, condition_a_h
+from dolfinx_signorini.paper.theory.dual import EPSILONS, TOO_HIGH
 
 CORNERS = (0.0, 1.0, 2.0, 3.0)  # arc length on the boundary of the unit square
-FINE = 31  # cells per side: from here on (A_h) holds for the paper's solution
-SIGNS = {"plus": "+", "minus": "-"}
+FINE = 25  # cells per side: from here on (A_h) holds
+GROWTH = 1.5 - 2.0 / TOO_HIGH  # of the W^{2,q} seminorm of r^{1/2}
+DUALS = ("dual", "dual two")
 CHAINS = {"plus": "(20)", "minus": "(26)"}
-GROWTH = 1.05  # of a constant that is independent of h, from the coarsest mesh to the finest
-TERMS = {
-    "plus": ("interpolation", "sign", "bumps", "bump_load", "remainder"),
-    "minus": ("interpolation", "sign", "remainder"),
-}
-
-
-def _lemma(part: str, rows: Rows) -> list[Check]:
-    """Check what is known of the dual solution for one sign of the error."""
-    family = rows["dual"]
-    largest, contact = (max(row[part][key] for row in family) for key in ("largest", "contact"))
-    stability = [row[part]["stability"] for row in family]
-    exponent = f"(4 - eps)/3, eps = {EPSILON}"
-    return [
-        bound_check("largest value of z, relative to its size", "<= 0", largest),
-        bound_check("largest size of z on the contact cells, relative to its whole", "0", contact),
-        Check(
-            f"||z||_H1 / ||load||_Lq, q = {exponent}",
-            "<= C for all h",
-            f"{min(stability):.4f} to {max(stability):.4f}",
-            stability[-1] <= GROWTH * stability[0],
-        ),
-        order_check(
-            f"||z - I_h(z)||_W1,q / ||load||_Lq, q = {exponent}",
-            family,
-            lambda row: row[part]["regularity"] / row["n"],
-            ProvenOrder(1.0, False, "Lemma 5.2"),
-        ),
-    ]
-
-
-def _lemma_tables(part: str, rows: Rows) -> Tables:
-    """Return a table of the dual solution."""
-    values: dict[str, Value] = {
-        "largest z": entry(part, "largest"),
-        "z on contact": entry(part, "contact"),
-        "z in H1 / load": lambda row: f"{row[part]['stability']:.4f}",
-        "z - I_h z in W1,q / (h load)": lambda row: f"{row[part]['regularity']:.4f}",
-    }
-    return [("The dual solution", row_table(rows["dual"], values))]
-
-
-def _proposition(part: str, rows: Rows) -> list[Check]:
-    """Check the order of one part of the error, and the chain of inequalities behind the order."""
-    item = rows["dual"][-1][part]
-    terms = {name: item[name] / item["error"] for name in TERMS[part]}
-    largest = max(terms, key=lambda name: abs(terms[name]))
-    return [
-        order_check(
-            f"||(u - u_h)^{SIGNS[part]}||_L4",
-            fine(rows["paper"], FINE),
-            entry("signed", part),
-            proven_order(math.inf, "L4", contact_sets=True),
-        ),
-        *_chain(part, [row[part] for row in rows["dual"]]),
-        Check(
-            "the term that dominates on the finest mesh",
-            "z - I_h(z), order 2 - eps",
-            f"{largest}: {terms[largest]:.3f} of the left-hand side, order "
-            + order_text(rows["dual"], entry(part, largest)),
-            largest == "interpolation",
-        ),
-    ]
-
-
-def _chain(part: str, items: Sequence[Row]) -> list[Check]:
-    """The inequalities of a chain, each at its worst over the meshes."""
-    slack = min(item["slack"] for item in items)
-    sign = max(item["sign"] / item["error"] for item in items)
-    holder = max(item["interpolation"] / item["holder"] for item in items)
-    split = max(item["holder"] / item["holder_split"] for item in items)
-    admissible = min(item["admissible"] for item in items)
-    chain = f"{CHAINS[part]}: right-hand side less left-hand side, over the left"
-    equality = "0 (equality)" if abs(slack) <= ROUNDING else f"at the least {slack:.4f}"
-    interpolated = "Hölder bound over that with ||w||_W1,s between W1,4 and W1,inf"
-    return [
-        bound_check(chain, ">= 0", slack, equality),
-        bound_check("(I_h(z), w)_H1 over the left-hand side", "<= 0", sign),
-        bound_check("(z - I_h(z), w)_H1 over its Hölder bound", "<= 1", holder),
-        bound_check(interpolated, "<= 1", split),
-        bound_check("the function tested with, on the contact cells", ">= 0", admissible),
-    ]
-
-
-def _proposition_tables(part: str, rows: Rows) -> Tables:
-    """Return a table of the chain, term by term."""
-
-    def term(name: str, row: Row) -> str:
-        value, error = row[part][name], row[part]["error"]
-        return "0" if abs(value) <= ROUNDING * error else f"{value:.3e}"
-
-    names = ("error", *TERMS[part], "holder", "holder_split")
-    values = {name.replace("_", " "): partial(term, name) for name in names}
-    title = "The chain term by term: error <= " + " + ".join(TERMS[part]).replace("_", " ")
-    return [(title, row_table(rows["dual"], values))]
-
-
-lemma_5_2, lemma_5_2_tables = partial(_lemma, "plus"), partial(_lemma_tables, "plus")
-lemma_5_6, lemma_5_6_tables = partial(_lemma, "minus"), partial(_lemma_tables, "minus")
-proposition_5_4 = partial(_proposition, "plus")
-proposition_5_7 = partial(_proposition, "minus")
-proposition_5_4_tables = partial(_proposition_tables, "plus")
-proposition_5_7_tables = partial(_proposition_tables, "minus")
+SIGNS = {"plus": "+", "minus": "-"}
 
 
 def contact_set(row: Row) -> ContactSet:
@@ -147,77 +22,178 @@ def contact_set(row: Row) -> ContactSet:
     return ContactSet(found["length"], intervals, tuple(found["detachments"]))
 
 
-def definition_2_2(rows: Rows) -> list[Check]:
-    """Check condition (A) for the paper's solution and for two sets that violate it."""
-    given = condition_a([given_contact_set(paper_example().contact, LENGTH)])
-    what = "the paper's solution, contact on (0.5, 4.05) of the arc length"
-    checks = [Check(what, "holds", str(given), given.holds)]
-    for name, approximations in (
-        ("a Cantor set of measure 1/2", fat_cantor_set(6)),
-        ("ever smaller intervals at a point", ever_more_intervals(5)),
-    ):
-        verdict = condition_a(*approximations)
-        checks.append(Check(name, "violated", str(verdict), not verdict.holds))
-    return checks
-
-
-def definition_5_5(rows: Rows) -> list[Check]:
-    """Check condition (A_h) over the family, and the detachment point."""
-    family = fine(rows["paper"], FINE)
-    verdict = condition_a_h([contact_set(row) for row in family], CORNERS)
-    caught = condition_a_h([contact_set(row) for row in rows["paper"]], CORNERS)
-    balls = ", ".join(
-        f"d = {d:.3f} with delta = {r:.3f}"
-        for d, r in zip(verdict.points, verdict.radii, strict=True)
-    )
-    errors = [detachment_error(row) * row["n"] for row in family]
-    return [
-        Check(
-            f"(A_h) over N = {family[0]['n']} to {family[-1]['n']}",
-            "holds",
-            balls if verdict.holds else str(verdict),
-            verdict.holds,
-        ),
-        Check(
-            f"(A_h) with N = {rows['paper'][0]['n']} as well",
-            "only for small h",
-            str(caught),
-            not caught.holds,
-        ),
-        Check(
-            "error of the detachment point",
-            "none",
-            f"order {order_text(family, detachment_error)}, "
-            f"{min(errors):.3f} h to {max(errors):.3f} h",
-            orders(family, detachment_error)[-1] >= 0.95,
-        ),
-    ]
-
-
 def detachment_error(row: Row) -> float:
     """Return the distance of the point of Section 7 from the nearest detachment point found."""
     return min(abs(s - 0.5) for s in row["contact_set"]["detachments"])
 
 
-def definition_5_5_tables(rows: Rows) -> Tables:
-    """Return tables of the contact sets and their detachment points."""
-    values: dict[str, Value] = {
-        "contact set of u_h": lambda row: ", ".join(
-            f"[{a:.4f}, {b:.4f}]" for a, b in contact_set(row).intervals
-        ),
-        "components": lambda row: len(contact_set(row).intervals),
-        "singletons": lambda row: len(contact_set(row).singletons),
-        "detachment points": lambda row: ", ".join(
-            f"{s:.5f}" for s in contact_set(row).detachments
-        ),
+def violations(rows: Sequence[Row]) -> int:
+    """Return in how many ways contact sets violate (A_h)."""
+    return len(condition_a_h([contact_set(row) for row in rows], CORNERS).violations)
+
+
+class Family(Check):
+    """A check of all rows of an experiment together: the number of violations of (A_h)."""
+
+    def figures(self, rows: Rows) -> list[tuple[int, float]]:
+        """Return the number of violations, for the finest mesh."""
+        (name,) = self.experiments
+        chosen = [row for row in rows[name] if row["n"] >= self.first]
+        return [(chosen[-1]["n"], float(violations(chosen)))]
+
+
+def _worst(part: str, key: str, over: str) -> Check:
+    """A quotient of entries for each epsilon, the largest one."""
+
+    def value(row: Row) -> float:
+        item = row[part]
+        if isinstance(item[over], dict):
+            above = item[key] if isinstance(item[key], dict) else {}
+            return max(above.get(e, item[key]) / item[over][e] for e in item[over])
+        return float(item[key] / item[over])
+
+    names = {
+        "interpolation": "(z - I_h(z), w)_H1 over its Hölder bound",
+        "holder": "Hölder bound over that with W^{1,s} between W^{1,4} and W^{1,inf}",
     }
-    points = {"detachment point less 0.5": detachment_error}
-    return [
-        ("Contact sets by arc length from (0, 0)", row_table(rows["paper"], values)),
-        ("The detachment point at (0.5, 0)", order_table(fine(rows["paper"], FINE), points)),
-    ]
+    what = f"{names[key]}, {len(EPSILONS)} eps"
+    return Check(what, "<= 1", DUALS, value, Within(0.01, 1.0))
 
 
-def no_tables(rows: Rows) -> Tables:
-    """Return no table."""
-    return []
+def _lemma(part: str, numbers: tuple[str, str]) -> tuple[Check, ...]:
+    stable, regular = numbers
+    constants = tuple(
+        check
+        for e in EPSILONS
+        for check in (
+            Check(
+                f"{stable}: norm of z in H^1 over that of the load in L^q, eps = {e:g}",
+                "<= C",
+                ("dual",),
+                entry(part, "stability", f"{e:g}"),
+                Order(0.0, 0.0),
+            ),
+            Check(
+                f"{regular}: discrete W^{{2,q}} seminorm of z over the load, eps = {e:g}",
+                "<= C",
+                ("dual",),
+                entry(part, "regularity", f"{e:g}"),
+                Order(0.0, 0.0),
+            ),
+        )
+    )
+    return (
+        Check(
+            "largest value of z over its size",
+            "<= 0",
+            DUALS,
+            entry(part, "largest"),
+            Within(-math.inf, 1e-6),
+        ),
+        Check(
+            "largest size of z on the contact cells over its whole",
+            "0",
+            DUALS,
+            entry(part, "contact"),
+            Within(0.0, 1e-6),
+        ),
+        *constants,
+    )
+
+
+def _proposition(part: str) -> tuple[Check, ...]:
+    what = f"(u - u_h)^{SIGNS[part]} in L^4"
+    orders = tuple(
+        Check(
+            f"{what}, {name}",
+            "2 - eps",
+            (name,),
+            entry("signed", part),
+            Order(2.0, 2.0),
+            49,
+        )
+        for name in ("paper", "two", "three", "weak", "corner")
+    )
+    return (
+        *orders,
+        Check(
+            f"{CHAINS[part]}: right-hand side less left-hand side, over the left",
+            ">= 0",
+            DUALS,
+            entry(part, "slack"),
+            Within(-ROUNDING, math.inf),
+        ),
+        Check(
+            "(I_h(z), w)_H1 over the left-hand side",
+            "<= 0",
+            DUALS,
+            lambda row: row[part]["sign"] / row[part]["error"],
+            Within(-0.5, ROUNDING),
+        ),
+        _worst(part, "interpolation", "holder"),
+        _worst(part, "holder", "holder_split"),
+        Check(
+            "the function tested with, on the contact cells",
+            ">= 0",
+            DUALS,
+            entry(part, "admissible"),
+            Within(-ROUNDING, math.inf),
+        ),
+        Check(
+            "(z - I_h(z), w)_H1, which decides",
+            "2 - eps",
+            ("dual",),
+            entry(part, "interpolation"),
+            Order(2.0, 2.0, 0.1),
+        ),
+    )
+
+
+CHECKS: dict[str, tuple[Check, ...]] = {
+    "5.2": _lemma("plus", ("(18)", "(19)")),
+    "5.3": tuple(
+        Check(
+            f"discrete W^{{2,{TOO_HIGH:g}}} seminorm of z over the load, part {SIGNS[part]}",
+            f"grows, order {-GROWTH:g}",
+            ("dual",),
+            entry(part, "regularity", "none"),
+            Order(-GROWTH, -0.5 * GROWTH),
+        )
+        for part in SIGNS
+    ),
+    "5.4": _proposition("plus"),
+    "5.5": (
+        *(
+            Family(f"violations of (A_h), {name}", "0", (name,), entry("n"), Within(0, 0), FINE)
+            for name in ("paper", "corner")
+        ),
+        *(
+            Family(
+                f"violations of (A_h), {name}",
+                "an assumption",
+                (name,),
+                entry("n"),
+                Within(1, math.inf),
+                FINE,
+            )
+            for name in ("two", "three")
+        ),
+        Family(
+            "violations of (A_h), paper with N = 15",
+            "small h only",
+            ("paper",),
+            entry("n"),
+            Within(1, math.inf),
+        ),
+        Check(
+            "error of the detachment point, paper",
+            "none",
+            ("paper",),
+            detachment_error,
+            Order(1.0, 1.1),
+            101,
+        ),
+    ),
+    "5.6": _lemma("minus", ("(22)", "(23)")),
+    "5.7": _proposition("minus"),
+}

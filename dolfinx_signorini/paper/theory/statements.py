@@ -1,91 +1,94 @@
 """The statements of the paper: what they claim, what is computed for them, what is seen.
 
-The texts are in `paper/data/statements.toml`; here is what measures each statement.
+The texts are in `paper/data/statements.toml`; the checks are in the modules of the sections.
 """
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
-from dolfinx_signorini.paper.theory import section3, section4, section5
-from dolfinx_signorini.paper.theory.evidence import Check, Rows, Tables
-from dolfinx_signorini.paper.theory.examples import PLACES
-from dolfinx_signorini.paper.theory.experiments import placed_name, rough_name
+from dolfinx_signorini.paper.theory import beyond, section2, section3, section4, section5
+from dolfinx_signorini.paper.theory.checks import Check
+from dolfinx_signorini.paper.theory.families import POWER_EXPONENTS, power_name
 
-Measured = tuple[Sequence[str], Callable[[Rows], list[Check]], Callable[[Rows], Tables]]
-
-LOWER = tuple(map(rough_name, section4.LOWER))
-UPPER = tuple(map(rough_name, section4.UPPER))
-EXAMPLES = ("paper", "smooth", *LOWER, *UPPER)
-
-# By the number of the statement: experiments, checks and tables.
-MEASURED: Mapping[str, Measured] = {
-    "2.2": (["paper"], section5.definition_2_2, section5.no_tables),
-    "3.2": (["paper", "smooth"], section3.lemma_3_2, section3.lemma_3_2_tables),
-    "3.3": (["paper"], section3.lemma_3_3, section3.lemma_3_3_tables),
-    "3.4": (EXAMPLES, section3.lemma_3_4, section3.lemma_3_4_tables),
-    "3.5": (EXAMPLES, section3.lemma_3_5, section3.lemma_3_5_tables),
-    "3.6": (EXAMPLES, section3.theorem_3_6, section3.theorem_3_6_tables),
-    "4.1": (LOWER, section4.corollary_4_1, section4.corollary_4_1_tables),
-    "4.2": (UPPER, section4.corollary_4_2, section4.corollary_4_2_tables),
-    "4.3": (["paper"], section4.theorem_4_3, section4.theorem_4_3_tables),
-    "5.2": (["dual"], section5.lemma_5_2, section5.lemma_5_2_tables),
-    "5.4": (["paper", "dual"], section5.proposition_5_4, section5.proposition_5_4_tables),
-    "5.5": (["paper"], section5.definition_5_5, section5.definition_5_5_tables),
-    "5.6": (["dual"], section5.lemma_5_6, section5.lemma_5_6_tables),
-    "5.7": (["paper", "dual"], section5.proposition_5_7, section5.proposition_5_7_tables),
-    "6.1": (["paper"], section4.theorem_6_1, section4.theorem_6_1_tables),
-    "7": (list(map(placed_name, PLACES)), section4.placement, section4.placement_tables),
-    "table2": (["paper"], section4.transition, section4.transition_tables),
+CHECKS: Mapping[str, tuple[Check, ...]] = {
+    key: checks
+    for section in (section2, section3, section4, section5, beyond)
+    for key, checks in section.CHECKS.items()
 }
 
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of the paper with its experiments:
+    """A statement of the paper, with its experiments or the reason why there are none:
 
         (statement,) = select(["3.6"])
-        checks = statement.checks(rows)
+        verdicts = [check.verdict(rows) for check in statement.checks]
 
     Attributes:
         key: The number of the statement, by which the command line knows the statement.
         name: The name of the statement.
-        figure: Name of the picture; empty without one.
-        claim: What the statement says.
+        claim: What the statement says, in one line.
         comment: How the statement is measured and what is seen.
-        experiments: What is computed for the statement.
-        checks: The measured figures beside the proven ones; the first is the headline.
-        tables: Titles and tables, in Markdown.
+        reason: Why nothing is measured; empty where something is.
+        figure: Name of the picture; empty without one.
+        beyond: Whether the statement goes beyond the paper.
+        checks: The measurements.
     """
 
     key: str
     name: str
-    figure: str
     claim: str
     comment: str
-    experiments: Sequence[str]
-    checks: Callable[[Rows], list[Check]]
-    tables: Callable[[Rows], Tables]
+    reason: str
+    figure: str
+    beyond: bool
+    checks: tuple[Check, ...]
+
+    @property
+    def experiments(self) -> set[str]:
+        """The names of the experiments that the checks and the picture read."""
+        names = {name for check in self.checks for name in check.experiments}
+        return names | set(DRAWN.get(self.figure, ())) if self.checks else names
 
 
-def _statement(key: str, texts: Mapping[str, str]) -> Statement:
-    name, figure, claim, comment = (
-        " ".join(texts[field].split()) for field in ("name", "figure", "claim", "comment")
+# What pictures read besides the checks of the statements that they belong to.
+DRAWN = {
+    "errors": ("paper",),
+    "powers": tuple(map(power_name, POWER_EXPONENTS)),
+    "projection": ("paper", "smooth"),
+    "supercloseness": ("paper",),
+    "dual": ("dual",),
+    "contact_sets": ("paper",),
+    "factors": ("paper", "unknown"),
+    "enclosure": ("bounds",),
+}
+
+
+def _statement(key: str, texts: Mapping[str, Any]) -> Statement:
+    fields = ("name", "claim", "comment", "reason", "figure")
+    name, claim, comment, reason, figure = (
+        " ".join(str(texts.get(field, "")).split()) for field in fields
     )
-    return Statement(key, name, figure, claim, comment, *MEASURED[key])
+    beyond, checks = bool(texts.get("beyond")), CHECKS.get(key, ())
+    return Statement(key, name, claim, comment, reason, figure, beyond, checks)
 
 
 _FILE = resources.files("dolfinx_signorini.paper").joinpath("data/statements.toml")
 _TEXTS = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+# Where each numbered formula of the paper is measured, or why not.
+EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
+MEASURED = tuple(statement for statement in STATEMENTS if statement.checks)
 
 
 def select(keys: Sequence[str] | None) -> list[Statement]:
     """Return statements by their keys, all of them by default.
 
     Raises:
-        KeyError: A key is unknown.
+        KeyError: A key is unknown, or nothing is measured for the statement.
     """
-    known = {statement.key: statement for statement in STATEMENTS}
+    known = {statement.key: statement for statement in MEASURED}
     return list(STATEMENTS) if not keys else [known[key] for key in dict.fromkeys(keys)]
