@@ -1,6 +1,4 @@
-"""Contact sets as intervals of a closed curve, and conditions (A) and (A_h)."""
-
-import math
+"""Contact sets as intervals of a closed curve, and condition (A_h)."""
 
 import numpy as np
 import pytest
@@ -9,13 +7,11 @@ from hypothesis import strategies as st
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.paper.theory.contact_sets import (
-    condition_a,
+    ContactSet,
     condition_a_h,
     contact_set_of_nodes,
     discrete_contact_set,
-    given_contact_set,
 )
-from dolfinx_signorini.paper.theory.violations import ever_more_intervals, fat_cantor_set
 
 CORNERS = (0.0, 1.0, 2.0, 3.0)
 
@@ -27,41 +23,6 @@ class Circle:
         self.length = length
         self.s = np.arange(n) * length / n
         self.widths = np.full(n, length / n)
-
-
-def test_intervals_are_merged_and_wrap_around():
-    found = given_contact_set([(3.5, 4.5), (1.0, 2.0), (2.0, 2.5), (0.4, 0.6)], 4.0)
-    assert found.intervals == ((1.0, 2.5), (3.5, 4.6))
-    assert found.measure == pytest.approx(2.6)
-    assert sorted(found.boundary) == pytest.approx([0.6, 1.0, 2.5, 3.5])
-    assert found.singletons == ()
-
-
-def test_whole_curve_and_empty_set_have_no_boundary():
-    whole = given_contact_set([(0.0, 2.5), (2.0, 4.0)], 4.0)
-    assert whole.measure == 4.0
-    assert whole.boundary == ()
-    assert given_contact_set([], 4.0).boundary == ()
-    assert given_contact_set([], 4.0).measure == 0.0
-
-
-@given(st.lists(st.tuples(st.floats(0.0, 3.9), st.floats(0.01, 1.5)), max_size=6))
-def test_union_of_intervals(pieces):
-    found = given_contact_set([(a, a + w) for a, w in pieces], 4.0)
-    for s in np.linspace(0.0, 4.0, 400, endpoint=False) + 1e-4:
-        ends = [e for a, w in pieces for e in (a, a + w)]
-        if any(abs((s - e + 2.0) % 4.0 - 2.0) < 1e-6 for e in ends):
-            continue
-        inside = any((s - a) % 4.0 <= w for a, w in pieces)
-        assert inside == any((s - a) % 4.0 <= b - a for a, b in found.intervals)
-
-
-def test_intervals_that_do_not_fit():
-    for interval in ((1.0, 0.5), (0.0, 5.0), (math.nan, 1.0)):
-        with pytest.raises(InputError, match="does not fit"):
-            given_contact_set([interval], 4.0)
-    with pytest.raises(InputError, match="length"):
-        given_contact_set([], 0.0)
 
 
 def test_contact_set_of_nodes():
@@ -105,29 +66,8 @@ def test_nothing_in_contact(discretisation):
     assert discrete_contact_set(discretisation("smooth", 25)).intervals == ()
 
 
-def test_condition_a():
-    assert condition_a([given_contact_set([(0.5, 4.05)], 4.0)]).holds
-    assert "measure 0.5" in condition_a(*fat_cantor_set(6)).violations[0]
-    assert "components" in condition_a(*ever_more_intervals(5)).violations[0]
-
-
-def test_condition_a_of_approximated_intervals():
-    # Approximations of one interval from both sides: neither measure nor components remain.
-    inner = [given_contact_set([(1.0 + 0.5**k, 2.0)], 4.0) for k in range(2, 7)]
-    outer = [given_contact_set([(1.0 - 0.5**k, 2.0)], 4.0) for k in range(2, 7)]
-    assert condition_a(inner, outer).holds
-
-
-def test_condition_a_needs_approximations_from_both_sides():
-    one = given_contact_set([(0.5, 1.0)], 4.0)
-    with pytest.raises(InputError, match="inner"):
-        condition_a([one, one])
-    with pytest.raises(InputError, match="inner, outer"):
-        condition_a([one, one, one], [one, one])
-
-
 def levels(*ends):
-    return [given_contact_set([pair], 4.0) for pair in ends]
+    return [ContactSet(4.0, (pair,), pair) for pair in ends]
 
 
 def test_condition_a_h():
@@ -155,7 +95,7 @@ def test_condition_a_h_across_the_start_of_the_curve():
     [
         (levels((0.5, 0.9), (0.5, 0.95), (0.5, 1.05)), "cannot avoid"),
         (levels((0.5, 0.9), (0.5, 0.5)), "single point"),
-        ([*levels((0.5, 0.9)), given_contact_set([(0.5, 0.6), (0.7, 0.9)], 4.0)], "2, 4"),
+        ([*levels((0.5, 0.9)), ContactSet(4.0, ((0.5, 0.6), (0.7, 0.9)), ())], "2, 4"),
         (levels((0.1, 0.5), (0.5, 0.9)), "cannot avoid"),
     ],
 )

@@ -108,13 +108,13 @@ def test_the_command_writes_and_resumes(folder, monkeypatch, capsys):
     rows = (folder / "rows.jsonl").read_text()
     printed = capsys.readouterr().out
     COMM.barrier()
-    assert "### Where contact is, enclosed [enclosure]" in text
+    assert "### Where contact is, enclosed" in text
     assert "Theorem 3.6" not in text
     assert "--statement enclosure" in text
     assert "theory/enclosure.png" in text
     assert (folder / "theory" / "enclosure.png").stat().st_size > 10_000
     if COMM.rank == 0:
-        assert "### Where contact is, enclosed [enclosure]" in printed
+        assert "### Where contact is, enclosed" in printed
     # All rows are there: nothing is computed again, and the document is the same.
     monkeypatch.setattr(families, "compute_row", None)
     assert run(folder, "--statement", "enclosure") == 0

@@ -1,8 +1,7 @@
-"""Contact sets on the closed boundary curve, and the paper's conditions (A) and (A_h) on them."""
+"""Contact sets of u_h on the closed boundary curve, and the paper's condition (A_h) on them."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +18,15 @@ Array = npt.NDArray[np.float64]
 class ContactSet:
     """Closed, disjoint intervals of the arc length of a closed curve:
 
-        half = given_contact_set([(0.0, 2.0)], length=4.0)
-        assert half.measure == 2.0
+        half = ContactSet(4.0, ((0.0, 2.0),), (0.0, 2.0))
+        assert half.boundary == (0.0, 2.0)
 
     Attributes:
         length: Length of the curve.
         intervals: (start, end) with 0 <= start < length and start <= end < start + length; an end
             beyond the length wraps around; the whole curve is (0, length).
         detachments: The estimated position of each point of the relative boundary, in the order
-            start, end of the intervals; the points themselves for a set that is given.
+            start, end of the intervals.
     """
 
     length: float
@@ -46,41 +45,6 @@ class ContactSet:
     def singletons(self) -> tuple[float, ...]:
         """The connected components that are single points."""
         return tuple(a for a, b in self.intervals if a == b)
-
-    @property
-    def measure(self) -> float:
-        """The length of all intervals together."""
-        return sum(b - a for a, b in self.intervals)
-
-
-def given_contact_set(intervals: Sequence[tuple[float, float]], length: float) -> ContactSet:
-    """Return the union of given closed intervals, in order, merged where they meet.
-
-    Args:
-        intervals: (start, end) of each interval, in any order.
-        length: Length of the closed curve.
-
-    Raises:
-        InputError: The length is not positive or an interval does not fit the curve.
-    """
-    if not length > 0.0:
-        raise InputError(f"must be positive, not {length}", "length")
-    for a, b in intervals:
-        if not (math.isfinite(a) and a <= b <= a + length):
-            raise InputError(f"({a}, {b}) does not fit a curve of length {length}", "intervals")
-    merged: list[list[float]] = []
-    for a, b in sorted((a % length, a % length + b - a) for a, b in intervals):
-        if merged and a <= merged[-1][1]:
-            merged[-1][1] = max(merged[-1][1], b)
-        else:
-            merged.append([a, b])
-    while len(merged) > 1 and merged[-1][1] >= merged[0][0] + length:
-        first = merged.pop(0)
-        merged[-1][1] = max(merged[-1][1], first[1] + length)
-    if merged and merged[0][1] - merged[0][0] >= length:
-        return ContactSet(length, ((0.0, length),), ())
-    result = ContactSet(length, tuple((a, b) for a, b in merged), ())
-    return replace(result, detachments=result.boundary)
 
 
 def discrete_contact_set(discretisation: Discretisation) -> ContactSet:
@@ -139,8 +103,8 @@ class Verdict:
 
     Attributes:
         violations: What is violated, in words; empty where the condition holds.
-        points: For (A) the relative boundary; for (A_h) the points d_i.
-        radii: For (A_h) the radii delta_i.
+        points: The points d_i.
+        radii: The radii delta_i.
     """
 
     violations: tuple[str, ...]
@@ -154,48 +118,6 @@ class Verdict:
 
     def __str__(self) -> str:
         return "; ".join(self.violations) or "holds"
-
-
-def condition_a(inner: Sequence[ContactSet], outer: Sequence[ContactSet] = ()) -> Verdict:
-    """Check condition (A): a relative boundary of measure zero, finitely many components inside.
-
-    A union of finitely many intervals always satisfies (A), and is given alone. Any other set is
-    given by ever finer approximations from inside and from outside. Such a set violates (A) where
-    the number of components inside still grows, or where what lies between the approximations, and
-    the relative boundary with it, has a measure that does not tend to zero (extrapolated by
-    Aitken's method).
-
-    Args:
-        inner: The set, or at least three approximations from inside.
-        outer: As many approximations from outside.
-
-    Raises:
-        InputError: The approximations are too few, or not as many on both sides.
-
-    Source: Definition 2.2.
-    """
-    if outer and (len(inner) != len(outer) or len(inner) < 3):
-        message = "at least three approximations are needed on both sides"
-        raise InputError(message, "inner, outer")
-    if not outer and len(inner) != 1:
-        raise InputError("one set, or approximations from outside as well", "inner")
-    violations = []
-    if outer:
-        counts = [len(c.intervals) - len(c.singletons) for c in inner]
-        if counts[-1] > counts[-2]:
-            found = ", ".join(map(str, counts))
-            violations.append(f"the number of components of the relative interior grows: {found}")
-        gaps = [b.measure - a.measure for a, b in zip(inner, outer, strict=True)]
-        limit = _aitken(gaps[-3:])
-        if limit > 0.01 * max(gaps):
-            violations.append(f"the relative boundary has the measure {limit:.3g}")
-    return Verdict(tuple(violations), inner[-1].boundary)
-
-
-def _aitken(values: Sequence[float]) -> float:
-    a, b, c = values
-    curvature = (c - b) - (b - a)
-    return c if curvature == 0.0 else c - (c - b) ** 2 / curvature
 
 
 def condition_a_h(levels: Sequence[ContactSet], corners: Sequence[float]) -> Verdict:

@@ -94,6 +94,8 @@ def experiments() -> dict[str, Experiment]:
             m.contact,
         ),
     }
+    bounded = partial(sharp_example, math.inf)
+    result["sharp inf"] = _known((25, 51, 101, 201, 401), bounded, m.errors)
     for name in COMPOSED:
         result[name] = _known(quarter, partial(composed_example, name), *other)
     result["dual two"] = _known(

@@ -14,20 +14,19 @@ INTRODUCTION = """\
 
 What C. Christof and C. Haubner state in "Finite element error estimates in non-energy norms for the
 two-dimensional scalar Signorini problem", Numer. Math. (2020), each statement in one line with what
-is measured of it, what is proven, and whether both agree. This page and its pictures are written by
+is measured of it, what is proven, whether both agree, and the command for this statement alone. The
+page and its pictures are written by
 
     {command}
 
-and one statement alone by `dolfinx-signorini theory --statement NUMBER`, with the number or word
-behind its title.
-
 {count} checks: {holding} hold{failing}. A check reads figures and has limits; each was fed a wrong
 input and failed (`tests/theory/test_wrong_input.py`). Orders are those between the two finest
-meshes, and lie between the proven one and the one that the solution allows, to 0.05; inequalities
-hold up to 1e-9 of their size. "- eps" stands for "less any positive number". Numbers below that are
-printed as bounds, as they are different on every machine. Meshes are Friedrichs-Keller
-triangulations with N cells per side where nothing else is said, h = 1/N; norms are those of
-`error_norms`, sup norms true maxima. Everything is the same on any number of processes.
+meshes, and must lie between the proven one and the one that the solution allows, to 0.05 where they
+are not sharper; inequalities must hold up to 1e-9 of their size. "- eps" stands for "less any
+positive number". Numbers below that are printed as bounds, as they are different on every machine.
+Meshes are Friedrichs-Keller triangulations with N cells per side where nothing else is said,
+h = 1/N; norms are those of `error_norms`, sup norms true maxima. Everything is the same on any
+number of processes.
 
 What the measurements question: the remark of Section 7 that the middle of an edge is the worst
 place of the detachment point, the remark there that the contact sets of u_h approximate that of u,
@@ -70,9 +69,9 @@ class Document:
         """Return what the document says about one of the statements."""
         pairs = list(zip(statement.checks, self.verdicts[statement.key], strict=True))
         parts = [
-            f"### {statement.name} [{statement.key}]",
+            f"### {statement.name}",
             _wrapped(statement.claim, "> "),
-            _wrapped(statement.comment),
+            _wrapped(f"{statement.comment} `dolfinx-signorini theory --statement {statement.key}`"),
         ]
         listed = [pair for pair in pairs if not pair[0].column]
         if listed:
@@ -134,8 +133,12 @@ def _others() -> str:
 
 def _equations() -> str:
     """The numbered formulas."""
-    table = markdown_table(("formula", "measured with, or what it is"), list(EQUATIONS.items()))
-    return f"## Numbered formulas\n\n{table}"
+    tags: dict[str, list[str]] = {}
+    for tag, text in EQUATIONS.items():
+        tags.setdefault(text, []).append(tag)
+    parts = [f"{', '.join(found)}: {text}" for text, found in tags.items()]
+    words = "Where they are measured, or what they are: " + "; ".join(parts) + "."
+    return f"## Numbered formulas\n\n{_wrapped(words)}\n"
 
 
 def _answer(verdict: Verdict) -> str:
