@@ -36,6 +36,7 @@ from dolfinx_signorini.quadrature import CELL_RULE, QuadratureRule
 Array = npt.NDArray[np.float64]
 
 NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
+VERTICES = np.array([[1, 2], [0, 2], [0, 1]])  # of edge k, which lies opposite vertex k
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends
 SLACK = 2.0  # edges about the point in which contact may end
 FLAT = 1e-9  # of the length of the boundary: rounding of coordinates
@@ -141,11 +142,11 @@ def _boundary(problem: SignoriniProblem) -> _Boundary:
     pairs = facet_cells(domain, facets)
     closures = np.array(space.element.basix_element.entity_closure_dofs[1])[:, :2]
     dofs = space.dofmap.list[pairs[:, 0, None], closures[pairs[:, 1]]]
-    ends = space.tabulate_dof_coordinates()[dofs][:, :, :2]
+    cells = domain.geometry.x[domain.geometry.dofmap[pairs[:, 0]]][:, :, :2]
+    ends = np.take_along_axis(cells, VERTICES[pairs[:, 1], :, None], axis=1)
     gaps = gap.x.array[dofs]
-    inside = domain.geometry.x[domain.geometry.dofmap[pairs[:, 0]]][:, :, :2].mean(axis=1)
     obstacle = problem.u.x.array[dofs] - problem.sign * gaps
-    parts = ends, gaps, obstacle, inside, np.isin(facets, problem.contact)
+    parts = ends, gaps, obstacle, cells.mean(axis=1), np.isin(facets, problem.contact)
     gathered = problem.comm.allgather(parts)
     return _Boundary(*(np.concatenate([part[i] for part in gathered]) for i in range(len(parts))))
 

@@ -1,5 +1,6 @@
 """What rows hold: the measurements of a discretisation, each a part of a row."""
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -19,7 +20,11 @@ from dolfinx_signorini.paper.theory.contact_sets import discrete_contact_set
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation, difference
 from dolfinx_signorini.paper.theory.dual import dual_chains
 from dolfinx_signorini.paper.theory.enclosures import enclosures
-from dolfinx_signorini.paper.theory.mixed import UnknownProblem, solved_power_problem
+from dolfinx_signorini.paper.theory.mixed import (
+    UnknownProblem,
+    critical_exponent,
+    solved_power_problem,
+)
 from dolfinx_signorini.paper.theory.one_sided import edge_data, one_sided_approximation
 from dolfinx_signorini.paper.theory.seminorms import second_seminorms
 from dolfinx_signorini.problem import SignoriniProblem
@@ -169,6 +174,9 @@ def powers(comm: MPI.Comm, n: int, p: float) -> Row:
         held = boundary.values[chain, 1] == 0.0
         components = int(np.count_nonzero(held[1:-1] & ~held[:-2]))
     row: Row = {"errors": error_norms(problem.u, problem.exact, ERROR_NORMS)}
+    if math.isfinite(p):
+        norm = f"W1_{critical_exponent(p)!r}"
+        row["critical"] = error_norms(problem.u, problem.exact, [norm])[norm]
     row["components"] = int(comm.bcast(components))
     problem.destroy()
     return row

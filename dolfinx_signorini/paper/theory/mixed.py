@@ -40,6 +40,15 @@ def power_exponents(p: float) -> tuple[float, ...]:
     return (b,) if p < 4.0 else (SINGULAR, b)
 
 
+def critical_exponent(p: float) -> float:
+    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1.
+
+    Args:
+        p: The exponent of the regularity, not infinity.
+    """
+    return 4.0 * p / (p + (2.0 if p < 4.0 else 4.0))
+
+
 class PowerProblem(SignoriniProblem):
     """Problem (3) with a pure power of r as its solution, on a mesh of the unit square.
 
