@@ -9,11 +9,13 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.bounds.energy_bound import energy_bound
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import approximation_order, eoc
 from dolfinx_signorini.paper.theory import triangulations
-from dolfinx_signorini.paper.theory.enclosures import enclosures
+from dolfinx_signorini.paper.theory.enclosures import dual_force_bound, enclosures
 from dolfinx_signorini.paper.theory.mixed import power_exponents, solved_power_problem
 from dolfinx_signorini.paper.theory.pieces import levels_of_bumps
 from dolfinx_signorini.paper.theory.seminorms import second_seminorms
@@ -87,6 +89,24 @@ def test_enclosures_enclose_and_wrong_bounds_do_not(discretisation):
     assert enclosures(d, 1e9, 1e9).inner == 1.0
     # A bound that is none: the first positive node lies beyond the point.
     assert enclosures(d, -1.0, sup["W1_inf"]).outer > 0.5
+
+
+def test_the_force_is_bounded_by_a_dual_solution(discretisation):
+    d = discretisation("paper", 25)
+    sup = error_norms(d.u_h, d.exact, ["Linf"])["Linf"]
+    energy = energy_bound(d, EnergyTerms(reaction=1.0, load=d.exact.load)).total
+    x = d.system.vector_of(d.u_h)
+    force = COMM.allreduce(float(d.system.multiplier(x).sum()))
+    x.destroy()
+    # The flux of the exact solution into the square, -du/dy on the bottom, by a rule in r^{1/2}.
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    s = 0.5 * math.sqrt(0.45) * (nodes + 1.0)
+    t = s * s / 0.45
+    psi = (1.0 - t) ** 5 * (1.0 + 5.0 * t + 15.0 * t**2 + 35.0 * t**3 + 70.0 * t**4)
+    exact = 0.5 * math.sqrt(0.45) * float(weights @ (10.0 * psi * 1.5 * s * 2.0 * s))
+    bound = dual_force_bound(d, sup, energy)
+    assert abs(exact - force) < bound < 0.3 * energy
+    assert dual_force_bound(d, 2.0 * sup, energy) > bound
 
 
 @pytest.mark.parametrize("p", [2.5, math.inf])

@@ -109,6 +109,20 @@ CHECKS: dict[str, tuple[Check, ...]] = {
             Order(1.0, 1.0),
         ),
         Check(
+            "error of the force over its bound by a dual solution",
+            "<= 1",
+            ("bounds",),
+            lambda row: row["force"]["error"] / row["force"]["dual"],
+            Within(0.0, 1.0),
+        ),
+        Check(
+            "bound of the force by a dual solution",
+            "order 3/2",
+            ("bounds",),
+            entry("force", "dual"),
+            Order(1.45, 1.7),
+        ),
+        Check(
             "error of the force itself",
             "none",
             ("bounds",),
