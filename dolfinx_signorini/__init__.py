@@ -5,6 +5,7 @@ system, solvers and problem; norms, orders and detachment; then what is built on
 scenes, paper, tradeoff, and commands.
 """
 
+from dolfinx_signorini import requirements  # isort: skip  # before what needs dolfinx
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -24,6 +25,8 @@ from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.stress_intensity import StressIntensity, stress_intensity
+
+del requirements
 
 __all__ = [
     "METHODS",

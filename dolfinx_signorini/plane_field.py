@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from dolfinx_signorini.elements import control_points, subtriangles, values_at_control_points
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.palette import COLOUR_MAP
+from dolfinx_signorini.picture import Picture
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -84,7 +84,7 @@ def draw_plane_field(
     styles: Mapping[str, Mapping[str, Any]],
     points: Sequence[Sequence[float]] = (),
     title: str = "",
-) -> Figure:
+) -> Picture:
     """Return a picture of a function with the parts of the boundary.
 
     Args:
@@ -96,7 +96,7 @@ def draw_plane_field(
     width, height = np.ptp(field.points, axis=0)
     # The height that the colour bar and the legend need is about 1.4 inches.
     size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Picture(figsize=size, layout="constrained")
     axes: Any = figure.add_subplot()
     drawn = axes.tripcolor(
         *field.points.T,

@@ -35,7 +35,7 @@ from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
 from dolfinx_signorini.system import Layout, System
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from dolfinx_signorini.picture import Picture
 
 # With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
 DEFAULT_RTOL = 1e-7
@@ -268,26 +268,32 @@ class SignoriniProblem:
         """
         return contact_state(self.system, self._solution())
 
-    def plot(self, path: Path | str | None = None) -> "Figure | None":
-        """Draw gap and pressure along the contact boundary; the call is collective.
+    def plot(
+        self,
+        path: Path | str | None = None,
+        *,
+        what: str = "contact",
+        sides: Mapping[str, Indices] | None = None,
+    ) -> "Picture | None":
+        """Draw gap and pressure along the contact boundary, or the solution; collective.
 
         Args:
             path: Where to save the picture, with a suffix that matplotlib knows; not at all by
                 default.
+            what: "contact", or "solution" for u with the facets in contact.
+            sides: Facets of the mesh by the name of their side, written above the curves.
 
         Returns:
             The figure on rank 0, which a notebook shows, and None on the other ranks.
 
         Raises:
-            InputError: The problem has not been solved.
+            InputError: The problem has not been solved, or there is no such picture.
         """
-        from dolfinx_signorini.contact_boundary import draw_contact, gather_contact_boundary
+        from dolfinx_signorini.problem_pictures import draw_problem
 
-        boundary = gather_contact_boundary(self)
-        if boundary is None:
-            return None
-        figure = draw_contact(boundary)
-        if path is not None:
+        self._solution()
+        figure = draw_problem(self, what, sides)
+        if figure is not None and path is not None:
             figure.savefig(path, dpi=150)
         return figure
 

@@ -1,5 +1,7 @@
-"""Tables of text, for terminals and in Markdown."""
+"""Tables of text: for terminals, in Markdown and as CSV."""
 
+import csv
+import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -31,6 +33,18 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
     padded = [_padded(line, widths) for line in lines]
     return "".join("| " + " | ".join(line) + " |\n" for line in [padded[0], rule, *padded[1:]])
+
+
+def csv_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a table as CSV, with all digits of its numbers.
+
+    Args:
+        columns: The heads of the columns.
+        rows: The cells of each row.
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+    return text.getvalue()
 
 
 def _cells(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[list[str]]:

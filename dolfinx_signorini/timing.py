@@ -1,11 +1,12 @@
 """Wall-clock seconds of the phases of a computation, the same on all ranks."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mpi4py import MPI
+
+from dolfinx_signorini.logs import log
 
 
 class Phases:
@@ -21,14 +22,13 @@ class Phases:
 
     Args:
         comm: The communicator; a phase ends when the last rank has reached its end.
-        report: Whether rank 0 writes each phase to the standard error stream when it ends.
 
     Attributes:
         seconds: The seconds of each phase by name; a phase that was entered twice is added up.
     """
 
-    def __init__(self, comm: MPI.Comm, report: bool = False):
-        self.comm, self.report = comm, report
+    def __init__(self, comm: MPI.Comm):
+        self.comm = comm
         self.seconds: dict[str, float] = {}
 
     @contextmanager
@@ -38,8 +38,7 @@ class Phases:
         yield
         seconds = self._now() - start
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-        if self.report and self.comm.rank == 0:
-            print(f"  {name} {seconds:.1f} s", end="", file=sys.stderr, flush=True)
+        log.debug("  %s %.2f s", name, seconds)
 
     @property
     def total(self) -> float:

@@ -1,7 +1,7 @@
 """The adaptive loop as a picture: the adapted mesh with its indicators, and the way to it."""
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -9,37 +9,41 @@ from matplotlib.figure import Figure
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
+from dolfinx_signorini.picture import Picture
 
 DECADES = 5  # of indicators that colours tell apart
 MAX_LINES = 20_000  # cells: the edges of more are not drawn
 
 
-def draw_adaptive(found: AdaptiveSolution) -> Figure | None:
+def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
     """Draw the mesh with the estimated error of each cell, and error against unknowns and seconds.
 
     Args:
         found: What the adaptive loop found; the call is collective.
 
     Returns:
-        The figure on rank 0, and None on the other ranks. In space there is no mesh on it.
+        The figure on rank 0, and None on the other ranks. In space there is no mesh on it, and a
+        single step is no way to draw; None where both are missing.
     """
     domain = found.sided.mesh
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     parts = domain.comm.gather((corners[:, :, :2], found.cells))
     if parts is None:
         return None
-    plane = domain.topology.dim == 2
-    figure, axes = plt.subplots(
-        1, 1 + plane, figsize=(5.5 + 5.0 * plane, 4.5), squeeze=False, layout="constrained"
-    )
+    plane, several = domain.topology.dim == 2, len(found.steps) > 1
+    if not (plane or several):
+        return None
+    figure = Picture(figsize=(5.0 * plane + 5.5 * several, 4.5), layout="constrained")
+    axes = figure.subplots(1, plane + several, squeeze=False)
     if plane:
         polygons, cells = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         _draw_mesh(figure, axes[0, 0], polygons, cells)
-    _draw_steps(axes[0, -1], found)
+    if several:
+        _draw_steps(axes[0, -1], found)
     return figure
 
 
-def _draw_mesh(figure: Figure, axis: plt.Axes, polygons: np.ndarray, cells: np.ndarray) -> None:
+def _draw_mesh(figure: Figure, axis: Axes, polygons: np.ndarray, cells: np.ndarray) -> None:
     largest = float(cells.max(initial=0.0)) or 1.0
     collection = PolyCollection(
         list(polygons),
@@ -58,7 +62,7 @@ def _draw_mesh(figure: Figure, axis: plt.Axes, polygons: np.ndarray, cells: np.n
     figure.colorbar(collection, ax=axis, label="estimated error of a cell", shrink=0.8)
 
 
-def _draw_steps(axis: plt.Axes, found: AdaptiveSolution) -> None:
+def _draw_steps(axis: Axes, found: AdaptiveSolution) -> None:
     unknowns = [step.unknowns for step in found.steps]
     estimates = [step.estimate for step in found.steps]
     axis.loglog(unknowns, estimates, "o-", color=COLOURS[0], label="estimated error")

@@ -1,10 +1,10 @@
 """The job `check`: what a scene needs and costs, without a solve."""
 
 import argparse
-from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
     check_norms,
@@ -22,7 +22,7 @@ from dolfinx_signorini.scenes.scene import Scene
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the job."""
-    parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
+    add_scene(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         InputError: The scene is refused.
     """
     comm = MPI.COMM_WORLD
-    scene = load_scene(args.scene, comm)
+    scene = load_scene(args.scene, comm, args.overrides)
     with naming_the_file(args.scene, scene):
         posed = pose(scene.levels()[0], comm)
         try:

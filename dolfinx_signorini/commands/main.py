@@ -11,16 +11,20 @@ import sys
 import threading
 import traceback
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from dolfinx_signorini.commands import check, reproduce, solve, theory, tradeoff
+from dolfinx_signorini.commands import check, reproduce, solve, sweep, theory, tradeoff
+from dolfinx_signorini.commands.options import LEVELS, add_talk, completion
 from dolfinx_signorini.commands.printing import Guarded
 from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.logs import listen, log
+from dolfinx_signorini.records import versions
 
 JOBS = {
     "solve": (solve, "solve a scene file and write its results"),
+    "sweep": (sweep, "solve a scene file for several values of one key: a table and a plot"),
     "check": (check, "what a scene file needs and costs, without solving it"),
     "reproduce": (reproduce, "the paper's experiment: both tables and the pictures"),
     "theory": (theory, "the paper's statements as experiments, proven beside measured"),
@@ -35,14 +39,37 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
-def _parser() -> argparse.ArgumentParser:
+class _Completion(argparse.Action):
+    """Prints a script for a shell, and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *values: Any) -> NoReturn:
+        print(completion(parser, values[1]))
+        parser.exit()
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line, with all jobs."""
     parser = _Parser(
         prog="dolfinx-signorini",
         description="Signorini problems on FEniCSx: solve, measure the error, compare.",
     )
+    parser.add_argument(
+        "--version",
+        action="version",
+        version=", ".join(f"{name} {number}" for name, number in versions().items()),
+        help="print the versions of the program, of DOLFINx and of PETSc",
+    )
+    parser.add_argument(
+        "--completion",
+        action=_Completion,
+        choices=("bash", "zsh", "tcsh"),
+        help="print a script that completes commands and options in a shell",
+    )
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
     for name, (module, summary) in JOBS.items():
-        module.configure(jobs.add_parser(name, help=summary, description=summary))
+        job = jobs.add_parser(name, help=summary, description=summary)
+        module.configure(job)
+        add_talk(job)
     return parser
 
 
@@ -62,8 +89,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # PETSc would abort where a reader has gone.
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     sys.stdout = guarded = Guarded(stdout)  # type: ignore[assignment]
+    handler = None
+    level = log.level
     try:
-        args = _parser().parse_args(argv)
+        args = make_parser().parse_args(argv)
+        handler = listen(LEVELS[args.quiet])
         code = int(JOBS[args.job][0].run(args))
         guarded.flush()
         if guarded.failure:
@@ -84,6 +114,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise
     finally:
         sys.stdout = stdout
+        if handler is not None:
+            log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:

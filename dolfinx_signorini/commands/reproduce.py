@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.costs import Cost, cost_text
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
@@ -131,6 +131,7 @@ def _write(
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
     save(pictures.draw_solution_and_load(picture), folder / "solution_and_load")
-    save(pictures.draw_convergence(rows, settings.norms), folder / "convergence")
+    if len(rows) > 1:
+        save(pictures.draw_convergence(rows, settings.norms), folder / "convergence")
     save(pictures.draw_bottom_edge(picture), folder / "bottom_edge")
-    print(f"tables and pictures: {folder}/", file=sys.stderr)
+    log.info("tables and pictures: %s/", folder)

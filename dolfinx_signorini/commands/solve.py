@@ -1,6 +1,7 @@
 """The job `solve`: solve a scene file, print a summary, write its results."""
 
 import argparse
+import logging
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, Step
 from dolfinx_signorini.accuracy.report import step_line
+from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.records import folder_name
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
@@ -26,7 +29,7 @@ NOT_REACHED = 3  # exit code: the accuracy was not reached; the best solution is
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the job."""
-    parser.add_argument("scene", type=Path, help="the scene, a TOML file (see docs/scenes.md)")
+    add_scene(parser)
     parser.add_argument(
         "--out",
         type=folder_name,
@@ -88,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         NotConvergedError: It could not be solved.
     """
     comm = MPI.COMM_WORLD
-    scene = load_scene(args.scene, comm)
+    scene = load_scene(args.scene, comm, args.overrides)
     asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")
@@ -96,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         with naming_the_file(args.scene, scene):
             result = solve_scene(scene, comm, **asked, on_step=_progress)
         try:
-            boundary = gather_contact_boundary(result.posed.problem)
+            boundary = gather_contact_boundary(result.posed.problem, result.posed.sided.sides)
             summary = summarise(result, boundary, args.bound)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
@@ -113,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _progress(step: Step) -> None:
-    """Print a step of the adaptive loop on rank 0."""
-    if MPI.COMM_WORLD.rank == 0:
+    """Print a step of the adaptive loop on rank 0, unless the program is to be quiet."""
+    if MPI.COMM_WORLD.rank == 0 and log.isEnabledFor(logging.INFO):
         print(step_line(step), flush=True)
 
 

@@ -1,13 +1,13 @@
 """The job `theory`: the paper's statements as experiments, and the document about them."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.paper.theory.examples import paper_example
 from dolfinx_signorini.paper.theory.families import (
     Row,
@@ -95,7 +95,7 @@ def _write(
     if approximation is not None:
         save(draw_one_sided(approximation), pictures / ONE_SIDED)
     write_file(args.out / DOCUMENT, document.text(_command(args)))
-    print(f"document and pictures: {args.out}/", file=sys.stderr)
+    log.info("document and pictures: %s/", args.out)
 
 
 def _statements(args: argparse.Namespace) -> list[Statement]:

@@ -75,7 +75,9 @@ def draw_solution_and_load(picture: PaperPicture) -> Figure:
     figure = plt.figure(figsize=(10, 4.4))
     x = np.linspace(0.0, 1.0, picture.n + 1)
     grid = np.meshgrid(x, x)
-    for place, (values, name) in enumerate(((picture.u, "solution u"), (picture.load, "load f"))):
+    for place, (values, name) in enumerate(
+        ((picture.u, "solution $u$"), (picture.load, "load $f$"))
+    ):
         axes: Any = figure.add_subplot(1, 2, place + 1, projection="3d")
         axes.plot_surface(*grid, values, cmap="viridis", rcount=80, ccount=80, linewidth=0)
         axes.set(title=name, xlabel="$x_1$", ylabel="$x_2$")

@@ -1,6 +1,5 @@
 """A study: the paper's problem on a family of meshes, its errors streamed to disk when known."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.paper.sampling import LINF, W1_INF, paper_errors
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper_problem
@@ -68,18 +68,19 @@ def run_study(
     done = {row["n"]: row for row in records.rows}
     for n in cells:
         if n in done:
-            _report(comm, f"N = {n}: already done")
+            log.info("N = %d: already done", n)
             continue
-        _report(comm, f"N = {n}:", end="")
+        log.debug("N = %d", n)
         records.append(_row(comm, n, settings))
         done[n] = records.rows[-1]
-        _report(comm, "")
+        seconds = done[n]["seconds"].items()
+        log.info("N = %d: %s", n, ", ".join(f"{name} {value:.1f} s" for name, value in seconds))
     return [done[n] for n in cells]
 
 
 def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     """Compute one row."""
-    phases, coarse = Phases(comm, report=True), None
+    phases, coarse = Phases(comm), None
     if settings.method == "cascade" and (levels := coarse_levels(n)):
         with phases("coarse"):
             coarser = solve_cascade(lambda m, _: _problem(comm, m), levels)
@@ -116,8 +117,3 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
 
 def _problem(comm: MPI.Comm, n: int) -> SignoriniProblem:
     return paper_problem(christof_haubner(friedrichs_keller(comm, n)))
-
-
-def _report(comm: MPI.Comm, text: str, end: str = "\n") -> None:
-    if comm.rank == 0:
-        print(text, end=end, file=sys.stderr, flush=True)

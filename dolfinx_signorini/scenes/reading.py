@@ -2,7 +2,7 @@
 
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -41,12 +41,15 @@ for _kind in CONDITIONS:
     SUBJECTS.update(_kind.subjects)
 
 
-def load_scene(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> Scene:
+def load_scene(
+    path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD, overrides: Sequence[str] = ()
+) -> Scene:
     """Read a scene file.
 
     Args:
         path: The file; rank 0 reads it.
         comm: The communicator; the call is collective.
+        overrides: Values in place of those of the file, each as "domain.cells=200".
 
     Raises:
         InputError: The file cannot be read, or says something that is no scene; the message names
@@ -56,18 +59,19 @@ def load_scene(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> Scene:
     text, message = comm.bcast(_read(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, str(path))
-    return parse_scene(text, path, comm)
+    return parse_scene(text, path, comm, overrides)
 
 
-def parse_scene(text: str, path: Path, comm: MPI.Comm) -> Scene:
+def parse_scene(text: str, path: Path, comm: MPI.Comm, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene that a text describes.
 
     Args:
         text: The text.
         path: The file that the text is from: for messages, and where a mesh file is looked for.
         comm: The communicator that will share the mesh.
+        overrides: See `load_scene`.
     """
-    file = TomlFile(path.name, text)
+    file = TomlFile(path.name, text, overrides)
     top = file.load()
     accuracy, norm = _accuracy(top)
     domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None)
@@ -100,6 +104,7 @@ def parse_scene(text: str, path: Path, comm: MPI.Comm) -> Scene:
         title=top.text("title") if top.has("title") else path.stem,
         outputs=_outputs(top),
         text=text,
+        overrides=tuple(overrides),
     )
     for table in (equation, solution, top):
         table.finish()
@@ -117,7 +122,9 @@ def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        file, known = TomlFile(path.name, scene.text), error.subject in SUBJECTS
+        file = TomlFile(path.name, scene.text, scene.overrides)
+        file.load()
+        known = error.subject in SUBJECTS
         key, message = (SUBJECTS[error.subject], error.message) if known else ((), str(error))
         raise file.error(key, message) from None
 

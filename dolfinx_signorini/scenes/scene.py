@@ -50,6 +50,7 @@ class Scene:
         title: What the scene shows.
         outputs: The names of those `OUTPUTS` that are to be written.
         text: The scene file that the scene is from.
+        overrides: The values, written as KEY=VALUE, that stand in place of those of the file.
     """
 
     domain: Domain
@@ -67,6 +68,7 @@ class Scene:
     title: str = ""
     outputs: tuple[str, ...] = ()
     text: str = ""
+    overrides: tuple[str, ...] = ()
 
     @property
     def contact(self) -> Contact:

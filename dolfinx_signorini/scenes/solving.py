@@ -1,9 +1,11 @@
 """Solving a scene: on its own mesh by the cascade, or on adapted meshes."""
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import ufl
 from dolfinx import fem
@@ -15,6 +17,7 @@ from dolfinx_signorini.accuracy.adaptive import (
     Step,
     solve_adaptively,
 )
+from dolfinx_signorini.logs import PATIENCE, log
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
@@ -24,6 +27,9 @@ from dolfinx_signorini.scenes.posing import PosedScene, pose
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
+
+if TYPE_CHECKING:
+    from dolfinx_signorini.picture import Picture
 
 CUT = "the diffusion jumps or has a kink inside cells: the error may be far larger than estimated"
 DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
@@ -83,6 +89,30 @@ class SceneResult:
     expectation: Expectation
     levels: tuple[Level, ...] = ()
     found: AdaptiveSolution | None = None
+
+    def plot(self, path: Path | str | None = None, *, what: str = "solution") -> "Picture | None":
+        """Draw the solution with the parts of the boundary, or gap and pressure; collective.
+
+        Args:
+            path: Where to save the picture; not at all by default.
+            what: "solution", or "contact" for gap and pressure along the contact boundary.
+
+        Returns:
+            The figure on rank 0, which a notebook shows, and None on the other ranks.
+
+        Raises:
+            InputError: There is no such picture.
+        """
+        from dolfinx_signorini.contact_boundary import gather_contact_boundary
+        from dolfinx_signorini.scenes.output.pictures import draw_solution
+
+        problem, sides = self.posed.problem, self.posed.sided.sides
+        if what != "solution":
+            return problem.plot(path, what=what, sides=sides)
+        figure = draw_solution(self, gather_contact_boundary(problem, sides))
+        if figure is not None and path is not None:
+            figure.savefig(path, dpi=150)
+        return figure
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -222,8 +252,12 @@ class _Ascent:
         assert problem.result is not None
         counts = problem.result.linear_solves, problem.result.linear_iterations
         now = time.perf_counter()
-        self.levels.append(Level(problem.unknowns, *counts, now - self.began))
+        level = Level(problem.unknowns, *counts, now - self.began)
+        self.levels.append(level)
         self.began = now
+        told = logging.INFO if level.seconds > PATIENCE else logging.DEBUG
+        text = "%8d unknowns, %d linear solves, %.2f s"
+        log.log(told, text, level.unknowns, level.linear_solves, level.seconds)
 
 
 def _result(

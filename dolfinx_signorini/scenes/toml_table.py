@@ -4,7 +4,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import basix.ufl
@@ -13,6 +13,7 @@ from ufl.constantvalue import ScalarValue, Zero
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes.formulas import Formula, number
+from dolfinx_signorini.scenes.overrides import apply_override
 from dolfinx_signorini.scenes.parsing import parse, suggestion
 
 Key = tuple[str | int, ...]
@@ -204,14 +205,16 @@ class TomlFile:
     Args:
         name: The name of the file, for messages.
         text: Its text.
+        overrides: Values in place of those of the file, see `apply_override`.
 
     Attributes:
         dimension: The space dimension of the formulas in the file.
         definitions: The names that stand for formulas in the file.
     """
 
-    def __init__(self, name: str, text: str):
-        self.name, self.text = name, text
+    def __init__(self, name: str, text: str, overrides: Sequence[str] = ()):
+        self.name, self.text, self.overrides = name, text, tuple(overrides)
+        self.overridden: set[Key] = set()
         self.dimension = 2
         self.definitions: dict[str, Formula] = {}
 
@@ -224,11 +227,13 @@ class TomlFile:
         if len(self.text) > MAX_BYTES:
             raise InputError(f"a scene file has at most {MAX_BYTES} characters", self.name)
         try:
-            return TomlTable(tomllib.loads(self.text), self)
+            data = tomllib.loads(self.text)
         except ValueError as error:
             raise InputError(str(error), self.name) from None
         except RecursionError:
             raise InputError("nested too deeply", self.name) from None
+        self.overridden = {apply_override(data, text) for text in self.overrides}
+        return TomlTable(data, self)
 
     def error(self, key: Key, message: str) -> InputError:
         """Return an error whose subject is file, line and key.
@@ -237,12 +242,14 @@ class TomlFile:
             key: The key; the line is that of the key or, without one, of the table around it.
             message: What is wrong.
         """
+        name = ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
+        if any(key[: len(path)] == path for path in self.overridden):
+            return InputError(message, f"--set {name}")
         lines = self.lines()
         position = key
         while position and position not in lines:
             position = position[:-1]
         line = f", line {lines[position]}" if position else ""
-        name = ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
         return InputError(message, f"{self.name}{line}{': ' + name if name else ''}")
 
     def lines(self) -> dict[Key, int]:

@@ -7,7 +7,6 @@ first. The evaluation of the errors is no part of a solution, and its seconds ar
 """
 
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.records import Records
 from dolfinx_signorini.references import interpolated
@@ -84,9 +84,9 @@ def measure_grid(
         if forms not in warm:
             meter.row(family, replace(c, n=WARM_UP), 1)
             warm.add(forms)
-        _report(comm, f"{item.purpose}: {c}, {c.method}, rtol {c.rtol}", end="")
         row = item.key(comm) | meter.row(family, c, repeats)
-        _report(comm, f"  {row['total']:.3f} s")
+        told = item.purpose, c, c.method, c.rtol, row["total"]
+        log.info("%s: %s, %s, rtol %s  %.3f s", *told)
         records.append(row)
     if found is not None:
         found.destroy()
@@ -150,11 +150,6 @@ class _Meter:
             substitute = interpolated(exact, INTERPOLATION_DEGREE)
             row["errors_interpolated"] = error_norms(run.u, substitute, self.norms)
         return row | {"algebraic": algebraic_errors(run, self.norms)}
-
-
-def _report(comm: MPI.Comm, text: str, end: str = "\n") -> None:
-    if comm.rank == 0:
-        print(text, end=end, file=sys.stderr, flush=True)
 
 
 def _reset_peak() -> None:

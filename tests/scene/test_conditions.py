@@ -9,7 +9,7 @@ import pytest
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes import conditions, expectations, posing, solve_scene
-from dolfinx_signorini.scenes.output.files import draw_scene
+from dolfinx_signorini.scenes.output.pictures import draw_scene
 from dolfinx_signorini.scenes.output.summary import summarise
 
 SPRINGS = """
@@ -67,7 +67,7 @@ def test_a_new_kind_of_condition_is_one_class(bound, sign, value, comm, parse, m
     result = solve_scene(scene, comm)
     boundary = gather_contact_boundary(result.posed.problem)
     summary = summarise(result, boundary)
-    pictures = draw_scene(result, summary, boundary)
+    pictures = draw_scene(result, boundary, summary.detachment_points)
     result.destroy()
     assert result.expectation.notes == ()  # near corners springs are like any other flux
     assert summary.errors["Linf"] <= 1e-9

@@ -1,6 +1,5 @@
 """The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report."""
 
-import csv
 import io
 import json
 from collections.abc import Sequence
@@ -11,16 +10,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from dolfinx_signorini.accuracy.pictures import draw_adaptive
-from dolfinx_signorini.contact_boundary import ContactBoundary, draw_contact
-from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
+from dolfinx_signorini.contact_boundary import ContactBoundary
 from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
+from dolfinx_signorini.scenes.output.pictures import draw_scene
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
-from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.tables import csv_table
 
 
 def write_results(
@@ -43,7 +41,7 @@ def write_results(
     if "fields" in outputs:
         write_fields(result, folder)
     drawn = {"pictures", "report"} & set(outputs)
-    figures = draw_scene(result, summary, boundary) if drawn else {}
+    figures = draw_scene(result, boundary, summary.detachment_points) if drawn else {}
 
     def write() -> None:
         assert boundary is not None  # rank 0 has the boundary
@@ -52,47 +50,18 @@ def write_results(
     on_first(comm, folder.parent, write)
 
 
-def draw_scene(
-    result: SceneResult, summary: Summary, boundary: ContactBoundary | None
-) -> dict[str, Figure]:
-    """Return the pictures of a solved scene by name; none on all ranks but 0.
-
-    Args:
-        result: The solved scene; the call is collective.
-        summary: Its numbers.
-        boundary: Its contact boundary, on rank 0.
-    """
-    figures, posed = {}, result.posed
-    if posed.scene.domain.dimension == 2:
-        parts = boundary_parts(posed.scene, posed.sided)
-        field = gather_plane_field(result.u, {kind.name: parts[kind] for kind in parts})
-        if field is not None:
-            styles = {kind.name: kind.style for kind in parts}
-            figures["solution"] = draw_plane_field(
-                field, styles, summary.detachment_points, posed.scene.title
-            )
-    if boundary is not None:
-        figures["contact"] = draw_contact(boundary)
-    if result.found is not None:
-        way = draw_adaptive(result.found)
-        if way is not None:
-            figures["accuracy"] = way
-    return figures
-
-
 def boundary_csv(boundary: ContactBoundary) -> str:
     """Return the contact boundary as CSV: coordinates, u, gap, pressure, and whether in contact.
 
     The pressure is left empty where u has Dirichlet data.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     axes = ["x", "y", "z"][: boundary.points.shape[1]]
-    writer.writerow([*axes, "u", "gap", "pressure", "in_contact"])
-    for k, touching in enumerate(boundary.touching):
-        numbers = [float(v) for v in (*boundary.points[k], *boundary.values[k])]
-        writer.writerow([*("" if np.isnan(v) else v for v in numbers), int(touching)])
-    return text.getvalue()
+    numbers = np.column_stack((boundary.points, boundary.values)).tolist()
+    rows = [
+        [*("" if np.isnan(number) else number for number in row), int(touching)]
+        for row, touching in zip(numbers, boundary.touching, strict=True)
+    ]
+    return csv_table([*axes, "u", "gap", "pressure", "in_contact"], rows)
 
 
 def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
@@ -109,6 +78,7 @@ def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
         "ranks": result.posed.problem.comm.size,
         "options": _options(result),
         "scene": scene.text,
+        "set": list(scene.overrides),
         "summary": asdict(summary),
         "meshes": _meshes(result),
         "expected_orders": result.expectation.orders,

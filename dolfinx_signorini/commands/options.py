@@ -1,0 +1,80 @@
+"""Options that several jobs share: how much is told, and keys of a scene file."""
+
+import argparse
+import logging
+from pathlib import Path
+
+from dolfinx_signorini.errors import InputError
+
+LEVELS = {True: logging.WARNING, None: logging.INFO, False: logging.DEBUG}
+
+
+def add_talk(parser: argparse.ArgumentParser) -> None:
+    """Add -q and -v."""
+    talk = parser.add_mutually_exclusive_group()
+    talk.add_argument(
+        "-q",
+        "--quiet",
+        action="store_const",
+        const=True,
+        help="no progress: results and warnings only",
+    )
+    talk.add_argument(
+        "-v",
+        "--verbose",
+        dest="quiet",
+        action="store_const",
+        const=False,
+        help="each mesh and each phase with its seconds",
+    )
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Add the scene file and --set."""
+    scene = parser.add_argument("scene", type=Path, help="the scene, a TOML file")
+    scene.complete = COMPLETE_SCENES  # type: ignore[attr-defined]
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="overrides",
+        metavar="KEY=VALUE",
+        help="another value for a key of the scene file, may be repeated: domain.cells=200, "
+        "contact.obstacle='-0.1*x', dirichlet.1.value=2 for the first [[dirichlet]]",
+    )
+
+
+# What shtab completes: files with this ending.
+COMPLETE_SCENES = {
+    "bash": "_shtab_greeter_compgen_scenes",
+    "zsh": "_files -g '*.toml'",
+    "tcsh": "f:*.toml",
+}
+PREAMBLE = {
+    "bash": """
+_shtab_greeter_compgen_scenes() {
+  compgen -d -- "$1"
+  compgen -f -X '!*.toml' -- "$1"
+}
+"""
+}
+
+
+def completion(parser: argparse.ArgumentParser, shell: str) -> str:
+    """Return a script that completes the commands in a shell.
+
+    Args:
+        parser: The parser of the command line.
+        shell: bash, zsh or tcsh.
+
+    Raises:
+        InputError: The package shtab is missing.
+    """
+    try:
+        import shtab
+    except ImportError:
+        raise InputError(
+            "needs the package shtab: apt install python3-shtab, or pip install shtab",
+            "--completion",
+        ) from None
+    return str(shtab.complete(parser, shell=shell, preamble=PREAMBLE))

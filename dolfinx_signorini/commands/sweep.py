@@ -1,0 +1,151 @@
+"""The job `sweep`: one key of a scene file over several values, as a table and a plot."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from mpi4py import MPI
+
+from dolfinx_signorini.commands.options import add_scene
+from dolfinx_signorini.contact_boundary import gather_contact_boundary
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.logs import log
+from dolfinx_signorini.palette import COLOURS, MARKERS
+from dolfinx_signorini.plotting import picture_files, save
+from dolfinx_signorini.records import (
+    ROWS,
+    Records,
+    check_outputs,
+    folder_name,
+    on_first,
+    write_file,
+)
+from dolfinx_signorini.scenes.output.summary import summarise
+from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.solving import solve_scene
+from dolfinx_signorini.tables import csv_table, text_table
+
+PICTURE, TABLE = "sweep", "sweep.csv"
+Row = dict[str, Any]
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the job."""
+    add_scene(parser)
+    parser.add_argument("key", help="the key, for example domain.cells or contact.obstacle")
+    parser.add_argument(
+        "values",
+        nargs="+",
+        metavar="VALUE",
+        help="its values; one that begins with a minus and is no number goes behind --",
+    )
+    parser.add_argument(
+        "--out",
+        type=folder_name,
+        default=Path("results/sweep"),
+        metavar="DIR",
+        help="folder for rows, table and plot; a run that was stopped goes on from what it finds "
+        "there (default %(default)s)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve the scene for each value, and write the table and the plot on rank 0.
+
+    Raises:
+        InputError: A value is refused, or the folder cannot be used.
+        NotConvergedError: Some problem could not be solved.
+    """
+    comm, values = MPI.COMM_WORLD, list(dict.fromkeys(value.strip() for value in args.values))
+    overrides = {value: [*args.overrides, f"{args.key}={value}"] for value in values}
+    scenes = {value: load_scene(args.scene, comm, overrides[value]) for value in values}
+    check_outputs(comm, args.out, (TABLE, *picture_files([PICTURE])))
+    text = scenes[values[0]].text
+    settings = {"scene": text, "set": args.overrides, "key": args.key}
+    records = Records(comm, args.out / ROWS, settings, keys=("value",))
+    done = {row["value"]: row for row in records.rows}
+    for value in values:
+        if value in done:
+            log.info("%s = %s: already done", args.key, value)
+            continue
+        with naming_the_file(args.scene, scenes[value]):
+            records.append({"value": value} | _row(scenes[value], comm))
+        done[value] = records.rows[-1]
+        told = done[value]
+        log.info("%s = %s: %d unknowns, %.2f s", args.key, value, told["unknowns"], told["seconds"])
+    rows = [done[value] for value in values]
+    on_first(comm, args.out, lambda: _write(args.out, args.key, rows))
+    return 0
+
+
+def _row(scene: Any, comm: MPI.Comm) -> Row:
+    """Solve one scene; return its numbers, the same on all ranks."""
+    result = solve_scene(scene, comm)
+    try:
+        boundary = gather_contact_boundary(result.posed.problem)
+        summary = summarise(result, boundary)
+    finally:
+        result.destroy()
+    row = {
+        "unknowns": summary.unknowns,
+        "in contact": summary.contact_size,
+        **{f"force of {name}": force for name, force in summary.forces.items()},
+        **{f"error {name}": error for name, error in summary.errors.items()},
+        "seconds": summary.seconds,
+    }
+    if result.found is not None:
+        row["estimate"] = result.found.estimate
+    return dict(comm.bcast(row))
+
+
+def _write(folder: Path, key: str, rows: list[Row]) -> None:
+    """Print the table, and write table and plot; rank 0 only."""
+    columns = list(dict.fromkeys(name for row in rows for name in row if name != "value"))
+    cells = [[row["value"], *(row.get(name, "") for name in columns)] for row in rows]
+    print(text_table([key, *columns], cells), end="", flush=True)
+    write_file(folder / TABLE, csv_table([key, *columns], cells))
+    if len(rows) > 1:
+        save(draw_sweep(key, rows), folder / PICTURE)
+    log.info("table%s: %s/", " and plot" if len(rows) > 1 else "", folder)
+
+
+def draw_sweep(key: str, rows: list[Row]) -> Figure:
+    """Return a plot of contact set and contact force, or of the errors, over the values of a key.
+
+    Args:
+        key: The key.
+        rows: Numbers by name, and the `value` of the key as a text; at least two rows.
+
+    Raises:
+        InputError: There are fewer than two rows.
+    """
+    if len(rows) < 2:
+        raise InputError("a plot needs two values at least", key)
+    errors = [name for name in rows[0] if name.startswith(("error ", "estimate"))]
+    panels = [["in contact"], ["force of contact"], *([errors] if errors else [])]
+    figure = Figure(figsize=(4.0 * len(panels), 3.6), layout="constrained")
+    x, numeric = _positions(rows)
+    for axes, names in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        for k, name in enumerate(names):
+            y = [row.get(name, float("nan")) for row in rows]
+            label = name.removeprefix("error ")
+            axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], color=COLOURS[k], label=label)
+        axes.set(xlabel=key, ylabel="error" if names is errors else names[0])
+        axes.grid(alpha=0.3)
+        if names is errors:
+            axes.set_yscale("log")
+            if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):
+                axes.set_xscale("log")
+            axes.legend(frameon=False)
+        if not numeric:
+            axes.set_xticks(x, [row["value"] for row in rows], rotation=30, ha="right")
+    return figure
+
+
+def _positions(rows: list[Row]) -> tuple[list[float], bool]:
+    """Return the values as numbers, or their places in the list where one is no number."""
+    try:
+        return [float(row["value"]) for row in rows], True
+    except ValueError:
+        return [float(k) for k in range(len(rows))], False

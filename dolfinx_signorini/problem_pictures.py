@@ -1,0 +1,47 @@
+"""The pictures of a solved problem: the contact boundary, and the solution."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.contact_boundary import Solved, gather_contact_boundary
+from dolfinx_signorini.contact_pictures import draw_contact
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.palette import COLOURS, IN_CONTACT
+from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
+from dolfinx_signorini.solid_pictures import draw_solid, gather_surface
+
+Facets = npt.NDArray[np.int32]
+
+CONTACT = {"color": COLOURS[1], "linewidth": 4.0}
+PICTURES = ("contact", "solution")
+
+
+def draw_problem(
+    problem: Solved, what: str = "contact", sides: Mapping[str, Facets] | None = None
+) -> Picture | None:
+    """Return a picture of a solved problem on rank 0, and None on the others.
+
+    Args:
+        problem: The problem; the call is collective.
+        what: "contact" for gap and pressure, "solution" for u with the facets in contact.
+        sides: Facets of the mesh by the name of their side.
+
+    Raises:
+        InputError: There is no such picture.
+    """
+    if what not in PICTURES:
+        raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
+    boundary = gather_contact_boundary(problem, sides)
+    if what == "contact":
+        return None if boundary is None else draw_contact(boundary)
+    if problem.space.mesh.topology.dim == 3:
+        surface = gather_surface(problem.u)
+        return None if surface is None else draw_solid(surface)
+    field = gather_plane_field(problem.u, {"contact boundary": problem.contact})
+    if field is None or boundary is None:
+        return None
+    field.parts["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
+    return draw_plane_field(field, {"contact boundary": CONTACT, "in contact": IN_CONTACT})

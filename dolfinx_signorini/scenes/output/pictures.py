@@ -1,0 +1,59 @@
+"""The pictures of a solved scene: the solution, the contact boundary, the way to an accuracy."""
+
+from matplotlib.figure import Figure
+
+from dolfinx_signorini.accuracy.pictures import draw_adaptive
+from dolfinx_signorini.contact_boundary import ContactBoundary
+from dolfinx_signorini.contact_pictures import draw_contact
+from dolfinx_signorini.palette import IN_CONTACT
+from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
+from dolfinx_signorini.scenes.posing import boundary_parts
+from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.solid_pictures import draw_solid, gather_surface
+
+
+def draw_scene(
+    result: SceneResult,
+    boundary: ContactBoundary | None,
+    points: tuple[tuple[float, ...], ...] = (),
+) -> dict[str, Figure]:
+    """Return the pictures of a solved scene by name; none on all ranks but 0.
+
+    Args:
+        result: The solved scene; the call is collective.
+        boundary: Its contact boundary, on rank 0.
+        points: Its detachment points, to be marked.
+    """
+    figures: dict[str, Figure | None] = {
+        "solution": draw_solution(result, boundary, points),
+        "contact": None if boundary is None else draw_contact(boundary),
+        "accuracy": None if result.found is None else draw_adaptive(result.found),
+    }
+    return {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def draw_solution(
+    result: SceneResult,
+    boundary: ContactBoundary | None,
+    points: tuple[tuple[float, ...], ...] = (),
+) -> Picture | None:
+    """Return a picture of the solution with the parts of the boundary; None on all ranks but 0.
+
+    Args:
+        result: The solved scene; the call is collective.
+        boundary: Its contact boundary, on rank 0.
+        points: Its detachment points, to be marked.
+    """
+    posed = result.posed
+    if posed.scene.domain.dimension == 3:
+        surface = gather_surface(result.u)
+        return None if surface is None else draw_solid(surface, posed.scene.title)
+    parts = boundary_parts(posed.scene, posed.sided)
+    field = gather_plane_field(result.u, {kind.name: parts[kind] for kind in parts})
+    if field is None or boundary is None:
+        return None
+    styles = {kind.name: kind.style for kind in parts}
+    touching = boundary.points[boundary.pieces[boundary.in_contact]]
+    field.parts["in contact"] = touching
+    return draw_plane_field(field, styles | {"in contact": IN_CONTACT}, points, posed.scene.title)

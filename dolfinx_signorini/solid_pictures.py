@@ -1,0 +1,140 @@
+"""Pictures of a solution on the surface of a solid, by PyVista where that is installed.
+
+PyVista draws in a process of its own, off screen: where no display can be opened VTK ends its
+process, and the picture is then drawn by matplotlib.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_signorini.contact_pictures import draw_faces
+from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.palette import COLOUR_MAP
+from dolfinx_signorini.picture import Picture
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+PATIENCE = 60.0  # seconds for PyVista
+EMPTY = 0.02  # of the pixels; an image with fewer that are not white shows nothing
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A function on the boundary of a solid, as triangles.
+
+    A solved problem in space gives one, on rank 0:
+
+        surface = gather_surface(problem.u)
+        if surface is not None:
+            draw_solid(surface).savefig("solid.png")
+
+    Attributes:
+        points: Coordinates of the vertices, shape (points, 3).
+        values: The values there.
+        triangles: Indices of points, shape (triangles, 3).
+    """
+
+    points: Array
+    values: Array
+    triangles: Indices
+
+
+def gather_surface(u: fem.Function) -> Surface | None:
+    """Return a function on the boundary of its mesh of tetrahedra on rank 0, None on the others.
+
+    Args:
+        u: The function, in Lagrange elements; the call is collective.
+    """
+    space = u.function_space
+    domain, index_map = space.mesh, space.dofmap.index_map
+    facets = boundary_facets(domain)
+    pairs = facet_cells(domain, facets[facets < domain.topology.index_map(2).size_local])
+    vertices = np.array(space.element.basix_element.entity_closure_dofs[2])[:, :3]
+    local = space.dofmap.list[pairs[:, 0, None], vertices[pairs[:, 1]]]
+    used = np.unique(local)
+    data = (
+        index_map.local_to_global(used),
+        space.tabulate_dof_coordinates()[used],
+        u.x.array[used],
+        index_map.local_to_global(local.flatten()).reshape(-1, 3),
+    )
+    parts = domain.comm.gather(data, root=0)
+    if parts is None:
+        return None
+    numbers, points, values, triangles = (np.concatenate(item) for item in zip(*parts, strict=True))
+    numbers, first = np.unique(numbers, return_index=True)
+    return Surface(points[first], values[first], np.searchsorted(numbers, triangles))
+
+
+def draw_solid(surface: Surface, title: str = "") -> Picture:
+    """Return a picture of a function on the boundary of a solid.
+
+    Args:
+        surface: The boundary.
+        title: The title of the picture.
+    """
+    image = _render(surface)
+    if image is not None:
+        figure = Picture(figsize=(7.6, 6.0), layout="constrained")
+        axes = figure.add_subplot()
+        axes.imshow(image)
+        axes.set_axis_off()
+    else:
+        figure = Picture(figsize=(7.6, 5.4), layout="constrained")
+        axes = figure.add_subplot(projection="3d")
+        values = surface.values[surface.triangles].mean(axis=1)
+        faces = draw_faces(axes, surface.points[surface.triangles], values)
+        faces.set_edgecolor((0.0, 0.0, 0.0, 0.15))
+        figure.colorbar(faces, ax=axes, label="solution $u$", shrink=0.7, pad=0.1)
+    axes.set_title(title, parse_math=False)
+    return figure
+
+
+def _render(surface: Surface) -> Array | None:
+    """Return the image that PyVista makes, shape (height, width, 3); None where none comes out."""
+    if find_spec("pyvista") is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        data, image = Path(folder) / "surface.npz", Path(folder) / "image.npy"
+        np.savez(data, **vars(surface))
+        # The process is none of MPI's.
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_"))}
+        command = [sys.executable, __file__, str(data), str(image)]
+        try:
+            subprocess.run(command, env=kept, capture_output=True, timeout=PATIENCE, check=True)
+            pixels = np.load(image)
+        except (OSError, ValueError, subprocess.SubprocessError):
+            return None
+    return pixels if (pixels < 255).any(axis=2).mean() > EMPTY else None
+
+
+def _main(data: str, image: str) -> None:
+    """Render the surface in a file with PyVista; the process that `_render` starts."""
+    import pyvista
+
+    surface = np.load(data)
+    triangles = surface["triangles"]
+    faces = np.column_stack((np.full(len(triangles), 3), triangles)).ravel()
+    mesh = pyvista.PolyData(surface["points"], faces)
+    mesh["solution u"] = surface["values"]
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 900))
+    plotter.set_background("white")
+    plotter.add_mesh(mesh, cmap=COLOUR_MAP, scalar_bar_args={"color": "black", "vertical": True})
+    plotter.add_mesh(mesh.extract_all_edges(), color="black", opacity=0.15, line_width=1)
+    plotter.show_bounds(color="black", xtitle="x", ytitle="y", ztitle="z", fmt="%.2g")
+    plotter.camera_position = "iso"
+    np.save(image, plotter.screenshot(None, return_img=True))
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])
