@@ -16,17 +16,13 @@ import argparse
 import time
 
 import dolfinx
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.picture import Picture
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--cells", type=int, default=64, help="cells per side of the unit square")
@@ -101,14 +97,14 @@ if comm.rank == 0:
 # ## Picture: the open part of the wall over time
 
 # %%
+picture = Picture(figsize=(7.2, 4.2), layout="constrained")
+axes = picture.subplots()
+nodes = np.linspace(0.0, 1.0, cells + 1)
+axes.contourf(times, nodes, is_open.T, levels=[0.5, 1.0], colors=["#56B4E9"])
+axes.plot(times, path, color="#D55E00", label="position of the pump")
+axes.fill_between([], [], color="#56B4E9", label="open part of the wall")
+axes.set(xlabel="time", ylabel="position along the wall", ylim=(0.0, 1.0), xlim=(0.0, 2.0))
+axes.legend(loc="lower center", ncols=2, bbox_to_anchor=(0.5, 1.0), frameon=False)
 if comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(7.2, 4.2))
-    nodes = np.linspace(0.0, 1.0, cells + 1)
-    axes.contourf(times, nodes, is_open.T, levels=[0.5, 1.0], colors=["#56B4E9"])
-    axes.plot(times, path, color="#D55E00", label="position of the pump")
-    axes.fill_between([], [], color="#56B4E9", label="open part of the wall")
-    axes.set(xlabel="time", ylabel="position along the wall", ylim=(0.0, 1.0), xlim=(0.0, 2.0))
-    axes.legend(loc="lower center", ncols=2, bbox_to_anchor=(0.5, 1.0), frameon=False)
-    figure.tight_layout()
-    figure.savefig("parabolic.png", dpi=150)
-    print("picture: parabolic.png")
+    picture.savefig("parabolic.png")
+picture

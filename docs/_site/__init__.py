@@ -1,0 +1,1 @@
+"""How pages of the site are made from scripts, scene files and definitions."""

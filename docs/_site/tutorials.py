@@ -1,0 +1,46 @@
+"""The tutorials: narrated scripts of demos/ as notebooks, which run when the site is built."""
+
+from pathlib import Path
+
+import jupytext
+
+TUTORIALS = (
+    "first_contact",
+    "gmsh_to_paraview",
+    "convergence_study",
+    "parabolic",
+    "parameter_sweep",
+    "trusted_accuracy",
+    "high_order",
+    "parallel_and_large",
+)
+DOWNLOAD = """:::{{tip}}
+Download this page as a notebook: {{nb-download}}`{name}.ipynb`, or as a script for any number of
+processes: {{download}}`{name}.py <../../demos/{name}.py>`.
+:::"""
+
+
+def make_notebooks(docs: Path) -> None:
+    """Write one notebook for each tutorial, where the script is newer.
+
+    Args:
+        docs: The folder of the site.
+    """
+    for name in TUTORIALS:
+        script, notebook = (
+            docs.parent / "demos" / f"{name}.py",
+            docs / "tutorials" / f"{name}.ipynb",
+        )
+        book = jupytext.read(script)
+        book.metadata["kernelspec"] = {
+            "name": "python3",
+            "language": "python",
+            "display_name": "Python 3",
+        }
+        title, _, text = book.cells[0].source.partition("\n")
+        book.cells[0].source = f"{title}\n\n{DOWNLOAD.format(name=name)}\n{text}"
+        for number, cell in enumerate(book.cells):
+            cell["id"] = f"{name.replace('_', '-')}-{number}"  # the same in each build
+        content = jupytext.writes(book, fmt="ipynb")
+        if not notebook.exists() or notebook.read_text() != content:
+            notebook.write_text(content)

@@ -1,0 +1,171 @@
+"""Functions on disk, to be read again on any number of ranks.
+
+A value is found again by the place of its dof, because the numbers of dofs and cells depend on the
+number of ranks. The file is one of NumPy's, so that a checkpoint needs nothing beside DOLFINx and
+can be read without it. Rank 0 gathers and reads the whole file: enough for some ten million dofs.
+"""
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.records import on_first
+
+Array = npt.NDArray[np.float64]
+
+ROUNDING = 1e-9  # of coordinates, relative to the size of the domain
+
+
+def write_checkpoint(
+    path: Path | str, functions: Mapping[str, fem.Function], **numbers: float
+) -> None:
+    """Write functions with their mesh; the call is collective.
+
+    A time loop that can be stopped writes one after some steps:
+
+        write_checkpoint("step.npz", {"u": problem.u}, time=t)
+
+    Args:
+        path: The file, which is replaced when the new one is complete.
+        functions: The functions by name, in scalar Lagrange elements on one mesh.
+        numbers: What else the run needs to go on, such as the time.
+
+    Raises:
+        InputError: There is no function, two dofs lie at the same place, or the file cannot be
+            written.
+    """
+    if not functions:
+        raise InputError("names no function", "functions")
+    path, spaces = Path(path), [f.function_space for f in functions.values()]
+    comm = spaces[0].mesh.comm
+    data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
+    gathered = _gathered_mesh(spaces[0].mesh)
+    for name, function in functions.items():
+        space = function.function_space
+        owned = space.dofmap.index_map.size_local
+        parts = comm.gather(
+            (space.tabulate_dof_coordinates()[:owned], function.x.array[:owned]), root=0
+        )
+        points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
+        data |= {f"points {name}": points, f"values {name}": values}
+
+    def write() -> None:
+        for name in functions:
+            _check_places(data[f"points {name}"], name)
+        temporary = path.with_name(f".{path.name}.part")
+        try:
+            with temporary.open("wb") as file:
+                np.savez(file, **data, **gathered)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    on_first(comm, path.parent, write)
+
+
+def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> dict[str, float]:
+    """Fill functions with what a checkpoint holds, and return its numbers; collective.
+
+    The functions live on the mesh of the checkpoint, with elements of the same degree, on any
+    number of ranks:
+
+        t = read_checkpoint("step.npz", {"u": problem.u})["time"]
+
+    Args:
+        path: The file.
+        functions: The functions to be filled, by the names that they were written with.
+
+    Raises:
+        InputError: The file is no checkpoint or has no such function, or the mesh is another one.
+    """
+    path = Path(path)
+    if not functions:
+        raise InputError("names no function", "functions")
+    comm = next(iter(functions.values())).function_space.mesh.comm
+    data = _read(path, comm)
+    for name, function in functions.items():
+        if f"values {name}" not in data:
+            known = [key.removeprefix("values ") for key in data if key.startswith("values ")]
+            raise InputError(f"has no function {name!r}, but {', '.join(known)}", str(path))
+        points, values = data[f"points {name}"], data[f"values {name}"]
+        places = function.function_space.tabulate_dof_coordinates()
+        extent = float(np.ptp(points, axis=0).max())
+        distances, found = cKDTree(points).query(places)
+        same = len(values) == function.function_space.dofmap.index_map.size_global
+        same &= bool((distances <= ROUNDING * extent).all())
+        require(comm, same, f"{name!r} lives on another mesh, or is of another degree", str(path))
+        function.x.array[:] = values[found]
+    return {
+        key.removeprefix("number "): float(value)
+        for key, value in data.items()
+        if key.startswith("number ")
+    }
+
+
+def read_mesh(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> mesh.Mesh:
+    """Return the mesh of a checkpoint, for example an adapted one.
+
+    Args:
+        path: The file.
+        comm: The communicator that shares the mesh; the call is collective.
+
+    Raises:
+        InputError: The file is no checkpoint.
+    """
+    data = _read(Path(path), comm)
+    cells, points, kind = data["cells"], data["points"], str(data["kind"])
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
+    if comm.rank:
+        cells = cells[:0]
+    return mesh.create_mesh(comm, cells, points if comm.rank == 0 else points[:0], domain)
+
+
+def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
+    """Return cells and points of a mesh with straight edges on rank 0, {} on the others."""
+    geometry = domain.geometry
+    index_map, dim = geometry.index_map(), geometry.dim
+    cells = geometry.dofmap[owned_cells(domain)]
+    numbers = index_map.local_to_global(cells.flatten()).reshape(cells.shape)
+    parts = domain.comm.gather((numbers, geometry.x[: index_map.size_local, :dim]), root=0)
+    if parts is None:
+        return {}
+    joined, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return {"cells": joined, "points": points, "kind": domain.topology.cell_name()}
+
+
+def _check_places(points: Array, name: str) -> None:
+    """Refuse two dofs at the same place, which could not be told apart when they are read."""
+    extent = float(np.ptp(points, axis=0).max())
+    if len(cKDTree(points).query_pairs(ROUNDING * extent)):
+        raise InputError(f"{name!r} has two dofs at the same place", "functions")
+
+
+def _read(path: Path, comm: MPI.Comm) -> dict[str, Any]:
+    """Return the arrays of a checkpoint on all ranks; rank 0 reads the file."""
+    found: dict[str, Any] = {}
+    message = ""
+    if comm.rank == 0:
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = {key: file[key] for key in file.files}
+            if not {"cells", "points", "kind"} <= found.keys():
+                message = "is no checkpoint"
+        except OSError as error:
+            message = error.strerror or str(error)
+        except (ValueError, zipfile.BadZipFile, EOFError, AttributeError):
+            message = "is no checkpoint"
+    found, message = comm.bcast((found, message))
+    if message:
+        raise InputError(message, str(path))
+    return found

@@ -1,0 +1,161 @@
+"""Checkpoints: what one number of ranks writes, another one reads."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+import dolfinx_signorini
+from dolfinx_signorini import InputError, SignoriniProblem, boundary_facets
+from dolfinx_signorini.checkpoints import read_checkpoint, read_mesh, write_checkpoint
+
+COMM = MPI.COMM_WORLD
+SCRIPT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, str(Path(sys.argv[1])))
+import test_checkpoints
+getattr(test_checkpoints, sys.argv[2])(Path(sys.argv[3]), int(sys.argv[4]))
+"""
+
+
+def domain(dimension):
+    if dimension == 2:
+        return mesh.create_rectangle(COMM, [(0.0, 0.0), (2.0, 1.0)], (14, 9))
+    return mesh.create_unit_cube(COMM, 4, 3, 5)
+
+
+def truth(x):
+    return np.sin(3.0 * x[0]) + x[1] ** 2 * np.cos(x[2]) - 7.0 * x[0] * x[1]
+
+
+def functions(dimension):
+    d = domain(dimension)
+    found = {f"p{k}": fem.Function(fem.functionspace(d, ("Lagrange", k))) for k in (1, 2)}
+    return d, found
+
+
+def write(path, dimension):
+    _, found = functions(dimension)
+    for f in found.values():
+        f.interpolate(truth)
+    write_checkpoint(path, found, time=0.25, step=3)
+
+
+def read(path, dimension):
+    _, found = functions(dimension)
+    assert read_checkpoint(path, found) == {"time": 0.25, "step": 3.0}
+    for f in found.values():
+        expected = truth(f.function_space.tabulate_dof_coordinates().T)
+        assert np.array_equal(f.x.array, expected)  # ghosts, too
+    again = read_mesh(path)
+    volume = COMM.allreduce(fem.assemble_scalar(fem.form(fem.Constant(again, 1.0) * ufl.dx)))
+    assert volume == pytest.approx(2.0 if dimension == 2 else 1.0)
+    on_it = fem.Function(fem.functionspace(again, ("Lagrange", 2)))
+    read_checkpoint(path, {"p2": on_it})
+    assert np.array_equal(on_it.x.array, truth(on_it.function_space.tabulate_dof_coordinates().T))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_was_written_is_read(folder, dimension):
+    write(folder / "file.npz", dimension)
+    read(folder / "file.npz", dimension)
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts processes of its own")
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="there is no mpirun")
+def test_other_numbers_of_ranks_read_it(tmp_path):
+    inherited = ("PMIX_", "PRTE_LAUNCHED", "OMPI_COMM_", "OMPI_UNIVERSE_SIZE")
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(inherited)}
+    kept["PYTHONPATH"] = str(Path(dolfinx_signorini.__file__).parents[1])
+
+    def with_two_ranks(job, path):
+        command = ["mpirun", "-n", "2", sys.executable, "-c", SCRIPT]
+        arguments = [str(Path(__file__).parent), job, str(path), "2"]
+        done = subprocess.run(
+            [*command, *arguments], env=kept, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr[-2000:]
+
+    write(tmp_path / "one.npz", 2)
+    with_two_ranks("read", tmp_path / "one.npz")
+    with_two_ranks("write", tmp_path / "two.npz")
+    read(tmp_path / "two.npz", 2)
+
+
+def heat(u):
+    """A step of implicit Euler from u, with a floor."""
+    space = u.function_space
+    trial, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a = (trial * v + 0.1 * ufl.inner(ufl.grad(trial), ufl.grad(v))) * ufl.dx
+    facets = boundary_facets(space.mesh)
+    return SignoriniProblem(a, (u - 0.1) * v * ufl.dx, contact=facets, obstacle=-0.15, u=u)
+
+
+def test_a_time_loop_goes_on(folder):
+    space = fem.functionspace(domain(2), ("Lagrange", 1))
+    u = fem.Function(space)
+    problem = heat(u)
+    for step in range(6):
+        problem.solve(rtol=1e-12)
+        if step == 2:
+            write_checkpoint(folder / "step.npz", {"u": u}, step=step)
+    again = fem.Function(space)
+    assert read_checkpoint(folder / "step.npz", {"u": again})["step"] == 2
+    problem_again = heat(again)
+    for _ in range(3):
+        problem_again.solve(rtol=1e-12)
+    assert problem.result.active_dofs == problem_again.result.active_dofs > 0
+    assert np.allclose(again.x.array, u.x.array, rtol=0.0, atol=1e-10)
+    for p in (problem, problem_again):
+        p.destroy()
+
+
+def test_what_is_no_checkpoint_of_this_mesh_is_refused(folder):
+    path = folder / "file.npz"
+    write(path, 2)
+    other = fem.Function(fem.functionspace(mesh.create_unit_square(COMM, 4, 4), ("Lagrange", 1)))
+    with pytest.raises(InputError, match="another mesh"):
+        read_checkpoint(path, {"p1": other})
+    _, found = functions(2)
+    with pytest.raises(InputError, match="another degree"):
+        read_checkpoint(path, {"p1": found["p2"]})
+    with pytest.raises(InputError, match="no function 'u', but p1, p2"):
+        read_checkpoint(path, {"u": found["p1"]})
+    with pytest.raises(InputError, match="names no function"):
+        write_checkpoint(path, {})
+    if COMM.rank == 0:
+        (folder / "text.npz").write_text("no checkpoint")
+        np.savez(folder / "others.npz", a=1.0)
+    COMM.barrier()
+    for name, message in (
+        ("text", "no checkpoint"),
+        ("others", "no checkpoint"),
+        ("no", "No such"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_checkpoint(folder / f"{name}.npz", found)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_checkpoint(folder / "missing" / "file.npz", found)
+
+
+def test_two_dofs_at_one_place_are_refused(folder):
+    # Two triangles over each other: no point of one belongs to the other.
+    x = np.array([[0, 0], [1, 0], [0, 1], [0, 0], [1, 0], [0, 1]], dtype=np.float64)
+    cells = np.array([[0, 1, 2], [3, 4, 5]])
+    if COMM.rank:
+        x, cells = x[:0], cells[:0]
+    import basix.ufl
+
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    double = mesh.create_mesh(COMM, cells, x, ufl.Mesh(element))
+    f = fem.Function(fem.functionspace(double, ("Lagrange", 1)))
+    with pytest.raises(InputError, match="two dofs at the same place"):
+        write_checkpoint(folder / "file.npz", {"f": f})
