@@ -5,7 +5,7 @@
 # its lower edge meets a floor at height -0.3. Where the floor bears the membrane nobody knows
 # beforehand: that is what makes the problem a Signorini problem.
 #
-#     -Δu = -3x in the unit square,       u = 0 on the upper edge,
+#     -Δu = -2x in the unit square,       u = 0 on the upper edge,
 #     u ≥ -0.3,  ∂u/∂n ≥ 0,  (u + 0.3) ∂u/∂n = 0 on the lower edge.
 #
 # The three conditions say that the membrane does not pass through the floor, that the floor pushes
@@ -31,7 +31,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1))
 # %%
 u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(mesh)
 a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-L = -3.0 * x[0] * v * ufl.dx
+L = -2.0 * x[0] * v * ufl.dx
 top = dolfinx.mesh.locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 1.0))
 bc = fem.dirichletbc(0.0, fem.locate_dofs_topological(V, 1, top), V)
 

@@ -15,6 +15,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 PRESSURE = r"contact pressure $\lambda$"
+PEAK = 8.0  # of the pressure, relative to its 98 per cent quantile; a higher one is cut off
 MARKED = 40  # points of a curve up to which each of them is marked
 
 
@@ -38,6 +39,7 @@ def _draw_lines(boundary: ContactBoundary) -> Picture:
             _shade(axes, s, boundary.touching[chain])
         _name_sides(both, boundary, chain, s)
         start = float(s[-1])
+    _cut_peak(below, boundary.values[:, 2])
     above.set_ylabel(_gap_label(boundary))
     below.set(xlabel="arc length $s$ along the contact boundary", ylabel=PRESSURE)
     for axes in both:
@@ -45,6 +47,17 @@ def _draw_lines(boundary: ContactBoundary) -> Picture:
         axes.margins(x=0.0)
     figure.suptitle("Contact boundary (grey: in contact)", fontsize="large")
     return figure
+
+
+def _cut_peak(axes: Any, pressure: Array) -> None:
+    """Cut a peak off that would hide the rest: at corners the pressure may be infinite."""
+    known = pressure[pressure > 0.0]
+    if len(known) < 10:
+        return
+    usual, peak = float(np.quantile(known, 0.98)), float(known.max())
+    if peak > PEAK * usual:
+        axes.set_ylim(-0.1 * usual, 2.0 * usual)
+        axes.set_title(f"cut off: the pressure reaches {peak:.2g}", fontsize="medium")
 
 
 def _name_sides(both: Any, boundary: ContactBoundary, chain: Indices, s: Array) -> None:

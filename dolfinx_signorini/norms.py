@@ -7,6 +7,7 @@ that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors 
 are maxima, see `dolfinx_signorini.maxima`.
 
 Definitions:
+
     L^p        (integral of |e|^p)^{1/p}
     W^{1,p}    (integral of |e|^p plus |de/dx_i|^p for each i)^{1/p}: componentwise
     L^inf      the largest |e|

@@ -1,5 +1,7 @@
 """The gallery: every scene file of demos/scenes, solved, with its pictures and numbers."""
 
+import contextlib
+import io
 import json
 import shutil
 from pathlib import Path
@@ -71,7 +73,9 @@ def _entry(folder: Path, path: Path, cells: int | None) -> str:
         arguments = ["solve", str(path), "--outputs", "pictures", "--out", str(results), "-q"]
         if cells is not None:
             arguments += ["--set", f"domain.cells={cells}"]
-        if code := cli.main(arguments):
+        with contextlib.redirect_stdout(io.StringIO()):
+            code = cli.main(arguments)
+        if code:
             raise RuntimeError(f"{path.name} ended with exit code {code}")
     for picture in ("solution", "contact"):
         shutil.copy(results / f"{picture}.png", folder / f"{name}-{picture}.png")

@@ -11,7 +11,6 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, Step
 from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.commands.options import add_scene
-from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
@@ -19,6 +18,7 @@ from dolfinx_signorini.logs import log
 from dolfinx_signorini.records import folder_name
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
+from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         with naming_the_file(args.scene, scene):
             result = solve_scene(scene, comm, **asked, on_step=_progress)
         try:
-            boundary = gather_contact_boundary(result.posed.problem, result.posed.sided.sides)
+            boundary = scene_boundary(result)
             summary = summarise(result, boundary, args.bound)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:

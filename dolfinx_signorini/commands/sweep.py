@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from dolfinx_signorini.commands.options import add_scene
-from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.palette import COLOURS, MARKERS
@@ -21,6 +20,7 @@ from dolfinx_signorini.records import (
     on_first,
     write_file,
 )
+from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.solving import solve_scene
@@ -83,7 +83,7 @@ def _row(scene: Any, comm: MPI.Comm) -> Row:
     """Solve one scene; return its numbers, the same on all ranks."""
     result = solve_scene(scene, comm)
     try:
-        boundary = gather_contact_boundary(result.posed.problem)
+        boundary = scene_boundary(result)
         summary = summarise(result, boundary)
     finally:
         result.destroy()

@@ -103,13 +103,9 @@ class SceneResult:
         Raises:
             InputError: There is no such picture.
         """
-        from dolfinx_signorini.contact_boundary import gather_contact_boundary
-        from dolfinx_signorini.scenes.output.pictures import draw_solution
+        from dolfinx_signorini.scenes.output.pictures import draw_result
 
-        problem, sides = self.posed.problem, self.posed.sided.sides
-        if what != "solution":
-            return problem.plot(path, what=what, sides=sides)
-        figure = draw_solution(self, gather_contact_boundary(problem, sides))
+        figure = draw_result(self, what)
         if figure is not None and path is not None:
             figure.savefig(path, dpi=150)
         return figure

@@ -3,14 +3,31 @@
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
-from dolfinx_signorini.contact_boundary import ContactBoundary
+from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.palette import IN_CONTACT
 from dolfinx_signorini.picture import Picture
 from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
+from dolfinx_signorini.problem_pictures import PICTURES
 from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.scenes.toml_table import ALL
 from dolfinx_signorini.solid_pictures import draw_solid, gather_surface
+
+
+def scene_boundary(result: SceneResult) -> ContactBoundary | None:
+    """Return the contact boundary of a solved scene on rank 0, with the sides that the scene names.
+
+    Args:
+        result: The solved scene; the call is collective.
+    """
+    sided, names = result.posed.sided, result.posed.scene.contact.sides
+    if names == ALL:  # a name wins over a number for the same facets
+        names = tuple(sorted(sided.sides, key=lambda name: not name.isdecimal()))
+    return gather_contact_boundary(
+        result.posed.problem, {name: sided.sides[name] for name in names}
+    )
 
 
 def draw_scene(
@@ -57,3 +74,21 @@ def draw_solution(
     touching = boundary.points[boundary.pieces[boundary.in_contact]]
     field.parts["in contact"] = touching
     return draw_plane_field(field, styles | {"in contact": IN_CONTACT}, points, posed.scene.title)
+
+
+def draw_result(result: SceneResult, what: str) -> Picture | None:
+    """Return one picture of a solved scene on rank 0, and None on the others.
+
+    Args:
+        result: The solved scene; the call is collective.
+        what: "solution", or "contact" for gap and pressure.
+
+    Raises:
+        InputError: There is no such picture.
+    """
+    if what not in PICTURES:
+        raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
+    boundary = scene_boundary(result)
+    if what == "solution":
+        return draw_solution(result, boundary)
+    return None if boundary is None else draw_contact(boundary)
