@@ -11,6 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +19,12 @@ from dolfinx import fem
 
 from dolfinx_signorini.contact_pictures import draw_faces
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
-from dolfinx_signorini.palette import COLOUR_MAP
 from dolfinx_signorini.picture import Picture
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+RENDERER = Path(__file__).with_name("solid_rendering.py")
 PATIENCE = 60.0  # seconds for PyVista
 EMPTY = 0.02  # of the pixels; an image with fewer that are not white shows nothing
 
@@ -109,32 +110,12 @@ def _render(surface: Surface) -> Array | None:
         np.savez(data, **vars(surface))
         # The process is none of MPI's.
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_"))}
-        command = [sys.executable, __file__, str(data), str(image)]
+        command = [sys.executable, str(RENDERER), str(data), str(image)]
+        if not kept.get("DISPLAY") and which("xvfb-run"):
+            command = ["xvfb-run", "-a", *command]
         try:
             subprocess.run(command, env=kept, capture_output=True, timeout=PATIENCE, check=True)
             pixels = np.load(image)
         except (OSError, ValueError, subprocess.SubprocessError):
             return None
     return pixels if (pixels < 255).any(axis=2).mean() > EMPTY else None
-
-
-def _main(data: str, image: str) -> None:
-    """Render the surface in a file with PyVista; the process that `_render` starts."""
-    import pyvista
-
-    surface = np.load(data)
-    triangles = surface["triangles"]
-    faces = np.column_stack((np.full(len(triangles), 3), triangles)).ravel()
-    mesh = pyvista.PolyData(surface["points"], faces)
-    mesh["solution u"] = surface["values"]
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 900))
-    plotter.set_background("white")
-    plotter.add_mesh(mesh, cmap=COLOUR_MAP, scalar_bar_args={"color": "black", "vertical": True})
-    plotter.add_mesh(mesh.extract_all_edges(), color="black", opacity=0.15, line_width=1)
-    plotter.show_bounds(color="black", xtitle="x", ytitle="y", ztitle="z", fmt="%.2g")
-    plotter.camera_position = "iso"
-    np.save(image, plotter.screenshot(None, return_img=True))
-
-
-if __name__ == "__main__":
-    _main(*sys.argv[1:])

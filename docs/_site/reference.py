@@ -62,11 +62,6 @@ MODULES = {
 API_HEAD = """# Python
 
 Every name of `import dolfinx_signorini as ds`, and below the modules that a study needs beside.
-
-```{contents}
-:local:
-:depth: 1
-```
 """
 
 
