@@ -1,6 +1,7 @@
 # docker build -t dolfinx-signorini .
 # docker run --rm dolfinx-signorini                           the paper's tables
 # docker run --rm dolfinx-signorini reproduce --max-n 101     any command of the program
+# docker run --rm -p 127.0.0.1:8888:8888 dolfinx-signorini notebooks     the tutorials in Jupyter
 #
 # On two processes:
 #   docker run --rm --entrypoint mpirun dolfinx-signorini -n 2 python3 -m dolfinx_signorini reproduce
@@ -8,7 +9,7 @@
 #   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/results" dolfinx-signorini ...
 FROM debian:trixie-slim
 
-# The part of the list above its marker: what running needs.
+# The part of the list above its marker: what running and notebooks need.
 COPY debian-packages.txt /tmp/
 RUN apt-get update \
     && sed '/^# --- tests ---/,$d; s/#.*//' /tmp/debian-packages.txt \
@@ -18,9 +19,7 @@ RUN apt-get update \
 # Any user may run the image, so the folders that it writes to are open to all. The compiled forms go to
 # XDG_CACHE_HOME. One thread per process, because the parallelism here is MPI's.
 RUN useradd --create-home signorini \
-    && install -d -m 1777 /results /var/cache/dolfinx-signorini \
-    && printf '%s\n' '#!/bin/sh' 'exec python3 -m dolfinx_signorini "$@"' >/usr/local/bin/dolfinx-signorini \
-    && chmod +x /usr/local/bin/dolfinx-signorini
+    && install -d -m 1777 /results /var/cache/dolfinx-signorini
 ENV PYTHONPATH=/opt/dolfinx-signorini \
     PYTHONDONTWRITEBYTECODE=1 \
     XDG_CACHE_HOME=/var/cache/dolfinx-signorini \
@@ -31,9 +30,16 @@ ENV PYTHONPATH=/opt/dolfinx-signorini \
     PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
 COPY LICENSE /opt/dolfinx-signorini/
 COPY dolfinx_signorini /opt/dolfinx-signorini/dolfinx_signorini
-RUN chmod -R a+rX /opt/dolfinx-signorini
+COPY demos /opt/dolfinx-signorini/demos
+COPY packaging/docker/dolfinx-signorini /usr/local/bin/
+RUN chmod -R a+rX /opt/dolfinx-signorini \
+    && chmod 755 /usr/local/bin/dolfinx-signorini \
+    && install -d /opt/dolfinx-signorini/notebooks \
+    && cd /opt/dolfinx-signorini/demos \
+    && python3 -m jupytext --quiet --to ipynb --set-kernel python3 *.py \
+    && mv *.ipynb ../notebooks/
 
 USER signorini
 WORKDIR /results
-ENTRYPOINT ["python3", "-m", "dolfinx_signorini"]
+ENTRYPOINT ["dolfinx-signorini"]
 CMD ["reproduce"]
