@@ -20,9 +20,12 @@ COMM = MPI.COMM_WORLD
 SCRIPT = """
 import sys
 from pathlib import Path
-sys.path.insert(0, str(Path(sys.argv[1])))
+
+sys.path.insert(0, sys.argv[1])
 import test_checkpoints
-getattr(test_checkpoints, sys.argv[2])(Path(sys.argv[3]), int(sys.argv[4]))
+
+test_checkpoints.read(Path(sys.argv[2]) / "one.npz", 2)
+test_checkpoints.write(Path(sys.argv[2]) / "two.npz", 2)
 """
 
 
@@ -54,13 +57,14 @@ def read(path, dimension):
     assert read_checkpoint(path, found) == {"time": 0.25, "step": 3.0}
     for f in found.values():
         expected = truth(f.function_space.tabulate_dof_coordinates().T)
-        assert np.array_equal(f.x.array, expected)  # ghosts, too
+        assert np.allclose(f.x.array, expected, rtol=0.0, atol=1e-13)  # ghosts, too
     again = read_mesh(path)
     volume = COMM.allreduce(fem.assemble_scalar(fem.form(fem.Constant(again, 1.0) * ufl.dx)))
     assert volume == pytest.approx(2.0 if dimension == 2 else 1.0)
     on_it = fem.Function(fem.functionspace(again, ("Lagrange", 2)))
     read_checkpoint(path, {"p2": on_it})
-    assert np.array_equal(on_it.x.array, truth(on_it.function_space.tabulate_dof_coordinates().T))
+    expected = truth(on_it.function_space.tabulate_dof_coordinates().T)
+    assert np.allclose(on_it.x.array, expected, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -76,17 +80,13 @@ def test_other_numbers_of_ranks_read_it(tmp_path):
     kept = {k: v for k, v in os.environ.items() if not k.startswith(inherited)}
     kept["PYTHONPATH"] = str(Path(dolfinx_signorini.__file__).parents[1])
 
-    def with_two_ranks(job, path):
-        command = ["mpirun", "-n", "2", sys.executable, "-c", SCRIPT]
-        arguments = [str(Path(__file__).parent), job, str(path), "2"]
-        done = subprocess.run(
-            [*command, *arguments], env=kept, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, done.stderr[-2000:]
-
     write(tmp_path / "one.npz", 2)
-    with_two_ranks("read", tmp_path / "one.npz")
-    with_two_ranks("write", tmp_path / "two.npz")
+    command = ["mpirun", "-n", "2", sys.executable, "-c", SCRIPT]
+    arguments = [str(Path(__file__).parent), str(tmp_path)]
+    done = subprocess.run(
+        [*command, *arguments], env=kept, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
     read(tmp_path / "two.npz", 2)
 
 

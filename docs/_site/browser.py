@@ -1,4 +1,4 @@
-"""Look at a built site in headless Chromium: pictures that are missing, pages wider than the screen.
+"""Look at a built site in headless Chromium: missing pictures, pages wider than the screen.
 
 Run: python3 docs/_site/browser.py build/site [FOLDER for screenshots]
 
@@ -77,7 +77,9 @@ def problems(site: Path, address: str) -> list[str]:
         address: Where the site is served.
     """
     pages = sorted(str(path.relative_to(site)) for path in site.rglob("*.html"))
-    pages = [page for page in pages if not page.startswith("_") and page not in (CHECK, "search.html")]
+    pages = [
+        page for page in pages if not page.startswith("_") and page not in (CHECK, "search.html")
+    ]
     check = PAGE.replace("PAGES", json.dumps(pages)).replace("WIDTHS", json.dumps(WIDTHS))
     (site / CHECK).write_text(check)
     try:

@@ -76,7 +76,7 @@ def test_a_new_kind_of_condition_is_one_class(bound, sign, value, comm, parse, m
     assert summary.forces == pytest.approx(wanted, abs=1e-9)
     if comm.rank == 0:
         legend = pictures["solution"].legends[0].get_texts()
-        assert [text.get_text() for text in legend] == ["contact", "Neumann", "Robin"]
+        assert [text.get_text() for text in legend] == ["contact", "Neumann", "Robin", "in contact"]
 
 
 def test_without_the_class_the_table_is_unknown(parse):
