@@ -1,0 +1,40 @@
+"""The benchmark collection: errors, unknowns and iterations stay what they were."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+PATH = Path(__file__).parents[1] / "benchmarks" / "collection.py"
+spec = importlib.util.spec_from_file_location("collection_of_benchmarks", PATH)
+assert spec is not None and spec.loader is not None
+collection = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(collection)
+
+QUICK = {"corner", "change", "floor", "generic_detachment"}
+SCENES = [
+    pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow])
+    for name in collection.references()
+]
+
+
+def test_every_scene_has_a_reference():
+    files = {path.stem for path in collection.FOLDER.glob("*.toml")}
+    assert files == collection.references().keys()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_unknowns_iterations_and_errors(name):
+    known = collection.references()[name]
+    found, tracked = collection.measure(name), known["ours"]
+    # gmsh meshes a polygon in its own way in each version.
+    assert found["unknowns"] == pytest.approx(tracked["unknowns"], rel=0.03)
+    assert found["linear_solves"] <= tracked["linear_solves"] + 1
+    assert found["linear_iterations"] <= 1.3 * tracked["linear_iterations"] + 1
+    if known["quantity"] == "energy":
+        # The energy of a discrete solution lies above that of the solution, here by O(h^2).
+        found, tracked = (row["energy"] - known["reference"] for row in (found, tracked))
+        assert 0.0 < found == pytest.approx(tracked, rel=0.1)
+        return
+    for norm in collection.NORMS:
+        assert found[f"error {norm}"] == pytest.approx(tracked[f"error {norm}"], rel=0.1)
