@@ -75,6 +75,7 @@ def make_reference(docs: Path) -> None:
         RuntimeError: A public name is in no group.
     """
     folder = docs / "reference"
+    folder.mkdir(exist_ok=True)
     (folder / "api.md").write_text(_api())
     (folder / "cli.md").write_text(_cli())
     (folder / "scene_definitions.md").write_text(_scene())

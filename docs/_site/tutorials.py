@@ -26,6 +26,7 @@ def make_notebooks(docs: Path) -> None:
     Args:
         docs: The folder of the site.
     """
+    (docs / "tutorials").mkdir(exist_ok=True)
     for name in TUTORIALS:
         script, notebook = (
             docs.parent / "demos" / f"{name}.py",
