@@ -38,6 +38,7 @@ napoleon_use_ivar = True
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
+nb_execution_in_temp = True
 nb_execution_timeout = 150
 nb_execution_raise_on_error = True
 nb_merge_streams = True
