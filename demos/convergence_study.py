@@ -18,6 +18,7 @@ from mpi4py import MPI
 import dolfinx_signorini as ds
 from dolfinx_signorini.orders import eoc, expected_order
 from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.references import interpolant
 
 comm = MPI.COMM_WORLD
 NORMS = ["L2", "Linf", "H1", "W1_4", "W1_inf"]
@@ -45,8 +46,7 @@ def errors(n: int) -> dict[str, float]:
     exact = ds.manufacture(domain, solution(ufl.SpatialCoordinate(domain)))
     edges = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] > -1.0)
     bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
-    others = fem.Function(V)
-    others.interpolate(fem.Expression(exact.u, V.element.interpolation_points()))
+    others = interpolant(V, exact.u)
     dofs = fem.locate_dofs_topological(V, 1, np.setdiff1d(edges, bottom))
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx

@@ -21,7 +21,8 @@ comm = MPI.COMM_WORLD
 # ## The mesh
 #
 # Each side is a physical group: a number, with which DOLFINx tags the facets. The model lives on
-# rank 0, and `model_to_mesh` hands the mesh out to all ranks.
+# rank 0, and `model_to_mesh` hands the mesh out to all ranks. (From DOLFINx 0.10 on its module is
+# called `dolfinx.io.gmsh`, and it returns an object with `mesh` and `facet_tags`.)
 
 # %%
 GROUND, TOP, PLATE = 1, 2, 10

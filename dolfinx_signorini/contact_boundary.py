@@ -123,7 +123,7 @@ def gather_contact_boundary(
     count = domain.topology.index_map(tdim - 1).size_local
     facets = problem.contact[problem.contact < count]
     pairs = facet_cells(domain, facets)
-    named = np.full(len(facets), -1)
+    named: Indices = np.full(len(facets), -1)
     for number, part in enumerate((sides or {}).values()):
         named[np.isin(facets, part)] = number
     closures = np.array(space.element.basix_element.entity_closure_dofs[tdim - 1])

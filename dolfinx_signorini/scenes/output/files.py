@@ -56,7 +56,7 @@ def boundary_csv(boundary: ContactBoundary) -> str:
     The pressure is left empty where u has Dirichlet data.
     """
     axes = ["x", "y", "z"][: boundary.points.shape[1]]
-    numbers = np.column_stack((boundary.points, boundary.values)).tolist()
+    numbers: list[list[float]] = np.column_stack((boundary.points, boundary.values)).tolist()  # type: ignore[assignment]
     rows = [
         [*("" if np.isnan(number) else number for number in row), int(touching)]
         for row, touching in zip(numbers, boundary.touching, strict=True)

@@ -1,0 +1,138 @@
+"""Pictures: the names of sides, the facets in contact, peaks that are cut off, and solids."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini import InputError, SignoriniProblem, solid_pictures
+from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
+from dolfinx_signorini.contact_pictures import draw_contact
+
+COMM = MPI.COMM_WORLD
+
+
+def solved(domain, degree=1, pressed=0.5):
+    """A body with a reaction on the floor 0, which is pressed down where x < pressed.
+
+    u = f on the whole boundary but for diffusion, which is small: contact is where f < 0.
+    """
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    a = (1e-6 * ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    problem = SignoriniProblem(a, (x[0] - pressed) * v * ufl.dx, contact=facets)
+    problem.solve()
+    return problem
+
+
+def square(n=12):
+    domain = mesh.create_unit_square(COMM, n, n)
+    domain.topology.create_connectivity(1, 2)
+    return domain
+
+
+def side(domain, axis, value):
+    dim = domain.topology.dim - 1
+    return mesh.locate_entities_boundary(domain, dim, lambda x: np.isclose(x[axis], value))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_sides_are_named_where_they_are(degree):
+    domain = square()
+    sides = {"left": side(domain, 0, 0.0), "top": side(domain, 1, 1.0)}
+    problem = solved(domain, degree)
+    boundary = gather_contact_boundary(problem, sides)
+    problem.destroy()
+    if boundary is None:
+        return
+    middles = boundary.points[boundary.pieces].mean(axis=1)
+    expected = np.where(middles[:, 0] == 0.0, 0, np.where(middles[:, 1] > 1.0 - 1e-9, 1, -1))
+    assert np.array_equal(boundary.sides, expected)
+    above = draw_contact(boundary).axes[0]
+    (chain,) = boundary.chains()
+    x = boundary.points[chain]
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(x, axis=0).T))))
+    for text in above.texts:  # a name is written where its side is
+        x_there = [np.interp(text.get_position()[0], s, x[:, axis]) for axis in (0, 1)]
+        assert x_there[0 if text.get_text() == "left" else 1] == pytest.approx(
+            {"left": 0.0, "top": 1.0}[text.get_text()]
+        )
+    assert {text.get_text() for text in above.texts} == {"left", "top"}
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_the_active_set_is_drawn_on_the_mesh(degree):
+    problem = solved(square(), degree)
+    figure = problem.plot(what="solution")
+    with pytest.raises(InputError, match="what"):
+        problem.plot(what="everything")
+    problem.destroy()
+    if figure is None:
+        return
+    drawn = {c.get_label(): np.array(c.get_segments()) for c in figure.axes[0].collections[1:]}
+    parts = drawn["in contact"]
+    assert len(drawn["contact boundary"]) == 48
+    assert parts[:, :, 0].max() == pytest.approx(0.5, abs=1.1 / 12)
+    assert parts[:, :, 0].min() == 0.0
+    lengths = np.hypot(*(parts[:, 1] - parts[:, 0]).T).sum()
+    assert lengths == pytest.approx(2.0, abs=0.3)  # the left side, and half of bottom and top
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def boundary_with(pressure):
+    count = len(pressure)
+    x = np.linspace(0.0, 1.0, count)
+    points = np.column_stack((x, np.zeros(count)))
+    values = np.column_stack((x, x, pressure))
+    pieces = np.column_stack((np.arange(count - 1), np.arange(1, count)))
+    touching = np.zeros(count, dtype=bool)
+    return ContactBoundary(points, values, pieces, touching, touching, False)
+
+
+def test_a_peak_of_the_pressure_does_not_hide_the_rest():
+    pressure = np.linspace(1.0, 2.0, 200)
+    below = draw_contact(boundary_with(pressure)).axes[1]
+    assert below.get_ylim()[1] >= 2.0 and below.get_title() == ""
+    pressure[100] = 1e5
+    below = draw_contact(boundary_with(pressure)).axes[1]
+    assert 2.0 < below.get_ylim()[1] < 10.0
+    assert "1e+05" in below.get_title()
+
+
+def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
+    domain = mesh.create_unit_cube(COMM, 2, 3, 4)
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
+    u.interpolate(lambda x: x[0] + 2.0 * x[1] - x[2])
+    surface = solid_pictures.gather_surface(u)
+    if surface is None:
+        return
+    corners = surface.points[surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(normals, axis=1).sum() / 2.0 == pytest.approx(6.0)
+    assert np.allclose(surface.values, surface.points @ [1.0, 2.0, -1.0])
+    monkeypatch.setattr(solid_pictures, "_render", lambda _: None)
+    faces = solid_pictures.draw_solid(surface).axes[0].collections[0]
+    assert len(faces.get_array()) == len(surface.triangles)
+    image = np.zeros((4, 5, 3), dtype=np.uint8)
+    monkeypatch.setattr(solid_pictures, "_render", lambda _: image)
+    drawn = solid_pictures.draw_solid(surface).axes[0].images[0]
+    assert np.array_equal(drawn.get_array(), image)
+
+
+def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path, serial):
+    surface = solid_pictures.Surface(np.eye(3), np.arange(3.0), np.array([[0, 1, 2]]))
+    program = tmp_path / "renderer.py"
+    monkeypatch.setattr(solid_pictures, "RENDERER", program)
+    monkeypatch.setattr(solid_pictures, "find_spec", lambda _: object())
+    monkeypatch.setattr(solid_pictures, "which", lambda _: None)
+    for text in ("import os; os.abort()", "raise SystemExit(1)", "pass"):
+        program.write_text(text)
+        assert solid_pictures._render(surface) is None
+    for shade, shown in ((255, False), (10, True)):
+        program.write_text(
+            "import sys, numpy\n"
+            f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
+        )
+        assert (solid_pictures._render(surface) is not None) == shown
