@@ -127,8 +127,8 @@ def read_mesh(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> mesh.Mesh:
     cells, points, kind = data["cells"], data["points"], str(data["kind"])
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
     if comm.rank:
-        cells = cells[:0]
-    return mesh.create_mesh(comm, cells, points if comm.rank == 0 else points[:0], domain)
+        cells, points = cells[:0], points[:0]
+    return mesh.create_mesh(comm, cells, x=points, e=domain)  # their order is that of the version
 
 
 def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:

@@ -155,7 +155,7 @@ def test_two_dofs_at_one_place_are_refused(folder):
     import basix.ufl
 
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    double = mesh.create_mesh(COMM, cells, x, ufl.Mesh(element))
+    double = mesh.create_mesh(COMM, cells, x=x, e=ufl.Mesh(element))
     f = fem.Function(fem.functionspace(double, ("Lagrange", 1)))
     with pytest.raises(InputError, match="two dofs at the same place"):
         write_checkpoint(folder / "file.npz", {"f": f})
