@@ -24,6 +24,7 @@ from dolfinx_signorini.errors import InputError
 T = TypeVar("T")
 
 ROWS = "rows.jsonl"  # the records file of a job
+LONGEST = 200  # characters of two settings that a message has
 
 
 class Records:
@@ -193,11 +194,10 @@ def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dic
         raise InputError("no settings; choose another --out, or remove the file", f"{path}, line 1")
     for key in settings | found:
         if settings.get(key) != found.get(key):
-            raise InputError(
-                f"holds results for {key} = {found.get(key)}, not {settings.get(key)}; choose "
-                "another --out",
-                f"output folder {path.parent}",
-            )
+            both = f"{key} = {found.get(key)}, not {settings.get(key)}"
+            told = both if len(both) <= LONGEST else f"another {key}"
+            subject = f"output folder {path.parent}"
+            raise InputError(f"holds results for {told}; choose another --out", subject)
     if unfinished:
         with path.open("rb+") as file:
             file.truncate(path.stat().st_size - len(unfinished))

@@ -91,7 +91,8 @@ def run(args: argparse.Namespace) -> int:
         NotConvergedError: It could not be solved.
     """
     comm = MPI.COMM_WORLD
-    scene = load_scene(args.scene, comm, args.overrides)
+    adapted = args.accuracy is not None or args.budget is not None
+    scene = load_scene(args.scene, comm, args.overrides, adapted)
     asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")

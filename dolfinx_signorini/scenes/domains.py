@@ -71,7 +71,9 @@ class Cube(Square):
 DOMAINS: dict[str, type[Domain]] = {d.shape: d for d in (Square, Cube, Polygon, MeshFile)}
 
 
-def read_domain(table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> Domain:
+def read_domain(
+    table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool, adapted: bool = False
+) -> Domain:
     """Return the domain that a table describes.
 
     Args:
@@ -79,6 +81,7 @@ def read_domain(table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> 
         folder: Where a mesh file is looked for.
         comm: The communicator that will share the mesh.
         sized: Whether the table says how fine the mesh is; else an accuracy decides on the meshes.
+        adapted: Whether the table need not say so, because the mesh will be adapted.
 
     Raises:
         InputError: The table describes no domain, or the mesh would be too large.
@@ -86,6 +89,7 @@ def read_domain(table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> 
     kind = DOMAINS[table.choice("shape", tuple(DOMAINS))]
     if not sized and kind.width_key and table.has(kind.width_key):
         raise table.error(kind.width_key, "follows from 'accuracy'; give one of the two")
+    sized = sized and not (adapted and kind.width_key and kind.width_key not in table.data)
     domain = kind.read(table, folder, comm, sized)
     if domain.vertices > MAX_VERTICES:
         raise table.error(None, f"a mesh of more than {MAX_VERTICES} vertices")

@@ -42,7 +42,10 @@ for _kind in CONDITIONS:
 
 
 def load_scene(
-    path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD, overrides: Sequence[str] = ()
+    path: Path | str,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    overrides: Sequence[str] = (),
+    adapted: bool = False,
 ) -> Scene:
     """Read a scene file.
 
@@ -50,6 +53,8 @@ def load_scene(
         path: The file; rank 0 reads it.
         comm: The communicator; the call is collective.
         overrides: Values in place of those of the file, each as "domain.cells=200".
+        adapted: Whether the file need not say how fine the mesh is, because the scene will be
+            solved to an accuracy or with a budget.
 
     Raises:
         InputError: The file cannot be read, or says something that is no scene; the message names
@@ -59,22 +64,28 @@ def load_scene(
     text, message = comm.bcast(_read(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, str(path))
-    return parse_scene(text, path, comm, overrides)
+    return parse_scene(text, path, comm, overrides, adapted)
 
 
-def parse_scene(text: str, path: Path, comm: MPI.Comm, overrides: Sequence[str] = ()) -> Scene:
+def parse_scene(
+    text: str,
+    path: Path,
+    comm: MPI.Comm,
+    overrides: Sequence[str] = (),
+    adapted: bool = False,
+) -> Scene:
     """Return the scene that a text describes.
 
     Args:
         text: The text.
         path: The file that the text is from: for messages, and where a mesh file is looked for.
         comm: The communicator that will share the mesh.
-        overrides: See `load_scene`.
+        overrides, adapted: See `load_scene`.
     """
     file = TomlFile(path.name, text, overrides)
     top = file.load()
     accuracy, norm = _accuracy(top)
-    domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None)
+    domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None, adapted)
     file.dimension = domain.dimension
     _read_definitions(top.table("define"))
     equation, solution = top.table("equation"), top.table("solution")

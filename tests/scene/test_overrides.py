@@ -80,3 +80,11 @@ def test_an_error_of_the_problem_names_the_option():
         naming_the_file(Path("scene.toml"), scene("equation.load=1")),
     ):
         raise InputError("no solution", "load")
+
+
+def test_a_mesh_that_will_be_adapted_needs_no_width():
+    text = TEXT.replace("cells = 8\n", "")
+    with pytest.raises(InputError, match="'cells' is missing"):
+        parse_scene(text, Path("scene.toml"), COMM)
+    assert parse_scene(text, Path("scene.toml"), COMM, adapted=True).domain.cells == 20
+    assert parse_scene(TEXT, Path("scene.toml"), COMM, adapted=True).domain.cells == 8
