@@ -1,6 +1,6 @@
 """Functions on disk, to be read again on any number of ranks.
 
-A value is found again by the place of its dof, because the numbers of dofs and cells depend on the
+A dof is found again by its place, because the numbers of dofs and cells depend on the
 number of ranks. The file is one of NumPy's, so that a checkpoint needs nothing beside DOLFINx and
 can be read without it. Rank 0 gathers and reads the whole file: enough for some ten million dofs.
 """
@@ -18,6 +18,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.records import on_first
@@ -38,7 +39,7 @@ def write_checkpoint(
 
     Args:
         path: The file, which is replaced when the new one is complete.
-        functions: The functions by name, in scalar Lagrange elements on one mesh.
+        functions: The functions by name, in scalar continuous elements on one mesh.
         numbers: What else the run needs to go on, such as the time.
 
     Raises:
@@ -54,9 +55,7 @@ def write_checkpoint(
     for name, function in functions.items():
         space = function.function_space
         owned = space.dofmap.index_map.size_local
-        parts = comm.gather(
-            (space.tabulate_dof_coordinates()[:owned], function.x.array[:owned]), root=0
-        )
+        parts = comm.gather((control_points(space)[:owned], function.x.array[:owned]), root=0)
         points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
         data |= {f"points {name}": points, f"values {name}": values}
 
@@ -77,7 +76,7 @@ def write_checkpoint(
 def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> dict[str, float]:
     """Fill functions with what a checkpoint holds, and return its numbers; collective.
 
-    The functions live on the mesh of the checkpoint, with elements of the same degree, on any
+    The functions live on the mesh of the checkpoint, with the same elements, on any
     number of ranks:
 
         t = read_checkpoint("step.npz", {"u": problem.u})["time"]
@@ -99,7 +98,7 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
             known = [key.removeprefix("values ") for key in data if key.startswith("values ")]
             raise InputError(f"has no function {name!r}, but {', '.join(known)}", str(path))
         points, values = data[f"points {name}"], data[f"values {name}"]
-        places = function.function_space.tabulate_dof_coordinates()
+        places = control_points(function.function_space)
         extent = float(np.ptp(points, axis=0).max())
         distances, found = cKDTree(points).query(places)
         same = len(values) == function.function_space.dofmap.index_map.size_global

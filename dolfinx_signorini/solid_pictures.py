@@ -18,6 +18,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.contact_pictures import draw_faces
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.picture import Picture
 
@@ -65,7 +66,7 @@ def gather_surface(u: fem.Function) -> Surface | None:
     used = np.unique(local)
     data = (
         index_map.local_to_global(used),
-        space.tabulate_dof_coordinates()[used],
+        control_points(space)[used],
         u.x.array[used],
         index_map.local_to_global(local.flatten()).reshape(-1, 3),
     )
