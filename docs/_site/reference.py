@@ -39,10 +39,11 @@ GROUPS = {
         "interpolated",
         "christof_haubner",
     ),
-    "Meshes and quadrature": (
+    "Meshes, elements and quadrature": (
         "friedrichs_keller",
         "boundary_facets",
         "SidedMesh",
+        "bernstein_space",
         "QuadratureRule",
     ),
     "Scenes": ("load_scene", "solve_scene", "Scene", "SceneResult"),
