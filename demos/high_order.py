@@ -89,8 +89,8 @@ result.plot()
 # %% [markdown]
 # ## Where the constraint holds
 #
-# Scenes of degree 2 and more use the Bernstein basis: coefficients that are not below those of the
-# obstacle keep the whole polynomial above the obstacle, and not only at nodes. In a script of your
-# own `ds.bernstein_space(mesh, degree)` is such a space. In `("Lagrange", 2)` the constraint holds at
-# vertices and edge midpoints, and between them u may fall below the obstacle, by as much as the mesh
-# leaves. Which degree is the cheapest for which error is measured in *Speed against accuracy*.
+# Scenes of degree 2 and more use the Bernstein basis: coefficients that are not below those of
+# the obstacle keep the whole polynomial above the obstacle, and not only at nodes. In a script of
+# your own `ds.bernstein_space(mesh, degree)` is such a space. In `("Lagrange", 2)` the constraint
+# holds at vertices and edge midpoints, and between them u may fall below the obstacle, by as much
+# as the mesh leaves. Which degree is the cheapest is measured in *Speed against accuracy*.

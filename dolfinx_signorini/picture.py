@@ -1,10 +1,28 @@
 """A figure that a notebook shows, with any backend of matplotlib."""
 
 import io
+import re
 
 from matplotlib.figure import Figure
 
 DPI = 150
+NORM = re.compile(r"(L|W1_|H)(inf|\d+(?:\.\d+)?)(_2)?(_boundary)?(_\w+)?")
+
+
+def typeset_norm(name: str) -> str:
+    """Return the name of a norm as matplotlib sets it, for example "W1_inf" as W^{1,inf}.
+
+    Args:
+        name: The name; one that is not known is returned as it is.
+    """
+    match = NORM.fullmatch(name)
+    if match is None:
+        return name
+    kind, number, half, boundary, rest = match.groups(default="")
+    power = r"\infty" if number == "inf" else number
+    upper = {"L": power, "W1_": f"1,{power}", "H": f"{power}/2" if half else power}[kind]
+    place = r"(\partial\Omega)" if boundary else ""
+    return f"${kind[0]}^{{{upper}}}{place}$" + rest.replace("_", " ")
 
 
 class Picture(Figure):

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from dolfinx_signorini import InputError, SignoriniProblem, solid_pictures
 from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
+from dolfinx_signorini.picture import Picture, typeset_norm
 
 COMM = MPI.COMM_WORLD
 
@@ -136,3 +137,25 @@ def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path,
             f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
         )
         assert (solid_pictures._render(surface) is not None) == shown
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("L4", "$L^{4}$"),
+        ("Linf", r"$L^{\infty}$"),
+        ("W1_16", "$W^{1,16}$"),
+        ("W1_inf", r"$W^{1,\infty}$"),
+        ("Linf_sampled", r"$L^{\infty}$ sampled"),
+        ("H1", "$H^{1}$"),
+        ("H1_2_boundary", r"$H^{1/2}(\partial\Omega)$"),
+        ("H1_2_boundary_spectral", r"$H^{1/2}(\partial\Omega)$ spectral"),
+        ("L2_boundary", r"$L^{2}(\partial\Omega)$"),
+        ("a functional", "a functional"),
+    ],
+)
+def test_norms_are_typeset(name, label):
+    assert typeset_norm(name) == label
+    figure = Picture()
+    figure.text(0.5, 0.5, typeset_norm(name))
+    assert figure.png().startswith(b"\x89PNG")  # matplotlib reads it

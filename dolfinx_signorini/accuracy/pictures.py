@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
-from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.picture import Picture, typeset_norm
 
 DECADES = 5  # of indicators that colours tell apart
 MAX_LINES = 20_000  # cells: the edges of more are not drawn
@@ -78,7 +78,7 @@ def _draw_steps(axis: Axes, found: AdaptiveSolution) -> None:
         label = "accuracy asked for"
         axis.axhline(found.request.accuracy, color=COLOURS[1], linestyle="--", label=label)
     axis.set_xlabel("unknowns")
-    axis.set_ylabel(f"error, {found.request.target.name}")
+    axis.set_ylabel(f"error in {typeset_norm(found.request.target.name)}")
     axis.margins(x=0.15, y=0.1)
     axis.grid(True, which="both", alpha=0.3)
     axis.legend()

@@ -11,6 +11,7 @@ from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.palette import COLOURS, MARKERS
+from dolfinx_signorini.picture import typeset_norm
 from dolfinx_signorini.plotting import picture_files, save
 from dolfinx_signorini.records import (
     ROWS,
@@ -129,7 +130,7 @@ def draw_sweep(key: str, rows: list[Row]) -> Figure:
     for axes, names in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         for k, name in enumerate(names):
             y = [row.get(name, float("nan")) for row in rows]
-            label = name.removeprefix("error ")
+            label = typeset_norm(name.removeprefix("error "))
             axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], color=COLOURS[k], label=label)
         axes.set(xlabel=key, ylabel="error" if names is errors else names[0])
         axes.grid(alpha=0.3)

@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, mesh
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
@@ -16,9 +16,12 @@ from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.solution import DETACHMENT, christof_haubner, paper_problem
+from dolfinx_signorini.picture import typeset_norm
 from dolfinx_signorini.references import interpolant
 
 Array = npt.NDArray[np.float64]
+
+EDGE_POINTS = 2000  # of the exact solution on the bottom edge
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class PaperPicture:
         load: The load on the grid.
         u_h: The discrete solution on the grid.
         pressure: Density of the contact pressure on the bottom edge, shape (n + 1,).
-        flux: The exact pressure du/dn on the bottom edge.
+        edge: On the bottom edge x, the exact u and the exact pressure du/dn, at points that do not
+            depend on the mesh, shape (3, points).
     """
 
     n: int
@@ -45,7 +49,7 @@ class PaperPicture:
     load: Array
     u_h: Array
     pressure: Array
-    flux: Array
+    edge: Array
 
 
 def paper_picture(comm: MPI.Comm, n: int) -> PaperPicture | None:
@@ -61,13 +65,13 @@ def paper_picture(comm: MPI.Comm, n: int) -> PaperPicture | None:
     exact = christof_haubner(friedrichs_keller(comm, n))
     problem = paper_problem(exact)
     fields = [interpolant(problem.space, expression) for expression in (exact.u, exact.load)]
-    fields += [problem.solve(), problem.pressure, interpolant(problem.space, -exact.grad[1])]
+    fields += [problem.solve(), problem.pressure]
     problem.destroy()
     grids = [_grid(field, n) for field in fields]
     if comm.rank:
         return None
-    u, load, u_h, density, flux = grids
-    return PaperPicture(n, u, load, u_h, density[0], flux[0])
+    u, load, u_h, density = grids
+    return PaperPicture(n, u, load, u_h, density[0], _exact_on_edge())
 
 
 def draw_solution_and_load(picture: PaperPicture) -> Figure:
@@ -100,7 +104,7 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) ->
         colour = COLOURS[i % len(COLOURS)]
         name = PAPER_NAMES.get(norm, norm)
         order = expected_order(name)
-        label = name if order is None else f"{name}, order {order:g}"
+        label = typeset_norm(name) + ("" if order is None else f", order {order:g}")
         axes.loglog(n, errors, MARKERS[i % len(MARKERS)], color=colour, label=label)
         if order is not None:
             axes.loglog(n, errors[-1] * (n / n[-1]) ** -order, color=colour, linewidth=0.9)
@@ -123,9 +127,10 @@ def draw_bottom_edge(picture: PaperPicture) -> Figure:
     figure, (above, below) = plt.subplots(2, 1, figsize=(7.2, 5.6), sharex=True)
     x = np.linspace(0.0, 1.0, picture.n + 1)
     dots: dict[str, Any] = {"marker": ".", "linestyle": "", "color": COLOURS[1], "markersize": 4}
-    above.plot(x, picture.u[0], color=COLOURS[0], label="exact $u$")
+    points, exact, flux = picture.edge
+    above.plot(points, exact, color=COLOURS[0], label="exact $u$")
     above.plot(x, picture.u_h[0], label=f"$u_h$, N = {picture.n}", **dots)
-    below.plot(x, picture.flux, color=COLOURS[0], label=r"exact $\partial_n u$")
+    below.plot(points, flux, color=COLOURS[0], label=r"exact $\partial_n u$")
     below.plot(x, picture.pressure, label=r"pressure of $u_h$", **dots)
     for axes, name in ((above, "solution"), (below, "contact pressure")):
         axes.axvline(DETACHMENT[0], color="black", linestyle=":", label="detachment point")
@@ -135,6 +140,20 @@ def draw_bottom_edge(picture: PaperPicture) -> Figure:
     below.set_xlabel("$x_1$ on the bottom edge, $x_2 = 0$")
     figure.tight_layout()
     return figure
+
+
+def _exact_on_edge() -> Array:
+    """Return x, u and du/dn of the exact solution on the bottom edge, in this process alone."""
+    strip = mesh.create_rectangle(
+        MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0 / EDGE_POINTS)], (EDGE_POINTS, 1)
+    )
+    exact = christof_haubner(strip)
+    space = fem.functionspace(strip, ("Lagrange", 1))
+    x, y = space.tabulate_dof_coordinates().T[:2]
+    bottom = np.flatnonzero(y == 0.0)
+    bottom = bottom[np.argsort(x[bottom])]
+    fields = (interpolant(space, expression) for expression in (exact.u, -exact.grad[1]))
+    return np.array([x[bottom], *(field.x.array[bottom] for field in fields)])
 
 
 def _grid(function: fem.Function, n: int) -> Array:
