@@ -4,6 +4,10 @@ A preconditioner needs a matrix. The matrix with the rows and columns of the hel
 diagonal is made when the preconditioner is set up. A set of held dofs that differs little from the
 set of the set-up is served by the same preconditioner, see `projected`. A set-up that costs more
 additional iterations than a new one is dropped.
+
+The preconditioner is geometric multigrid where coarser meshes are known, see `hierarchy`, and
+BoomerAMG elsewhere. Coefficients that no coarse mesh resolves may slow geometric multigrid down:
+a solver that sees this turns to BoomerAMG for good.
 """
 
 import math
@@ -16,6 +20,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.solvers.hierarchy import prolongations
+from dolfinx_signorini.solvers.multigrid import Multigrid
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.solvers.projected import Projected
 from dolfinx_signorini.solvers.residual import power_of_two
@@ -35,7 +41,10 @@ DEFAULT_OPTIONS: dict[str, Any] = {
     "pc_hypre_boomeramg_relax_type_up": "backward-SOR/Jacobi",
     "pc_hypre_boomeramg_max_coarse_size": 50,
 }
-SETUP_ITERATIONS = 8  # what a multigrid set-up costs, in iterations
+SETUP_ITERATIONS = 8  # what a set-up of BoomerAMG costs, in iterations
+GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
+# Geometric multigrid is slow where so many iterations do not reduce the residual by so much.
+SLOW, LITTLE = 8, 1e-2
 # Of the contact dofs, or 4 of them, may have changed since the set-up, by dimension: in space the
 # local solves around them cost more.
 REUSE = {1: 0.2, 2: 0.2, 3: 0.05}
@@ -54,7 +63,9 @@ class HeldSolver:
     Args:
         system: One of the systems.
         prefix: The prefix of PETSc options.
-        options: PETSc options without prefix; CG with BoomerAMG by default.
+        options: PETSc options without prefix; by default CG with geometric multigrid where coarser
+            meshes are known, else with BoomerAMG. An option that begins with "pc_" chooses PETSc's
+            preconditioners, of which BoomerAMG is the default.
 
     Attributes:
         solves: The number of linear solves so far.
@@ -69,6 +80,7 @@ class HeldSolver:
         self._held: Mask | None = None  # those of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._pace = self._excess = 0.0
+        self._watched = math.inf  # the first residual of a solve that may turn out to be slow
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
         self.ledger.add("vector", "correction with held dofs", self._correction)
@@ -77,10 +89,13 @@ class HeldSolver:
         with options_set(prefix, options or {}, DEFAULT_OPTIONS, others=("tao_",)):
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
+        self._multigrid = None if _chosen(prefix, options or {}) else _multigrid(system, prefix)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        if self._multigrid is not None:
+            self._ksp.addConvergenceTest(self._too_slow)
 
     def solve(
         self,
@@ -107,15 +122,20 @@ class HeldSolver:
             multiplier = None
         fresh = self._prepare(system, held)
         converged = self._correct(system, x, atol, fresh, multiplier)
-        if not converged and not fresh:
+        while not converged and (not fresh or self._multigrid is not None):
+            if fresh:
+                self._drop_multigrid()
             self._set_up(system, held)
             self._projected.hold(system, dofs, None)
-            self._correct(system, x, atol, True, None)
+            fresh = True
+            converged = self._correct(system, x, atol, fresh, None)
         self.solves += 1
 
     def free(self) -> None:
         """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""
         self._pc.reset()
+        if self._multigrid is not None:
+            self._multigrid.free()
         if self._matrix is not None:
             self._matrix.destroy()
         self._matrix = self._held = None
@@ -123,6 +143,7 @@ class HeldSolver:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
+        self._drop_multigrid()
         for item in (self._ksp, self._pc, self._rhs, self._correction):
             item.destroy()
         self._projected.free()
@@ -149,7 +170,7 @@ class HeldSolver:
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
             if (changed == 0 and system.assembled == self._assembled) or (
-                changed <= limit and mended and self._excess < SETUP_ITERATIONS
+                changed <= limit and mended and self._excess < self._setup_iterations
             ):
                 off = dofs[held != self._held] if changed else None
                 self._projected.hold(system, dofs[held], off)
@@ -158,16 +179,35 @@ class HeldSolver:
         self._projected.hold(system, dofs[held], None)
         return True
 
+    @property
+    def _setup_iterations(self) -> int:
+        """What a set-up costs, in iterations."""
+        return SETUP_ITERATIONS if self._multigrid is None else GEOMETRIC_ITERATIONS
+
+    def _drop_multigrid(self) -> None:
+        """Turn from geometric multigrid to BoomerAMG."""
+        if self._multigrid is not None:
+            self._multigrid.destroy()
+        self._multigrid, self._projected.pc = None, self._pc
+
     def _set_up(self, system: System, held: Mask) -> None:
         if self._matrix is None:
             self._matrix = self.A.copy()
             self.ledger.add("matrix", "A with held dofs", self._matrix)
         else:
             self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        rows = system.contact_dofs[held] + self._matrix.getOwnershipRange()[0]
-        self._matrix.zeroRowsColumns(rows, diag=_typical(system))
-        self._pc.setOperators(self._matrix)
-        self._pc.setUp()
+        first, dofs = self._matrix.getOwnershipRange()[0], system.contact_dofs[held]
+        if self._multigrid is None:
+            self._matrix.zeroRowsColumns(dofs + first, diag=_typical(system))
+            self._pc.setOperators(self._matrix)
+            self._pc.setUp()
+        else:
+            dofs = np.concatenate((dofs, system.fixed_dofs))
+            self._matrix.zeroRowsColumns(dofs + first, diag=0.0)
+            self._multigrid.set_up(self._matrix, dofs, _typical(system))
+            self._projected.pc = self._multigrid.pc
+            for level, matrix in enumerate(self._multigrid.matrices):
+                self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)
         self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0
         self.setups += 1
@@ -191,8 +231,9 @@ class HeldSolver:
         limit = MAX_ITERATIONS
         if not fresh and self._pace > 0.0 and target > 0.0:
             expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
-            limit = min(limit, math.ceil(expected) + SETUP_ITERATIONS)
+            limit = min(limit, math.ceil(expected) + self._setup_iterations)
         self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
+        self._watched = start if fresh and self._multigrid is not None else math.inf
         self._ksp.solve(self._rhs, self._correction)
         x.axpy(unit, self._correction)
         iterations, end = self._ksp.getIterationNumber(), self._ksp.getResidualNorm()
@@ -206,7 +247,8 @@ class HeldSolver:
             PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
         )
         # A small residual or a form that vanishes on constants looks indefinite through rounding.
-        if indefinite and not system.singular and end > ROUNDED:
+        final = self._multigrid is None
+        if indefinite and final and not system.singular and end > ROUNDED:
             raise InputError("not positive definite, found by conjugate gradients", "form a")
         return bool(reason > 0)
 
@@ -230,6 +272,11 @@ class HeldSolver:
         self._rhs.scale(1.0 / unit)
         return unit, self._rhs.norm()
 
+    def _too_slow(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
+        """Whether a solve with geometric multigrid is to end because of slow convergence."""
+        slow = iterations == SLOW and norm > LITTLE * self._watched
+        return PETSc.KSP.ConvergedReason.DIVERGED_DTOL if slow else None
+
     def _wear(self, iterations: int, start: float, end: float) -> None:
         """Count the iterations beyond those that the first solve after the set-up needed."""
         digits = math.log10(start / end) if 0.0 < end < start else 0.0
@@ -245,3 +292,18 @@ def _typical(system: System) -> float:
     entries = system.contact_diagonal
     total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
     return float(total / count) if count else 1.0
+
+
+def _multigrid(system: System, prefix: str) -> Multigrid | None:
+    """Return geometric multigrid for a system, if coarser meshes are known."""
+    levels = prolongations(system.space)
+    for level, prolongation in enumerate(levels):
+        system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
+    boomeramg = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
+    return Multigrid(levels, prefix, boomeramg) if levels else None
+
+
+def _chosen(prefix: str, options: Mapping[str, Any]) -> bool:
+    """Whether somebody has chosen a preconditioner, by options or in PETSc's database."""
+    database = PETSc.Options(prefix).getAll()
+    return any(name.startswith("pc_") for name in (*options, *database))

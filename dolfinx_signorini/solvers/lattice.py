@@ -1,0 +1,184 @@
+"""The lattice behind a structured mesh, and its coarsening by index arithmetic.
+
+The nodes of a Friedrichs-Keller triangulation, or of the division of a cube into tetrahedra around
+the diagonals of small cubes, are the points of a lattice. Every second node in each direction, and
+the last one, are the nodes of a coarser lattice, whatever the numbers of cells: a node in between
+is the middle of an edge of the coarser mesh, in the direction of an axis or of the main diagonal.
+So the nodes know their two coarse neighbours by index arithmetic, and no coarse mesh is needed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import mesh
+from mpi4py import MPI
+from petsc4py import PETSc
+
+Places = npt.NDArray[np.int32]
+Numbers = npt.NDArray[np.int64]
+
+ROUNDING = 1e-6  # of the width of a cell
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """The nodes of a lattice that a rank owns, in the order of their global numbers:
+
+        lattice = find_lattice(domain, nodes)
+        coarse, parents = coarsened(lattice)
+
+    Attributes:
+        comm: The communicator that shares the lattice.
+        cells: The number of cells in each direction.
+        places: The nodes of this rank, counted in each direction, shape (directions, nodes).
+    """
+
+    comm: MPI.Comm
+    cells: tuple[int, ...]
+    places: Places
+
+    @property
+    def size(self) -> int:
+        """The number of nodes on all ranks."""
+        return math.prod(n + 1 for n in self.cells)
+
+
+def find_lattice(domain: mesh.Mesh, nodes: Places) -> Lattice | None:
+    """Return the lattice of the vertices of a mesh; None if the vertices are none; collective.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra.
+        nodes: The vertices that this rank owns, as nodes of the geometry.
+    """
+    dim, comm = domain.topology.dim, domain.comm
+    if domain.geometry.dim != dim:
+        return None
+    x = [np.take(domain.geometry.x[:, d], nodes) for d in range(dim)]
+    first = domain.geometry.x[domain.geometry.dofmap[:1].ravel(), :dim]
+    width = np.ptp(first, axis=0) if len(first) else np.zeros(dim)
+    low, high = ([np.max(s * y, initial=-np.inf) for y in x] for s in (-1.0, 1.0))
+    ends = np.array([width, low, high])
+    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    width, extent = ends[0], ends[1] + ends[2]
+    if not (width > 0.0).all():
+        return None
+    cells = np.rint(extent / width)
+    if np.prod(cells + 1.0) != domain.geometry.index_map().size_global:
+        return None
+    places, off = np.empty((dim, len(nodes)), dtype=np.int32), 0.0
+    for d in range(dim):
+        scaled = (x[d] + ends[1, d]) * (cells[d] / extent[d])
+        places[d] = np.rint(scaled)
+        off = max(off, float(np.abs(scaled - places[d]).max(initial=0.0)))
+    lattice = Lattice(comm, tuple(map(int, cells)), places)
+    fits = comm.allreduce(off, op=MPI.MAX) < ROUNDING
+    return lattice if fits and _complete(lattice) else None
+
+
+def _complete(lattice: Lattice) -> bool:
+    """Whether every place of a lattice with the right number of nodes is taken.
+
+    The sum of the squares of the nodes' numbers, modulo 2^64, tells.
+    """
+    numbers, count = _numbers(lattice.places, lattice.cells).astype(np.uint64), lattice.size
+    found = sum(lattice.comm.allgather(int((numbers * numbers).sum(dtype=np.uint64))))
+    return (found - (count - 1) * count * (2 * count - 1) // 6) % 2**64 == 0
+
+
+def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers]:
+    """Return the lattice of every second node, and the coarse parents of each node; collective.
+
+    A coarse node belongs to the rank of the fine node at its place.
+
+    Returns:
+        The coarse lattice, and for each fine node the global numbers of the two coarse nodes in
+        the middle of which the node lies, or twice that of the node at its place, shape (2, nodes).
+    """
+    comm, places = lattice.comm, lattice.places
+    tables = [_parents(n) for n in lattice.cells]
+    low, high = (
+        np.stack([table[side].take(p) for p, table in zip(places, tables, strict=True)])
+        for side in (0, 1)
+    )
+    box = _Box(low, high)
+    ends = np.stack([box.at(low), box.at(high)])
+    kept = ends[0] == ends[1]
+    coarse = Lattice(comm, tuple((n + 1) // 2 for n in lattice.cells), low[:, kept])
+    count = coarse.places.shape[1]
+    first = comm.exscan(count) or 0
+    box.table[ends[0, kept]] = np.arange(first, first + count)
+    if comm.size > 1:
+        _look_up(coarse, box, np.unique(ends[box.table[ends] < 0]))
+    return coarse, box.table[ends]
+
+
+def _parents(n: int) -> tuple[Places, Places]:
+    """The coarse neighbours of n + 1 nodes in a row, on the low and on the high side."""
+    i = np.arange(n + 1, dtype=np.int32)
+    low, high = i // 2, (i + 1) // 2
+    low[-1] = high[-1]  # the last node is kept
+    return low, high
+
+
+def _numbers(places: Places, cells: Sequence[int]) -> Numbers:
+    """The numbers of nodes of a lattice, counted along the axes."""
+    numbers = places[-1].astype(np.int64)
+    for d in reversed(range(len(cells) - 1)):
+        numbers *= cells[d] + 1
+        numbers += places[d]
+    return numbers
+
+
+class _Box:
+    """A table over the smallest box of coarse places that holds those of this rank.
+
+    Args:
+        low, high: Places of this rank.
+
+    Attributes:
+        table: The global number of each place; -1 where that is not known.
+    """
+
+    def __init__(self, low: Places, high: Places):
+        empty = not low.shape[1]
+        self.origin = np.zeros((len(low), 1), np.int32) if empty else low.min(1, keepdims=True)
+        last = self.origin if empty else high.max(1, keepdims=True)
+        self.extent = [int(n) for n in (last - self.origin).ravel()]
+        self.table = np.full(math.prod(n + 1 for n in self.extent), -1, dtype=PETSc.IntType)
+
+    def at(self, places: Places) -> Numbers:
+        """Return the indices of places in the table."""
+        return _numbers(places - self.origin, self.extent)
+
+    def places(self, index: Numbers) -> Places:
+        """Return the places at some indices of the table."""
+        shape = [n + 1 for n in self.extent[::-1]]
+        return np.asarray(np.stack(np.unravel_index(index, shape)[::-1]) + self.origin)
+
+
+def _look_up(lattice: Lattice, box: _Box, missing: Numbers) -> None:
+    """Fill in global numbers that other ranks gave, by way of the rank in charge of a place.
+
+    The ranks are in charge of equal shares of the places, so that no rank needs all of them.
+
+    Args:
+        lattice: The lattice, whose own nodes are in the table.
+        box: The table.
+        missing: The indices to fill in.
+    """
+    comm = lattice.comm
+    share = -(-lattice.size // comm.size)
+    own, numbers = _numbers(lattice.places, lattice.cells), box.table[box.at(lattice.places)]
+    told = comm.alltoall([np.stack([own, numbers])[:, own // share == r] for r in range(comm.size)])
+    table = np.full(share, -1, dtype=PETSc.IntType)
+    for keys, values in told:
+        table[keys - comm.rank * share] = values
+    asked = _numbers(box.places(missing), lattice.cells)
+    home = asked // share
+    questions = comm.alltoall([asked[home == r] for r in range(comm.size)])
+    answers = comm.alltoall([table[keys - comm.rank * share] for keys in questions])
+    for r, values in enumerate(answers):
+        box.table[missing[home == r]] = values

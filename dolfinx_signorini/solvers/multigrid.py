@@ -1,0 +1,134 @@
+"""Geometric multigrid as a preconditioner for matrices with held dofs.
+
+Coarse matrices are Galerkin products. A held dof has no row in the matrix that the products are
+made of: so the prolongations are truncated at the active set, without being changed. One
+Gauss-Seidel sweep forward on the way down and one backward on the way up make the cycle symmetric.
+BoomerAMG takes care of the coarsest level.
+
+Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.options import options_set
+
+Indices = npt.NDArray[np.int32]
+
+DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
+
+
+class Multigrid:
+    """A multigrid cycle for one matrix after another with the same pattern.
+
+    For example:
+
+        multigrid = Multigrid(prolongations(space), prefix, BOOMERAMG)
+        multigrid.set_up(matrix, held, 4.0)
+        multigrid.pc.apply(r, y)
+
+    Args:
+        prolongations: The prolongations, the finest first; the object takes them over.
+        prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
+            those of the coarsest level with "mg_coarse_".
+        coarsest: The options of the coarsest level, without prefix.
+
+    Attributes:
+        pc: The cycle as a PETSc preconditioner.
+        matrices: The Galerkin products of the last set-up, the finest first.
+    """
+
+    pc: PETSc.PC
+
+    def __init__(
+        self, prolongations: Sequence[PETSc.Mat], prefix: str, coarsest: Mapping[str, Any]
+    ):
+        self.prolongations, self.prefix = list(prolongations), prefix
+        self.coarsest = coarsest
+        self.matrices: list[PETSc.Mat] = []
+        self._levels: list[tuple[PETSc.KSP, ...]] = []
+        self._make()
+
+    def set_up(self, matrix: PETSc.Mat, held: Indices, diagonal: float) -> None:
+        """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.
+
+        Args:
+            matrix: The matrix, whose rows and columns of the held dofs are zero.
+            held: The owned dofs that are held.
+            diagonal: What to fill in.
+        """
+        if not self.matrices:
+            self.free()
+            self._make()
+        made, fine = self.matrices, matrix
+        for level, prolongation in enumerate(self.prolongations):
+            result = made[level] if level < len(made) else None
+            fine = fine.ptap(prolongation, result=result)
+            if result is None:
+                made.append(fine)
+        for coarse in made:
+            # A coarse function at held dofs alone is zero.
+            entries = coarse.getDiagonal()
+            _fill(coarse, np.flatnonzero(entries.array_r == 0.0).astype(np.int32), diagonal)
+            entries.destroy()
+        _fill(matrix, held, diagonal)
+        for solvers, level_matrix in zip(self._levels, [matrix, *made], strict=True):
+            for solver in solvers:
+                solver.setOperators(level_matrix)
+        self.pc.setOperators(matrix)
+        self.pc.setUp()
+
+    def free(self) -> None:
+        """Free what a set-up has made."""
+        self.pc.destroy()
+        for matrix in self.matrices:
+            matrix.destroy()
+        self.matrices, self._levels = [], []
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.free()
+        for prolongation in self.prolongations:
+            prolongation.destroy()
+
+    def _make(self) -> None:
+        """Make the cycle, whose levels have no matrices yet; the finest level comes first."""
+        count, comm = len(self.prolongations) + 1, self.prolongations[0].comm
+        self.pc = PETSc.PC().create(comm)
+        self.pc.setType(PETSc.PC.Type.MG)
+        self.pc.setMGLevels(count)
+        for level in range(count - 1, 0, -1):
+            self.pc.setMGInterpolation(level, self.prolongations[count - 1 - level])
+            down, up = self.pc.getMGSmootherDown(level), self.pc.getMGSmootherUp(level)
+            for solver, sweep in ((down, DOWN), (up, UP)):
+                self._smooth(solver, sweep)
+            up.setInitialGuessNonzero(True)
+            self._levels.append((down, up))
+        coarse = self.pc.getMGCoarseSolve()
+        coarse.setType(PETSc.KSP.Type.PREONLY)
+        coarse.setOptionsPrefix(f"{self.prefix}mg_coarse_")
+        with options_set(f"{self.prefix}mg_coarse_", {}, self.coarsest):
+            coarse.setFromOptions()
+        self._levels.append((coarse,))
+
+    def _smooth(self, solver: PETSc.KSP, sweep: str) -> None:
+        prefix = f"{self.prefix}mg_levels_"
+        solver.setType(PETSc.KSP.Type.RICHARDSON)
+        solver.getPC().setType(PETSc.PC.Type.SOR)
+        solver.setNormType(PETSc.KSP.NormType.NONE)
+        solver.setTolerances(max_it=1)
+        solver.setOptionsPrefix(prefix)
+        with options_set(prefix, {}, {sweep: None}):
+            solver.setFromOptions()
+
+
+def _fill(matrix: PETSc.Mat, rows: Indices, value: float) -> None:
+    """Set diagonal entries of some owned rows."""
+    diagonal = matrix.getDiagonal()
+    diagonal.array_w[rows] = value
+    matrix.setDiagonal(diagonal)
+    diagonal.destroy()
