@@ -4,8 +4,10 @@ A refined mesh is shared by the ranks like its parent mesh, cell by cell, so tha
 to a cell of the parent mesh is found on the rank of the child cells.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,10 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 ROUNDING = 1e-9  # of coordinates in a reference cell
+
+
+# The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
+_parents: WeakKeyDictionary[mesh.Mesh, tuple[mesh.Mesh, Indices]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,8 @@ class Refinement:
 def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
     """Refine a mesh of triangles or tetrahedra; the call is collective.
 
-    The edges of the cells are bisected, and further edges where the mesh would not conform.
+    The edges of the cells are bisected, and further edges where the mesh would not conform. The
+    refined mesh remembers its parent mesh: multigrid goes back to it, see `parent_mesh`.
 
     Args:
         sided: The mesh with its sides.
@@ -60,7 +67,41 @@ def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
         edges = mesh.compute_incident_entities(topology, cells, tdim, 1)
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
+    _parents[fine] = domain, parents
     return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
+
+
+def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:
+    """Return the mesh that `refined` has made a mesh from, with the parents of the owned cells."""
+    return _parents.get(fine)
+
+
+def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: Indices) -> Indices:
+    """Return for each owned node of a refined mesh the edge of the parent mesh it is the middle of.
+
+    Args:
+        coarse: The parent mesh.
+        fine: The refined mesh.
+        parents: The parent cells of its owned cells.
+
+    Returns:
+        The two ends of the edge as nodes of the parent mesh's geometry, ghosts included; twice the
+        same for a node that both meshes have. Shape (2, nodes).
+    """
+    cells = fine.geometry.dofmap[: len(parents)]
+    one = np.zeros(len(fine.geometry.x), dtype=np.int32)  # of the cells of each node
+    one[cells.ravel()] = np.repeat(np.arange(len(parents), dtype=np.int32), cells.shape[1])
+    owned, dim = fine.geometry.index_map().size_local, fine.topology.dim
+    x = fine.geometry.x[:owned, :dim]
+    corners = coarse.geometry.dofmap[parents[one[:owned]]].T
+    ends, best = np.empty((2, owned), dtype=np.int32), np.full(owned, np.inf)
+    for i, j in itertools.combinations_with_replacement(range(dim + 1), 2):
+        first, second = (coarse.geometry.x[corners[k], :dim] for k in (i, j))
+        distance = np.abs(0.5 * (first + second) - x).max(axis=1)
+        nearer = distance < best
+        best[nearer] = distance[nearer]
+        ends[0, nearer], ends[1, nearer] = corners[i, nearer], corners[j, nearer]
+    return ends
 
 
 def _sides(

@@ -6,11 +6,15 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.refinement import ends_of_edges, parent_mesh
 from dolfinx_signorini.solvers.lattice import Lattice, coarsened, find_lattice
 
 Numbers = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.int32]
 
+SMALL = 1000  # nodes: up to here BoomerAMG costs no more
 FEW = 200  # nodes of a coarsest lattice, about
+STEP = 0.6  # the nodes of a level over those of the next finer one, at most
 
 
 def prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
@@ -19,10 +23,50 @@ def prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     Args:
         space: A Lagrange space.
     """
-    if space.element.basix_element.degree > 1 or not _straight(space.mesh):
+    domain = space.mesh
+    if space.element.basix_element.degree > 1 or not _straight(domain):
         return []
-    lattice = find_lattice(space.mesh, _nodes(space))
-    return [] if lattice is None else lattice_prolongations(lattice)
+    nodes, made = _nodes(space), []
+    while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
+        domain, step = parent[0], refinement_prolongation(domain, nodes, *parent)
+        nodes = np.arange(domain.geometry.index_map().size_local, dtype=np.int32)
+        made.append(step)
+    made = _merged(made)
+    if _size(domain) > SMALL and (lattice := find_lattice(domain, nodes)) is not None:
+        made += lattice_prolongations(lattice)
+    return made
+
+
+def refinement_prolongation(
+    fine: mesh.Mesh, nodes: Indices, coarse: mesh.Mesh, parents: Indices
+) -> PETSc.Mat:
+    """Return the interpolation of nodes from the parent mesh, by nodes of its geometry.
+
+    Args:
+        fine: The refined mesh.
+        nodes: Its owned nodes in the order of the rows.
+        coarse: The parent mesh.
+        parents: The parent cells of the owned cells of the refined mesh.
+    """
+    index_map = coarse.geometry.index_map()
+    ends = ends_of_edges(coarse, fine, parents)[:, nodes]
+    numbers = index_map.local_to_global(ends.ravel()).reshape(2, -1)
+    return edge_prolongation(fine.comm, numbers, index_map.size_local)
+
+
+def _merged(steps: list[PETSc.Mat]) -> list[PETSc.Mat]:
+    """Return prolongations in which each level is much smaller than the next finer one."""
+    made: list[PETSc.Mat] = []
+    for step in steps:
+        rows, columns = made[-1].getSize() if made else (0, 0)
+        if columns > STEP * rows:
+            product = made[-1].matMult(step)
+            for item in (made.pop(), step):
+                item.destroy()
+            made.append(product)
+        else:
+            made.append(step)
+    return made
 
 
 def lattice_prolongations(lattice: Lattice) -> list[PETSc.Mat]:
@@ -57,13 +101,18 @@ def edge_prolongation(comm: MPI.Comm, parents: Numbers, owned: int) -> PETSc.Mat
     return PETSc.Mat().createAIJ(sizes, csr=(starts, columns, values), comm=comm)
 
 
+def _size(domain: mesh.Mesh) -> int:
+    """The number of nodes of a mesh on all ranks."""
+    return int(domain.geometry.index_map().size_global)
+
+
 def _straight(domain: mesh.Mesh) -> bool:
     """Whether a mesh consists of straight-sided triangles or tetrahedra."""
     simplices = domain.topology.cell_name() in ("triangle", "tetrahedron")
     return simplices and domain.geometry.cmap.degree == 1
 
 
-def _nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+def _nodes(space: fem.FunctionSpace) -> Indices:
     """The nodes of the geometry at the owned dofs of a space of degree 1."""
     owned, dofs, nodes = space.dofmap.index_map.size_local, space.dofmap.list, space.mesh.geometry
     if np.array_equal(dofs, nodes.dofmap):

@@ -17,6 +17,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int32]
 Numbers = npt.NDArray[np.int64]
 
@@ -36,7 +37,7 @@ class Lattice:
         places: The nodes of this rank, counted in each direction, shape (directions, nodes).
     """
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     cells: tuple[int, ...]
     places: Places
 
@@ -56,10 +57,10 @@ def find_lattice(domain: mesh.Mesh, nodes: Places) -> Lattice | None:
     dim, comm = domain.topology.dim, domain.comm
     if domain.geometry.dim != dim:
         return None
-    x = [np.take(domain.geometry.x[:, d], nodes) for d in range(dim)]
+    x: list[Array] = [np.take(domain.geometry.x[:, d], nodes) for d in range(dim)]
     first = domain.geometry.x[domain.geometry.dofmap[:1].ravel(), :dim]
     width = np.ptp(first, axis=0) if len(first) else np.zeros(dim)
-    low, high = ([np.max(s * y, initial=-np.inf) for y in x] for s in (-1.0, 1.0))
+    low, high = ([np.max(sign * y, initial=-np.inf) for y in x] for sign in (-1.0, 1.0))
     ends = np.array([width, low, high])
     comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     width, extent = ends[0], ends[1] + ends[2]

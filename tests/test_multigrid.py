@@ -1,0 +1,213 @@
+"""Geometric multigrid: prolongations between meshes, coarse matrices, and linear solves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.refinement import parent_mesh, refined
+from dolfinx_signorini.solvers import hierarchy
+from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.hierarchy import prolongations
+from dolfinx_signorini.solvers.lattice import coarsened, find_lattice
+
+COMM = MPI.COMM_WORLD
+
+
+def cube(n):
+    return mesh.create_unit_cube(COMM, n, n, n)
+
+
+def uniform(domain, times):
+    for _ in range(times):
+        domain = refined(SidedMesh(domain, {})).sided.mesh
+    return domain
+
+
+def towards_corner(domain, times):
+    for _ in range(times):
+        count = domain.topology.index_map(domain.topology.dim).size_local
+        cells = np.arange(count, dtype=np.int32)
+        middles = mesh.compute_midpoints(domain, domain.topology.dim, cells)
+        near = cells[np.linalg.norm(middles, axis=1) < 0.5]
+        domain = refined(SidedMesh(domain, {}), near).sided.mesh
+    return domain
+
+
+MESHES = {
+    "square": lambda: friedrichs_keller(COMM, 48),
+    "an odd square": lambda: friedrichs_keller(COMM, 77),
+    "rectangle": lambda: mesh.create_rectangle(COMM, [(-1.0, 2.0), (3.0, 2.5)], (90, 17)),
+    "cube": lambda: cube(14),
+    "refined square": lambda: uniform(
+        mesh.create_unit_square(COMM, 5, 4, diagonal=mesh.DiagonalType.crossed), 4
+    ),
+    "adapted square": lambda: towards_corner(friedrichs_keller(COMM, 16), 3),
+    "refined cube": lambda: uniform(cube(3), 2),
+    "adapted cube": lambda: towards_corner(cube(5), 2),
+}
+
+
+def space_on(domain):
+    return fem.functionspace(domain, ("Lagrange", 1))
+
+
+def owned_nodes(domain):
+    return np.arange(domain.geometry.index_map().size_local, dtype=np.int32)
+
+
+def matrix_on(domain):
+    """The matrix of the energy, in the order of the geometry's nodes."""
+    space = space_on(domain)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    A = fem_petsc.assemble_matrix(
+        fem.form((ufl.inner(ufl.grad(u), ufl.grad(v)) + 30.0 * u * v) * ufl.dx)
+    )
+    A.assemble()
+    return A, space
+
+
+def energies(A, points):
+    """The energies of some functions, given by their values at the nodes of this rank."""
+    x, y, found = A.createVecRight(), A.createVecLeft(), []
+    p = np.zeros((points.shape[1], 3))
+    p[:, : len(points)] = points.T
+    for k in range(1, 5):
+        x.array_w[:] = np.sin(k * p[:, 0] + 2.0 * p[:, 1] - 3.0 * k * p[:, 2]) + p[:, 0] ** k
+        A.mult(x, y)
+        found.append(x.dot(y))
+    x.destroy()
+    y.destroy()
+    return found
+
+
+@pytest.mark.parametrize("make, n", [(friedrichs_keller, 12), (lambda _, n: cube(n), 6)])
+def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
+    A, space = matrix_on(make(COMM, n))
+    lattice = find_lattice(space.mesh, hierarchy._nodes(space))
+    coarse, parents = coarsened(lattice)
+    P = hierarchy.edge_prolongation(COMM, parents, coarse.places.shape[1])
+    product = A.ptap(P)
+    B, coarse_space = matrix_on(make(COMM, n // 2))
+    x = coarse_space.tabulate_dof_coordinates()[: B.getLocalSize()[0], : len(lattice.cells)].T
+    found = energies(product, coarse.places / np.array(coarse.cells)[:, None])
+    assert found == pytest.approx(energies(B, x), rel=1e-12)
+    for item in (A, P, product, B):
+        item.destroy()
+
+
+@pytest.mark.parametrize("local", [False, True], ids=["everywhere", "locally"])
+@pytest.mark.parametrize("make", [lambda: friedrichs_keller(COMM, 10), lambda: cube(4)])
+def test_coarse_matrices_of_a_refined_mesh_are_those_of_its_parent(make, local):
+    parent = make()
+    A, space = matrix_on(towards_corner(parent, 1) if local else uniform(parent, 1))
+    nodes = hierarchy._nodes(space)
+    P = hierarchy.refinement_prolongation(space.mesh, nodes, *parent_mesh(space.mesh))
+    product, (B, coarse_space) = A.ptap(P), matrix_on(parent)
+    x = parent.geometry.x[owned_nodes(parent), : parent.topology.dim].T
+    y = coarse_space.tabulate_dof_coordinates()[: B.getLocalSize()[0], : len(x)].T
+    assert energies(product, x) == pytest.approx(energies(B, y), rel=1e-12)
+    for item in (A, P, product, B):
+        item.destroy()
+
+
+def loaded(domain, across=1.0):
+    """A load on a body, whose diffusion in all directions but the first may be small."""
+    space = space_on(domain)
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    diffusion = ufl.diag(ufl.as_vector([1.0, across, across][: domain.geometry.dim]))
+    a = (ufl.inner(diffusion * ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    L = 40.0 * (0.35 - x[0] + 0.2 * x[1]) * v * ufl.dx
+    return SignoriniProblem(a, L, contact=boundary_facets(domain))
+
+
+def held_below(problem):
+    """Hold the boundary where y is small, and a stretch of the rest."""
+    x = problem.space.tabulate_dof_coordinates()[problem.contact_dofs]
+    return (x[:, 1] < 0.01) | ((x[:, 0] < 0.01) & (x[:, 1] < 0.4))
+
+
+def solved(problem, held, **settings):
+    """Solve from zero; return the solver, and the relative residual at the free dofs."""
+    system = problem.system
+    solver, x = HeldSolver(system, **settings), system.start()
+    start = system.b.copy()
+    start.array_w[system.contact_dofs[held]] = 0.0
+    solver.solve(system, x, held, 1e-8 * start.norm())
+    rest = x.duplicate()
+    system.A.mult(x, rest)
+    rest.axpy(-1.0, system.b)
+    rest.array_w[system.contact_dofs[held]] = 0.0
+    residual = rest.norm() / start.norm()
+    for item in (start, x, rest):
+        item.destroy()
+    return solver, residual
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_few_iterations_whatever_the_mesh(name):
+    problem = loaded(MESHES[name]())
+    solver, residual = solved(problem, held_below(problem))
+    assert problem.unknowns > 1000 and any("coarse level" in c.name for c in problem.costs())
+    assert residual <= 1.001e-8
+    assert solver.iterations <= (16 if "adapted" in name else 13)
+    assert solver.setups == 1
+    solver.destroy()
+    problem.destroy()
+
+
+def test_a_set_up_serves_a_new_matrix_and_a_new_set():
+    problem = loaded(friedrichs_keller(COMM, 50))
+    solver, _ = solved(problem, held_below(problem))
+    system, x = problem.system, problem.system.start()
+    system.A.scale(4.0)
+    changed = replace(system, assembled=system.assembled + 1)
+    everywhere = np.full(len(system.contact_dofs), True)
+    before = solver.iterations
+    solver.solve(changed, x, everywhere, 1e-8 * system.b.norm())
+    assert solver.setups == 2 and solver.iterations - before <= 12
+    for item in (solver, x, problem):
+        item.destroy()
+
+
+def test_slow_convergence_leads_to_boomeramg():
+    # Strands along the first direction, hardly coupled: point smoothers do not smooth across.
+    problem = loaded(friedrichs_keller(COMM, 64), across=1e-4)
+    solver, residual = solved(problem, held_below(problem))
+    assert solver.setups == 2
+    assert residual <= 1.001e-8
+    solver.destroy()
+    problem.destroy()
+
+
+def not_a_lattice(kind):
+    if kind == "crossed":
+        return mesh.create_unit_square(COMM, 20, 20, diagonal=mesh.DiagonalType.crossed)
+    domain = friedrichs_keller(COMM, 40)
+    x = domain.geometry.x
+    if kind == "moved":
+        x[:, 0] += 0.1 * x[:, 0] * x[:, 1]
+    elif kind == "folded":  # two columns of nodes at one place, and a place without any
+        x[np.isclose(x[:, 0], 0.5), 0] = 0.525
+    return domain
+
+
+@pytest.mark.parametrize("kind", ["crossed", "moved", "folded"])
+def test_what_is_no_lattice_is_not_taken_for_one(kind):
+    space = space_on(not_a_lattice(kind))
+    assert prolongations(space) == []
+
+
+@pytest.mark.parametrize("options", [{"pc_type": "jacobi"}, {"pc_hypre_boomeramg_max_iter": 2}])
+def test_who_chooses_a_preconditioner_gets_it(options):
+    problem = loaded(friedrichs_keller(COMM, 40))
+    solver, _ = solved(problem, held_below(problem), options=options)
+    assert not any("coarse level" in cost.name for cost in problem.costs())
+    solver.destroy()
+    problem.destroy()
