@@ -9,12 +9,13 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
+from dolfinx_signorini.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import parent_mesh, refined
 from dolfinx_signorini.solvers import hierarchy
 from dolfinx_signorini.solvers.held import HeldSolver
-from dolfinx_signorini.solvers.hierarchy import prolongations
+from dolfinx_signorini.solvers.hierarchy import degree_prolongations, prolongations
 from dolfinx_signorini.solvers.lattice import coarsened, find_lattice
 
 COMM = MPI.COMM_WORLD
@@ -117,9 +118,9 @@ def test_coarse_matrices_of_a_refined_mesh_are_those_of_its_parent(make, local):
         item.destroy()
 
 
-def loaded(domain, across=1.0):
+def loaded(domain, across=1.0, space=None):
     """A load on a body, whose diffusion in all directions but the first may be small."""
-    space = space_on(domain)
+    space = space_on(domain) if space is None else space
     u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
     diffusion = ufl.diag(ufl.as_vector([1.0, across, across][: domain.geometry.dim]))
     a = (ufl.inner(diffusion * ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
@@ -129,7 +130,7 @@ def loaded(domain, across=1.0):
 
 def held_below(problem):
     """Hold the boundary where y is small, and a stretch of the rest."""
-    x = problem.space.tabulate_dof_coordinates()[problem.contact_dofs]
+    x = nodal_space(problem.space).tabulate_dof_coordinates()[problem.contact_dofs]
     return (x[:, 1] < 0.01) | ((x[:, 0] < 0.01) & (x[:, 1] < 0.4))
 
 
@@ -162,6 +163,44 @@ def test_few_iterations_whatever_the_mesh(name):
     problem.destroy()
 
 
+SPACES = {
+    "Bernstein": bernstein_space,
+    "nodal": lambda domain, degree: fem.functionspace(domain, ("Lagrange", degree)),
+}
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+@pytest.mark.parametrize("kind", SPACES)
+def test_iterations_hardly_feel_the_degree(kind, degree):
+    domain = towards_corner(friedrichs_keller(COMM, 14), 2)
+    problem = loaded(domain, space=SPACES[kind](domain, degree))
+    solver, residual = solved(problem, held_below(problem))
+    names = [cost.name for cost in problem.costs()]
+    assert sum("prolongation" in name for name in names) > (degree > 2)
+    assert residual <= 1.001e-8
+    assert solver.iterations <= 13
+    solver.destroy()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_lower_degrees_are_carried_exactly(kind):
+    domain = friedrichs_keller(COMM, 10)
+    space = SPACES[kind](domain, 4)
+    made, lowest = degree_prolongations(space)
+    coarse, fine = fem.Function(lowest), fem.Function(space)
+    coarse.interpolate(lambda x: np.cos(5.0 * x[0]) * x[1])
+    fine.interpolate(coarse)
+    vectors = [coarse.x.petsc_vec.copy(), *(P.createVecLeft() for P in reversed(made))]
+    for P, x, y in zip(reversed(made), vectors, vectors[1:], strict=False):
+        P.mult(x, y)
+    owned = space.dofmap.index_map.size_local
+    assert len(made) == 2
+    assert vectors[-1].array_r == pytest.approx(fine.x.array[:owned], abs=1e-12)
+    for item in (*made, *vectors):
+        item.destroy()
+
+
 def test_a_set_up_serves_a_new_matrix_and_a_new_set():
     problem = loaded(friedrichs_keller(COMM, 50))
     solver, _ = solved(problem, held_below(problem))
@@ -176,11 +215,13 @@ def test_a_set_up_serves_a_new_matrix_and_a_new_set():
         item.destroy()
 
 
-def test_slow_convergence_leads_to_boomeramg():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_slow_convergence_leads_to_boomeramg(degree):
     # Strands along the first direction, hardly coupled: point smoothers do not smooth across.
-    problem = loaded(friedrichs_keller(COMM, 64), across=1e-4)
+    domain = friedrichs_keller(COMM, 64 // degree)
+    problem = loaded(domain, across=1e-4, space=bernstein_space(domain, degree))
     solver, residual = solved(problem, held_below(problem))
-    assert solver.setups == 2
+    assert solver.setups == 1 + degree  # without coarser meshes, without lower degrees
     assert residual <= 1.001e-8
     solver.destroy()
     problem.destroy()
@@ -201,7 +242,7 @@ def not_a_lattice(kind):
 @pytest.mark.parametrize("kind", ["crossed", "moved", "folded"])
 def test_what_is_no_lattice_is_not_taken_for_one(kind):
     space = space_on(not_a_lattice(kind))
-    assert prolongations(space) == []
+    assert prolongations(space) == ([], [])
 
 
 @pytest.mark.parametrize("options", [{"pc_type": "jacobi"}, {"pc_hypre_boomeramg_max_iter": 2}])

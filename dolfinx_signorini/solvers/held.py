@@ -5,9 +5,9 @@ diagonal is made when the preconditioner is set up. A set of held dofs that diff
 set of the set-up is served by the same preconditioner, see `projected`. A set-up that costs more
 additional iterations than a new one is dropped.
 
-The preconditioner is geometric multigrid where coarser meshes are known, see `hierarchy`, and
-BoomerAMG elsewhere. Coefficients that no coarse mesh resolves may slow geometric multigrid down:
-a solver that sees this turns to BoomerAMG for good.
+The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
+`hierarchy`, with BoomerAMG below, or BoomerAMG alone. Coefficients that no coarse mesh resolves may
+slow the former down: a solver that sees this turns to BoomerAMG for good.
 """
 
 import math
@@ -65,8 +65,8 @@ class HeldSolver:
     Args:
         system: One of the systems.
         prefix: The prefix of PETSc options.
-        options: PETSc options without prefix; by default CG with geometric multigrid where coarser
-            meshes are known, else with BoomerAMG. An option that begins with "pc_" chooses PETSc's
+        options: PETSc options without prefix; by default CG with multigrid over degrees and meshes
+            where coarser ones are known, else with BoomerAMG. An option that begins with "pc_" chooses PETSc's
             preconditioners, of which BoomerAMG is the default.
 
     Attributes:
@@ -126,7 +126,7 @@ class HeldSolver:
         converged = self._correct(system, x, atol, fresh, multiplier)
         while not converged and (not fresh or self._multigrid is not None):
             if fresh:
-                self._drop_multigrid()
+                self._drop_levels()
             self._set_up(system, held)
             self._projected.hold(system, dofs, None)
             fresh = True
@@ -145,7 +145,8 @@ class HeldSolver:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
-        self._drop_multigrid()
+        if self._multigrid is not None:
+            self._multigrid.destroy()
         for item in (self._ksp, self._pc, self._rhs, self._correction):
             item.destroy()
         self._projected.free()
@@ -186,11 +187,12 @@ class HeldSolver:
         """What a set-up costs, in iterations."""
         return SETUP_ITERATIONS if self._multigrid is None else GEOMETRIC_ITERATIONS
 
-    def _drop_multigrid(self) -> None:
-        """Turn from geometric multigrid to BoomerAMG."""
-        if self._multigrid is not None:
+    def _drop_levels(self) -> None:
+        """Put BoomerAMG in place of the coarser meshes, or else of all levels."""
+        assert self._multigrid is not None
+        if not self._multigrid.drop_meshes():
             self._multigrid.destroy()
-        self._multigrid, self._projected.pc = None, self._pc
+            self._multigrid, self._projected.pc = None, self._pc
 
     def _set_up(self, system: System, held: Mask) -> None:
         if self._matrix is None:
@@ -299,12 +301,12 @@ def _typical(system: System) -> float:
 
 
 def _multigrid(system: System, prefix: str) -> Multigrid | None:
-    """Return geometric multigrid for a system, if coarser meshes are known."""
-    levels = prolongations(system.space)
-    for level, prolongation in enumerate(levels):
+    """Return multigrid for a system, if lower degrees or coarser meshes are known."""
+    degrees, meshes = prolongations(system.space)
+    for level, prolongation in enumerate((*degrees, *meshes)):
         system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
     boomeramg = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
-    return Multigrid(levels, prefix, boomeramg) if levels else None
+    return Multigrid(degrees, meshes, prefix, boomeramg) if degrees or meshes else None
 
 
 def _chosen(prefix: str, options: Mapping[str, Any]) -> bool:

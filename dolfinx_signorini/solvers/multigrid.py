@@ -1,4 +1,4 @@
-"""Geometric multigrid as a preconditioner for matrices with held dofs.
+"""Multigrid over degrees and meshes, as a preconditioner for matrices with held dofs.
 
 Coarse matrices are Galerkin products. A held dof has no row in the matrix that the products are
 made of: so the prolongations are truncated at the active set, without being changed. One
@@ -27,12 +27,14 @@ class Multigrid:
 
     For example:
 
-        multigrid = Multigrid(prolongations(space), prefix, BOOMERAMG)
+        multigrid = Multigrid(*prolongations(space), prefix, BOOMERAMG)
         multigrid.set_up(matrix, held, 4.0)
         multigrid.pc.apply(r, y)
 
     Args:
-        prolongations: The prolongations, the finest first; the object takes them over.
+        degrees: The prolongations from lower degrees, the finest first.
+        meshes: The prolongations from coarser meshes, the finest first. The object takes both
+            over.
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
         coarsest: The options of the coarsest level, without prefix.
@@ -45,9 +47,14 @@ class Multigrid:
     pc: PETSc.PC
 
     def __init__(
-        self, prolongations: Sequence[PETSc.Mat], prefix: str, coarsest: Mapping[str, Any]
+        self,
+        degrees: Sequence[PETSc.Mat],
+        meshes: Sequence[PETSc.Mat],
+        prefix: str,
+        coarsest: Mapping[str, Any],
     ):
-        self.prolongations, self.prefix = list(prolongations), prefix
+        self.prolongations, self.prefix = [*degrees, *meshes], prefix
+        self._degrees = len(degrees)
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
@@ -81,6 +88,17 @@ class Multigrid:
                 solver.setOperators(level_matrix)
         self.pc.setOperators(matrix)
         self.pc.setUp()
+
+    def drop_meshes(self) -> bool:
+        """Leave coarser meshes out from now on; return whether lower degrees are left."""
+        meshes = self.prolongations[self._degrees :]
+        if not meshes or not self._degrees:
+            return False
+        self.free()
+        for prolongation in meshes:
+            prolongation.destroy()
+        del self.prolongations[self._degrees :]
+        return True
 
     def free(self) -> None:
         """Free what a set-up has made."""
