@@ -20,8 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.solvers.hierarchy import prolongations
-from dolfinx_signorini.solvers.multigrid import Multigrid
+from dolfinx_signorini.solvers.multigrid import multigrid_for
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.solvers.projected import Projected
 from dolfinx_signorini.solvers.residual import power_of_two
@@ -41,6 +40,7 @@ DEFAULT_OPTIONS: dict[str, Any] = {
     "pc_hypre_boomeramg_relax_type_up": "backward-SOR/Jacobi",
     "pc_hypre_boomeramg_max_coarse_size": 50,
 }
+BOOMERAMG = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
 SETUP_ITERATIONS = 8  # what a set-up of BoomerAMG costs, in iterations
 GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # Geometric multigrid is slow where so many iterations reduce the residual by less than a factor,
@@ -66,8 +66,8 @@ class HeldSolver:
         system: One of the systems.
         prefix: The prefix of PETSc options.
         options: PETSc options without prefix; by default CG with multigrid over degrees and meshes
-            where coarser ones are known, else with BoomerAMG. An option that begins with "pc_" chooses PETSc's
-            preconditioners, of which BoomerAMG is the default.
+            where coarser ones are known, else with BoomerAMG. An option that begins with "pc_"
+            chooses PETSc's preconditioners, of which BoomerAMG is the default.
 
     Attributes:
         solves: The number of linear solves so far.
@@ -82,7 +82,7 @@ class HeldSolver:
         self._held: Mask | None = None  # those of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._pace = self._excess = 0.0
-        self._watched = math.inf
+        self._watched = math.inf  # the residual above which SLOW iterations were slow
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
         self.ledger.add("vector", "correction with held dofs", self._correction)
@@ -91,7 +91,7 @@ class HeldSolver:
         with options_set(prefix, options or {}, DEFAULT_OPTIONS, others=("tao_",)):
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
-        self._multigrid = None if _chosen(prefix, options or {}) else _multigrid(system, prefix)
+        self._multigrid = multigrid_for(system, prefix, options or {}, BOOMERAMG)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
@@ -237,9 +237,8 @@ class HeldSolver:
             expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
             limit = min(limit, math.ceil(expected) + self._setup_iterations)
         self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
-        self._watched = math.inf  # the residual above which SLOW iterations were slow
-        if fresh and self._multigrid is not None:
-            self._watched = LITTLE[system.space.mesh.topology.dim] * start
+        watched = fresh and self._multigrid is not None
+        self._watched = LITTLE[system.space.mesh.topology.dim] * start if watched else math.inf
         self._ksp.solve(self._rhs, self._correction)
         x.axpy(unit, self._correction)
         iterations, end = self._ksp.getIterationNumber(), self._ksp.getResidualNorm()
@@ -298,18 +297,3 @@ def _typical(system: System) -> float:
     entries = system.contact_diagonal
     total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
     return float(total / count) if count else 1.0
-
-
-def _multigrid(system: System, prefix: str) -> Multigrid | None:
-    """Return multigrid for a system, if lower degrees or coarser meshes are known."""
-    degrees, meshes = prolongations(system.space)
-    for level, prolongation in enumerate((*degrees, *meshes)):
-        system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
-    boomeramg = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
-    return Multigrid(degrees, meshes, prefix, boomeramg) if degrees or meshes else None
-
-
-def _chosen(prefix: str, options: Mapping[str, Any]) -> bool:
-    """Whether somebody has chosen a preconditioner, by options or in PETSc's database."""
-    database = PETSc.Options(prefix).getAll()
-    return any(name.startswith("pc_") for name in (*options, *database))

@@ -1,7 +1,7 @@
 """Prolongations from degree to degree and from mesh to mesh, down to a coarsest mesh.
 
-A space of degree k is followed by those of degree 2 and 1 on the same mesh, these by the meshes that
-the mesh was refined from, and those by the lattices behind a structured mesh.
+A space of degree k is followed by those of degree 2 and 1 on the same mesh, these by the meshes
+that the mesh was refined from, and those by the lattices behind a structured mesh.
 """
 
 import basix.ufl

@@ -15,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from dolfinx_signorini.solvers.hierarchy import prolongations
 from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.system import System
 
 Indices = npt.NDArray[np.int32]
 
@@ -142,6 +144,29 @@ class Multigrid:
         solver.setOptionsPrefix(prefix)
         with options_set(prefix, {}, {sweep: None}):
             solver.setFromOptions()
+
+
+def multigrid_for(
+    system: System, prefix: str, options: Mapping[str, Any], coarsest: Mapping[str, Any]
+) -> Multigrid | None:
+    """Return multigrid for a system, if lower degrees or coarser meshes are known.
+
+    Somebody who chooses a preconditioner, by an option that begins with "pc_" in the options or in
+    PETSc's database, gets this one: the result is None.
+
+    Args:
+        system: The system.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix.
+        coarsest: The options of the coarsest level, without prefix.
+    """
+    names = (*options, *PETSc.Options(prefix).getAll())
+    if any(name.startswith("pc_") for name in names):
+        return None
+    degrees, meshes = prolongations(system.space)
+    for level, prolongation in enumerate((*degrees, *meshes)):
+        system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
+    return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
 
 
 def _fill(matrix: PETSc.Mat, rows: Indices, value: float) -> None:
