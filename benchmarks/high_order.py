@@ -4,13 +4,14 @@
     ./with-dolfinx python3 benchmarks/high_order.py equal    # against P1 with N = 1001, in turn
     ./with-dolfinx python3 benchmarks/high_order.py reach    # how small errors can be made
 
-All times are from nothing to the solution, after a run that compiles the forms. True errors are those
-of the exact solution, which the adaptive loop is not told; sup norms are maxima.
+All times are from nothing to the solution, after a run that compiles the forms. True errors are
+those of the exact solution, which the adaptive loop is not told; sup norms are maxima.
 """
 
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from common import RESULTS, write_json
@@ -88,13 +89,13 @@ def orders() -> list[list[object]]:
     figure = Figure(figsize=(8.4, 4.0), layout="constrained")
     for axes, norm in zip(figure.subplots(1, 2), ORDERS, strict=True):
         for degree, sizes in SIZES.items():
-            found = [timed(lambda d=degree, n=n: uniform(d, n), norm)[:2] for n in sizes]
+            found = [timed(partial(uniform, degree, n), norm)[:2] for n in sizes]
             unknowns, errors = np.array(found).T
             slope = np.polyfit(np.log(unknowns[-2:]), np.log(errors[-2:]), 1)[0]
             rows.append([norm, f"uniform P{degree}", int(unknowns[-1]), errors[-1], slope])
             axes.loglog(unknowns, errors, "o-", color=COLOURS[degree], label=f"uniform P{degree}")
             goals = errors[0] * np.array([0.3, 0.03, 0.003])
-            found = [timed(lambda d=degree, e=e: adapted(d, norm, e), norm)[:2] for e in goals]
+            found = [timed(partial(adapted, degree, norm, e), norm)[:2] for e in goals]
             unknowns, errors = np.array(found).T
             slope = np.polyfit(np.log(unknowns), np.log(errors), 1)[0]
             rows.append([norm, f"adapted P{degree}", int(unknowns[-1]), errors[-1], slope])
@@ -113,9 +114,9 @@ def equal() -> list[list[object]]:
     rows: list[list[object]] = []
     for norm, error in EQUAL.items():
         for degree in (2, 3, 4):
-            timed(lambda d=degree: adapted(d, norm, error), norm)  # compiles the forms
-            unknowns, found, seconds = timed(lambda d=degree: adapted(d, norm, error), norm)
-            _, peer, other = timed(lambda: uniform(1, N), norm)
+            timed(partial(adapted, degree, norm, error), norm)  # compiles the forms
+            unknowns, found, seconds = timed(partial(adapted, degree, norm, error), norm)
+            _, peer, other = timed(partial(uniform, 1, N), norm)
             rows.append([norm, peer, f"P{degree}", unknowns, found, seconds, other / seconds])
     return rows
 
@@ -125,8 +126,8 @@ def reach() -> list[list[object]]:
     rows: list[list[object]] = []
     for norm, accuracies in REACH.items():
         for accuracy in accuracies:
-            timed(lambda e=accuracy: adapted(4, norm, e), norm)
-            rows.append([norm, accuracy, *timed(lambda e=accuracy: adapted(4, norm, e), norm)])
+            timed(partial(adapted, 4, norm, accuracy), norm)
+            rows.append([norm, accuracy, *timed(partial(adapted, 4, norm, accuracy), norm)])
     return rows
 
 
