@@ -24,6 +24,7 @@ SHOTS = (
     "gallery/index.html",
     "reference/api.html",
     "explanation/cascade.html",
+    "howto/recipes.html",
 )
 PAGE = """<!doctype html><title>check</title><pre id="found">running</pre><script>
 const pages = PAGES, widths = WIDTHS, found = [];

@@ -64,11 +64,13 @@ def make_gallery(docs: Path) -> None:
 
 
 def _entry(folder: Path, path: Path, cells: int | None) -> str:
-    """Solve one scene where its file is newer than its pictures; return its part of the page."""
+    """Solve one scene where file or program are newer than the pictures; return its part of the page."""
     name, text = path.stem, path.read_text()
     results = folder / ".results" / name
     record = results / "record.json"
-    if not record.exists() or record.stat().st_mtime < path.stat().st_mtime:
+    sources = [path, *Path(cli.__file__).parents[1].rglob("*.py")]
+    newest = max(source.stat().st_mtime for source in sources)
+    if not record.exists() or record.stat().st_mtime < newest:
         results.mkdir(parents=True, exist_ok=True)
         arguments = ["solve", str(path), "--outputs", "pictures", "--out", str(results), "-q"]
         if cells is not None:
