@@ -64,7 +64,7 @@ def make_gallery(docs: Path) -> None:
 
 
 def _entry(folder: Path, path: Path, cells: int | None) -> str:
-    """Solve one scene where file or program are newer than the pictures; return its part of the page."""
+    """Return the part of a scene; solve it where file or program are newer than its pictures."""
     name, text = path.stem, path.read_text()
     results = folder / ".results" / name
     record = results / "record.json"

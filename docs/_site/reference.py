@@ -31,6 +31,8 @@ GROUPS = {
         "EnergyTerms",
         "DetachmentPoint",
         "detachment_points",
+        "StressIntensity",
+        "stress_intensity",
     ),
     "Known solutions": (
         "manufacture",
@@ -71,9 +73,6 @@ def make_reference(docs: Path) -> None:
 
     Args:
         docs: The folder of the site.
-
-    Raises:
-        RuntimeError: A public name is in no group.
     """
     folder = docs / "reference"
     folder.mkdir(exist_ok=True)
@@ -84,10 +83,10 @@ def make_reference(docs: Path) -> None:
 
 def _api() -> str:
     grouped = {name for names in GROUPS.values() for name in names}
-    if missing := set(dolfinx_signorini.__all__) ^ grouped:
-        raise RuntimeError(f"docs/_site/reference.py: {', '.join(sorted(missing))} in no group")
+    others = [name for name in dolfinx_signorini.__all__ if name not in grouped]
+    groups = GROUPS | ({"More": tuple(others)} if others else {})
     page = API_HEAD
-    for title, names in GROUPS.items():
+    for title, names in groups.items():
         page += f"\n## {title}\n"
         for name in names:
             thing = getattr(dolfinx_signorini, name)
