@@ -32,11 +32,11 @@ def uniform(domain, times):
 
 
 def towards_corner(domain, times):
-    for _ in range(times):
+    for step in range(times):
         count = domain.topology.index_map(domain.topology.dim).size_local
         cells = np.arange(count, dtype=np.int32)
         middles = mesh.compute_midpoints(domain, domain.topology.dim, cells)
-        near = cells[np.linalg.norm(middles, axis=1) < 0.5]
+        near = cells[np.linalg.norm(middles, axis=1) < 0.5 * 0.5**step]
         domain = refined(SidedMesh(domain, {}), near).sided.mesh
     return domain
 
@@ -49,9 +49,9 @@ MESHES = {
     "refined square": lambda: uniform(
         mesh.create_unit_square(COMM, 5, 4, diagonal=mesh.DiagonalType.crossed), 4
     ),
-    "adapted square": lambda: towards_corner(friedrichs_keller(COMM, 16), 3),
+    "divided square": lambda: uniform(towards_corner(friedrichs_keller(COMM, 20), 3), 1),
     "refined cube": lambda: uniform(cube(3), 2),
-    "adapted cube": lambda: towards_corner(cube(5), 2),
+    "adapted cube": lambda: towards_corner(cube(9), 3),
 }
 
 
