@@ -71,7 +71,7 @@ class SignoriniProblem:
         u: The function to be filled with the solution; a new one by default.
         petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
         petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
-            BoomerAMG by default. An option of the same name in PETSc's database wins.
+            multigrid by default. An option of the same name in PETSc's database wins.
         form_compiler_options, jit_options: See `dolfinx.fem.form`.
 
     Attributes:

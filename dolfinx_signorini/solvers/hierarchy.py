@@ -65,8 +65,8 @@ def degree_prolongations(
 
 def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     """Return the prolongations to a space of degree 1 from the parent meshes and from lattices."""
-    domain, made = space.mesh, []
-    nodes = _nodes(space)
+    domain, nodes = space.mesh, _nodes(space)
+    made: list[PETSc.Mat] = []
     while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
         if _size(parent[0]) > REFINEMENT[domain.topology.dim] * _size(domain):
             return _merged(made)
