@@ -92,8 +92,8 @@ def energies(A, points):
 def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
     A, space = matrix_on(make(COMM, n))
     lattice = find_lattice(space.mesh, hierarchy._nodes(space))
-    coarse, parents = coarsened(lattice)
-    P = hierarchy.edge_prolongation(COMM, parents, coarse.places.shape[1])
+    coarse, parents, weights = coarsened(lattice)
+    P = hierarchy.edge_prolongation(COMM, parents, coarse.places.shape[1], weights)
     product = A.ptap(P)
     B, coarse_space = matrix_on(make(COMM, n // 2))
     x = coarse_space.tabulate_dof_coordinates()[: B.getLocalSize()[0], : len(lattice.cells)].T

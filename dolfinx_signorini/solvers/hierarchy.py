@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.refinement import ends_of_edges, parent_mesh
 from dolfinx_signorini.solvers.lattice import Lattice, coarsened, find_lattice
 
+Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 Indices = npt.NDArray[np.int32]
 
@@ -115,20 +116,23 @@ def lattice_prolongations(lattice: Lattice) -> list[PETSc.Mat]:
     """Return the prolongations to a lattice, the finest first, from a coarsest lattice on."""
     made = []
     while lattice.size > FEW and min(lattice.cells) > 1:
-        coarse, parents = coarsened(lattice)
-        made.append(edge_prolongation(lattice.comm, parents, coarse.places.shape[1]))
+        coarse, parents, weights = coarsened(lattice)
+        made.append(edge_prolongation(lattice.comm, parents, coarse.places.shape[1], weights))
         lattice = coarse
     return made
 
 
-def edge_prolongation(comm: MPI.Comm, parents: Numbers, owned: int) -> PETSc.Mat:
+def edge_prolongation(
+    comm: MPI.Comm, parents: Numbers, owned: int, weights: Array | float = 0.5
+) -> PETSc.Mat:
     """Return the interpolation of nodes from the ends of coarse edges.
 
     Args:
         comm: The communicator.
-        parents: For each node of this rank the global numbers of the two ends of the edge in the
-            middle of which the node lies, or the same number twice, shape (2, nodes).
+        parents: For each node of this rank the global numbers of the two ends of the edge on which
+            the node lies, or the same number twice, shape (2, nodes).
         owned: The number of coarse nodes of this rank.
+        weights: The weights of the second ends.
     """
     between = parents[0] != parents[1]
     starts = np.zeros(len(between) + 1, dtype=PETSc.IntType)
@@ -137,8 +141,10 @@ def edge_prolongation(comm: MPI.Comm, parents: Numbers, owned: int) -> PETSc.Mat
     columns = np.empty(starts[-1], dtype=PETSc.IntType)
     columns[starts[:-1]] = parents[0]
     columns[starts[1:] - 1] = parents[1]
-    values = np.full(len(columns), 0.5)
-    values[starts[:-1][~between]] = 1.0
+    values = np.ones(len(columns))
+    second = np.where(between, weights, 1.0)
+    values[starts[1:] - 1] = second
+    values[starts[:-1][between]] = 1.0 - second[between]
     sizes = ((len(between), None), (owned, None))
     return PETSc.Mat().createAIJ(sizes, csr=(starts, columns, values), comm=comm)
 

@@ -1,9 +1,9 @@
 """The lattice behind a structured mesh, and its coarsening by index arithmetic.
 
 The nodes of a Friedrichs-Keller triangulation, or of the division of a cube into tetrahedra around
-the diagonals of small cubes, are the points of a lattice. Every second node in each direction, and
-the last one, are the nodes of a coarser lattice, whatever the numbers of cells: a node in between
-is the middle of an edge of the coarser mesh, in the direction of an axis or of the main diagonal.
+the diagonals of small cubes, are the points of a lattice. Every second node in each direction, with
+both ends, are the nodes of a coarser lattice, whatever the numbers of cells: a node in between lies
+on an edge of the coarser mesh, in the direction of an axis or of the main diagonal.
 So the nodes know their two coarse neighbours by index arithmetic, and no coarse mesh is needed.
 """
 
@@ -29,17 +29,22 @@ class Lattice:
     """The nodes of a lattice that a rank owns, in the order of their global numbers:
 
         lattice = find_lattice(domain, nodes)
-        coarse, parents = coarsened(lattice)
+        coarse, parents, weights = coarsened(lattice)
 
     Attributes:
         comm: The communicator that shares the lattice.
-        cells: The number of cells in each direction.
+        lines: The coordinates of the nodes in each direction, in some unit.
         places: The nodes of this rank, counted in each direction, shape (directions, nodes).
     """
 
     comm: MPI.Intracomm
-    cells: tuple[int, ...]
+    lines: tuple[Array, ...]
     places: Places
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """The number of cells in each direction."""
+        return tuple(len(line) - 1 for line in self.lines)
 
     @property
     def size(self) -> int:
@@ -74,7 +79,7 @@ def find_lattice(domain: mesh.Mesh, nodes: Places) -> Lattice | None:
         scaled = (x[d] + ends[1, d]) * (cells[d] / extent[d])
         places[d] = np.rint(scaled)
         off = max(off, float(np.abs(scaled - places[d]).max(initial=0.0)))
-    lattice = Lattice(comm, tuple(map(int, cells)), places)
+    lattice = Lattice(comm, tuple(np.arange(n + 1.0) for n in cells), places)
     fits = comm.allreduce(off, op=MPI.MAX) < ROUNDING
     return lattice if fits and _complete(lattice) else None
 
@@ -89,17 +94,18 @@ def _complete(lattice: Lattice) -> bool:
     return (found - (count - 1) * count * (2 * count - 1) // 6) % 2**64 == 0
 
 
-def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers]:
+def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array]:
     """Return the lattice of every second node, and the coarse parents of each node; collective.
 
     A coarse node belongs to the rank of the fine node at its place.
 
     Returns:
-        The coarse lattice, and for each fine node the global numbers of the two coarse nodes in
-        the middle of which the node lies, or twice that of the node at its place, shape (2, nodes).
+        The coarse lattice; for each fine node the global numbers of the two coarse nodes that the
+        node lies between, or twice that of the node at its place, shape (2, nodes); and the weight
+        of the second one: 1/2 but for nodes next to a first or last cell of another width.
     """
     comm, places = lattice.comm, lattice.places
-    tables = [_parents(n) for n in lattice.cells]
+    tables = [_parents(line) for line in lattice.lines]
     low, high = (
         np.stack([table[side].take(p) for p, table in zip(places, tables, strict=True)])
         for side in (0, 1)
@@ -107,20 +113,52 @@ def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers]:
     box = _Box(low, high)
     ends = np.stack([box.at(low), box.at(high)])
     kept = ends[0] == ends[1]
-    coarse = Lattice(comm, tuple((n + 1) // 2 for n in lattice.cells), low[:, kept])
+    lines = tuple(
+        line[table[0] == table[1]] for line, table in zip(lattice.lines, tables, strict=True)
+    )
+    coarse = Lattice(comm, lines, low[:, kept])
     count = coarse.places.shape[1]
     first = comm.exscan(count) or 0
     box.table[ends[0, kept]] = np.arange(first, first + count)
     if comm.size > 1:
         _look_up(coarse, box, np.unique(ends[box.table[ends] < 0]))
-    return coarse, box.table[ends]
+    return coarse, box.table[ends], _weights(lattice, tables, lines)
 
 
-def _parents(n: int) -> tuple[Places, Places]:
-    """The coarse neighbours of n + 1 nodes in a row, on the low and on the high side."""
-    i = np.arange(n + 1, dtype=np.int32)
-    low, high = i // 2, (i + 1) // 2
-    low[-1] = high[-1]  # the last node is kept
+def _weights(
+    lattice: Lattice, tables: Sequence[tuple[Places, Places]], lines: Sequence[Array]
+) -> Array:
+    """The weights of the second parents: the mean over the directions in which a node lies between.
+
+    Args:
+        lattice: The fine lattice.
+        tables: The coarse neighbours in each direction.
+        lines: The coarse coordinates in each direction.
+    """
+    total, count = (np.zeros(lattice.places.shape[1]) for _ in range(2))
+    for d, (low, high) in enumerate(tables):
+        between = low != high
+        start, width = lines[d][low], np.where(between, lines[d][high] - lines[d][low], 1.0)
+        total += ((lattice.lines[d] - start) / width).take(lattice.places[d])
+        count += between.take(lattice.places[d])
+    return np.asarray(total / np.maximum(count, 1.0))
+
+
+def _parents(line: Array) -> tuple[Places, Places]:
+    """The coarse neighbours of nodes in a row, on the low and on the high side.
+
+    Of an odd number of cells one stays as it is, the wider one of the first and the last: so no
+    level has a cell that is much narrower than the others.
+
+    Args:
+        line: The coordinates of the nodes.
+    """
+    i = np.arange(len(line), dtype=np.int32)
+    odd = len(line) % 2 == 0
+    shift = int(odd and line[1] - line[0] > line[-1] - line[-2])
+    low, high = (i + shift) // 2, (i + shift + 1) // 2
+    low[-1] = high[-1]  # the ends are kept
+    high[0] = low[0]
     return low, high
 
 
