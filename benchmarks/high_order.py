@@ -86,7 +86,7 @@ def timed(solve: Callable[[], Solved], norm: str) -> tuple[int, float, float]:
 def orders() -> list[list[object]]:
     """Errors on uniform meshes by degree, and their slopes against unknowns."""
     rows: list[list[object]] = []
-    figure = Figure(figsize=(8.4, 4.0), layout="constrained")
+    figure = Figure(figsize=(8.4, 4.6), layout="constrained")
     for axes, norm in zip(figure.subplots(1, 2), ORDERS, strict=True):
         for degree, sizes in SIZES.items():
             found = [timed(partial(uniform, degree, n), norm)[:2] for n in sizes]
@@ -102,7 +102,7 @@ def orders() -> list[list[object]]:
             axes.loglog(unknowns, errors, "s--", color=COLOURS[degree], label=f"adapted P{degree}")
         axes.set(xlabel="unknowns", ylabel=f"error in {norm}")
         axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", ncols=2)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     if COMM.rank == 0:
         RESULTS.mkdir(exist_ok=True)
         save(figure, RESULTS / "high_order.png")
