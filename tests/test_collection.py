@@ -4,6 +4,7 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from mpi4py import MPI
 
 PATH = Path(__file__).parents[1] / "benchmarks" / "collection.py"
 spec = importlib.util.spec_from_file_location("collection_of_benchmarks", PATH)
@@ -30,7 +31,9 @@ def test_unknowns_iterations_and_errors(name):
     # gmsh meshes a polygon in its own way in each version.
     assert found["unknowns"] == pytest.approx(tracked["unknowns"], rel=0.03)
     assert found["linear_solves"] <= tracked["linear_solves"] + 1
-    assert found["linear_iterations"] <= 1.3 * tracked["linear_iterations"] + 1
+    # Gauss-Seidel sweeps of several ranks know less of each other.
+    more = 1.3 if MPI.COMM_WORLD.size == 1 else 1.6
+    assert found["linear_iterations"] <= more * tracked["linear_iterations"] + 1
     if known["quantity"] == "energy":
         # The energy of a discrete solution lies above that of the solution, here by O(h^2).
         found, tracked = (row["energy"] - known["reference"] for row in (found, tracked))
