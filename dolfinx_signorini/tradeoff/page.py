@@ -19,12 +19,11 @@ from dolfinx_signorini.tradeoff.rules import NORMS, RULES, shown, sweep
 P2 = [
     "## What P2 guarantees",
     "",
-    "For P2 elements the constraint u_h >= g is imposed at the vertices and midpoints of the "
-    "contact edges. Between them the gap is a quadratic q with three values that are not negative: "
-    "of the two end functions (1 - t)(1 - 2t) and t(2t - 1) one is negative at a time, and never "
-    "below -1/8, so that q >= -1/8 of the larger gap at the two ends. This bound is zero on edges "
-    "with full contact, and of the size of the error on the edge at a detachment point. A "
-    "constraint on the whole edge would not be a bound on each dof any more.",
+    "P2 elements are in the Bernstein basis: on an edge the gap is a (1 - t)^2 + 2 c t (1 - t) + "
+    "b t^2 with coefficients a, c, b that are not negative, and so is the gap at every point. Each "
+    "coefficient has a bound of its own, as TAO needs it. The condition is sufficient: the gap of "
+    "degree 2 is not negative as soon as c >= -sqrt(a b). Nodal elements would hold the constraint "
+    "at vertices and midpoints only.",
     "",
 ]
 

@@ -110,8 +110,8 @@ def _second_degree(rows: Sequence[Row]) -> Rule:
     if coarse[0] and coarse[1]:
         tail = (
             f" For L4 = 0.01 it is {coarse[1]['total']:.3g} s with P2 against "
-            f"{coarse[0]['total']:.3g} s with P1. The constraint of P2 holds at vertices and edge "
-            "midpoints only: between them u_h may lie below the obstacle."
+            f"{coarse[0]['total']:.3g} s with P1. In the Bernstein basis u_h is nowhere below the "
+            "obstacle."
         )
     return "P2 pays for more than two digits, on uniform meshes, too", " ".join(parts) + tail
 
