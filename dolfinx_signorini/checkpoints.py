@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.records import on_first
+from dolfinx_signorini.records import on_first, whole_file
 
 Array = npt.NDArray[np.float64]
 
@@ -62,13 +62,8 @@ def write_checkpoint(
     def write() -> None:
         for name in functions:
             _check_places(data[f"points {name}"], name)
-        temporary = path.with_name(f".{path.name}.part")
-        try:
-            with temporary.open("wb") as file:
-                np.savez(file, **data, **gathered)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with whole_file(path) as file:
+            np.savez(file, **data, **gathered)
 
     on_first(comm, path.parent, write)
 

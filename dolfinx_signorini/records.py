@@ -7,13 +7,14 @@ the same file drops this line and goes on behind the last finished row.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import uuid
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, BinaryIO, TypeVar, cast
 
 import dolfinx
 from mpi4py import MPI
@@ -158,10 +159,21 @@ def write_file(path: Path, content: str) -> None:
         path: The file.
         content: The whole text of the file.
     """
+    with whole_file(path) as file:
+        file.write(content.encode("utf-8"))
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Give a binary file to write, which takes the place of a file when it is complete.
+
+    Args:
+        path: The file to be replaced; the new one is discarded where its writer fails.
+    """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     try:
-        with temporary.open("x", encoding="utf-8") as file:
-            file.write(content)
+        with temporary.open("xb") as file:
+            yield file
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
