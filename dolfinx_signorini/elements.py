@@ -36,7 +36,19 @@ def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
     """
     if degree == 1:
         return fem.functionspace(domain, ("Lagrange", 1))
-    variant = basix.LagrangeVariant.bernstein
+    return lagrange_space(domain, degree, basix.LagrangeVariant.bernstein)
+
+
+def lagrange_space(
+    domain: mesh.Mesh, degree: int, variant: basix.LagrangeVariant
+) -> fem.FunctionSpace:
+    """Return the continuous piecewise polynomials in the basis of a variant.
+
+    Args:
+        domain: The mesh.
+        degree: The polynomial degree.
+        variant: Basix's name of the basis.
+    """
     cell = domain.topology.cell_name()
     return fem.functionspace(
         domain, basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
@@ -57,11 +69,8 @@ def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     """
     if not is_bernstein(space):
         return space
-    variant = basix.LagrangeVariant.equispaced
-    cell, degree = space.mesh.topology.cell_name(), space.element.basix_element.degree
-    nodal = fem.functionspace(
-        space.mesh, basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
-    )
+    degree = space.element.basix_element.degree
+    nodal = lagrange_space(space.mesh, degree, basix.LagrangeVariant.equispaced)
     assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
     return nodal
 

@@ -4,7 +4,6 @@ A space of degree k is followed by those of degree 2 and 1 on the same mesh, the
 that the mesh was refined from, and those by the lattices behind a structured mesh.
 """
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
@@ -12,6 +11,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.elements import lagrange_space
 from dolfinx_signorini.refinement import ends_of_edges, parent_mesh
 from dolfinx_signorini.solvers.lattice import Lattice, coarsened, find_lattice
 
@@ -54,9 +54,7 @@ def degree_prolongations(
     made: list[PETSc.Mat] = []
     for degree in (2, 1):
         if degree < element.degree:
-            cell, variant = space.mesh.basix_cell(), element.lagrange_variant
-            lower = basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
-            coarse = fem.functionspace(space.mesh, lower)
+            coarse = lagrange_space(space.mesh, degree, element.lagrange_variant)
             matrix = fem_petsc.interpolation_matrix(coarse, space)
             matrix.assemble()
             made.append(matrix)
