@@ -5,6 +5,7 @@ import logging
 from pathlib import Path
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.records import folder_name
 
 LEVELS = {True: logging.WARNING, None: logging.INFO, False: logging.DEBUG}
 
@@ -26,6 +27,25 @@ def add_talk(parser: argparse.ArgumentParser) -> None:
         action="store_const",
         const=False,
         help="each mesh and each phase with its seconds",
+    )
+
+
+def add_out(parser: argparse.ArgumentParser, folder: str, holds: str, more: str = "") -> None:
+    """Add --out, the folder of a job whose runs go on from what they find there.
+
+    Args:
+        parser: The parser of the job.
+        folder: The default.
+        holds: What the folder is for, in words.
+        more: What else is to be said of its runs.
+    """
+    parser.add_argument(
+        "--out",
+        type=folder_name,
+        default=Path(folder),
+        metavar="DIR",
+        help=f"folder for {holds}; a run that was stopped goes on from what it finds there{more} "
+        "(default %(default)s)",
     )
 
 

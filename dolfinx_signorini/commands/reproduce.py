@@ -7,6 +7,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.costs import Cost, cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
@@ -16,7 +17,7 @@ from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
 from dolfinx_signorini.paper.tables import error_table, order_table
 from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import check_outputs, folder_name, on_first, versions, write_file
+from dolfinx_signorini.records import check_outputs, on_first, versions, write_file
 from dolfinx_signorini.solvers import METHODS
 
 FIRST, STEP, LARGEST = 101, 100, 5001
@@ -53,14 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="relative natural residual of every solve (default: 1e-7 for the cascade, 1e-8 for "
         "the methods of TAO)",
     )
-    parser.add_argument(
-        "--out",
-        type=folder_name,
-        default=Path("results"),
-        metavar="DIR",
-        help="folder for rows, tables and pictures; a run that was stopped goes on from what it "
-        "finds there (default %(default)s)",
-    )
+    add_out(parser, "results", "rows, tables and pictures")
     parser.add_argument(
         "--costs",
         action="store_true",

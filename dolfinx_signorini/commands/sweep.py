@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
-from dolfinx_signorini.commands.options import add_scene
+from dolfinx_signorini.commands.options import add_out, add_scene
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.palette import COLOURS, MARKERS
@@ -17,7 +17,6 @@ from dolfinx_signorini.records import (
     ROWS,
     Records,
     check_outputs,
-    folder_name,
     on_first,
     write_file,
 )
@@ -41,14 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="VALUE",
         help="its values; one that begins with a minus and is no number goes behind --",
     )
-    parser.add_argument(
-        "--out",
-        type=folder_name,
-        default=Path("results/sweep"),
-        metavar="DIR",
-        help="folder for rows, table and plot; a run that was stopped goes on from what it finds "
-        "there (default %(default)s)",
-    )
+    add_out(parser, "results/sweep", "rows, table and plot")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -2,10 +2,10 @@
 
 import argparse
 from collections.abc import Mapping
-from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.paper.theory.examples import paper_example
@@ -20,7 +20,7 @@ from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approxi
 from dolfinx_signorini.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.paper.theory.statements import MEASURED, Statement, select
 from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import check_outputs, folder_name, on_first, write_file
+from dolfinx_signorini.records import check_outputs, on_first, write_file
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
 PICTURE_CELLS = 31
@@ -42,14 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"cells per side of the finest mesh, {SMALLEST} to {LARGEST} (default %(default)s)",
     )
-    parser.add_argument(
-        "--out",
-        type=folder_name,
-        default=Path("results/theory"),
-        metavar="DIR",
-        help="folder for rows, document and pictures; a run that was stopped goes on from what it "
-        "finds there (default %(default)s)",
-    )
+    add_out(parser, "results/theory", "rows, document and pictures")
 
 
 def run(args: argparse.Namespace) -> int:

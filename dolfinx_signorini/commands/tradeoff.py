@@ -6,11 +6,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.norms import listed_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.records import ROWS, Records, check_outputs, folder_name, on_first
+from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
 from dolfinx_signorini.tradeoff.family import Family, scene_family
@@ -42,13 +43,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repeats", type=int, default=3, help="how often to time each solve (default %(default)s)"
     )
-    parser.add_argument(
-        "--out",
-        type=folder_name,
-        default=Path("results/tradeoff"),
-        metavar="DIR",
-        help="folder for rows, tables and diagrams; a run that was stopped goes on from what it "
-        "finds there, and runs on other numbers of ranks add to it (default %(default)s)",
+    add_out(
+        parser,
+        "results/tradeoff",
+        "rows, tables and diagrams",
+        ", and runs on other numbers of ranks add to it",
     )
     parser.add_argument(
         "--page",
