@@ -1,4 +1,4 @@
-"""Options that several jobs share: how much is told, and keys of a scene file."""
+"""Options that several jobs share: how much is told, a folder, and keys of a scene file."""
 
 import argparse
 import logging
@@ -66,13 +66,13 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 # What shtab completes: files with this ending.
 COMPLETE_SCENES = {
-    "bash": "_shtab_greeter_compgen_scenes",
+    "bash": "_dolfinx_signorini_scenes",
     "zsh": "_files -g '*.toml'",
     "tcsh": "f:*.toml",
 }
 PREAMBLE = {
     "bash": """
-_shtab_greeter_compgen_scenes() {
+_dolfinx_signorini_scenes() {
   compgen -d -- "$1"
   compgen -f -X '!*.toml' -- "$1"
 }
