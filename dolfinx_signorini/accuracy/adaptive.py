@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, collected, total
+from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, total
+from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.indicators import Indicators, difference, indicators, size
-from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, mark_all
+from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, mark_worst
 from dolfinx_signorini.accuracy.misfits import obstacle_misfits
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Functional, Target, target
@@ -30,7 +31,10 @@ from dolfinx_signorini.solvers.cascade import ascend
 
 MAX_UNKNOWNS = 1_000_000
 SAFETY = 1.3  # the estimate over what the measured rates say
+SURE = 1.1  # the same in H1, where errors of levels are orthogonal
 AIM = 0.9  # estimate aimed at, over the accuracy
+LEAST = 0.75  # of the estimate: to fall less is not worth a step
+GAIN = 0.6  # more than the conforming mesh gains on the prediction is not counted on
 SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
 RESERVE = 1.2  # how much longer than predicted a step may take
 PATIENCE = 4  # steps in which the estimate does not fall
@@ -201,6 +205,8 @@ class _Loop:
         self.steps: list[Step] = []
         self.stopped = ""
         self.correction = 1.0
+        self.predicted = 0.0  # estimate; 0 for none
+        self.safety = SURE if request.target.is_energy else SAFETY
 
     def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
         """Yield the meshes to solve on: a mesh and its division in turn."""
@@ -217,13 +223,14 @@ class _Loop:
             found = indicators(u, self.problem, self.division.parents, self.request.target)
             if self.steps:
                 self.rates.measure(found.cells)
+            ends = cells_at_contact_ends(self.problem, self.division.parents, len(found.cells))
+            self.rates.limit(ends, rate_at_ends(self.request.target))
             self._estimate(found)
             self._note()
             divided = self._next_mesh(found)
             if divided is None:
                 return
-            if len(self.steps) > 1:  # else the mesh is the one just solved on
-                yield divided.sided, {}
+            yield divided.sided, {}
 
     def _require_room(self, space: fem.FunctionSpace) -> None:
         needed = _unknowns(self.division.sided, space)
@@ -242,13 +249,7 @@ class _Loop:
         whole = total(found.cells, power, self.comm)
         share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
         estimate = found.difference * share
-        if self.request.target.is_largest_value:
-            misfits = obstacle_misfits(self.problem)
-            count = len(found.cells)
-            hidden = collected(misfits, self.division.parents, count, math.inf)
-            remaining = np.maximum(self.outlook.remaining, hidden)
-            self.outlook = replace(self.outlook, remaining=remaining)
-            estimate = max(estimate, total(hidden, math.inf, self.comm))
+        estimate = self._with_misfits(estimate)
         if self.steps:
             u, parents, before = self.last
             cells = self.owners[self.division.parents]
@@ -261,10 +262,28 @@ class _Loop:
         self.last = self.problem.u, self.division.parents, estimate
         self.estimate = estimate * self.correction
 
+    def _with_misfits(self, estimate: float) -> float:
+        """Add to an estimate, and to the outlook, what the obstacle shows between the nodes."""
+        norm = self.request.target.norm
+        if norm is None or norm.boundary:
+            return estimate
+        misfits = obstacle_misfits(self.problem, norm)
+        hidden = collected(misfits, self.division.parents, len(self.outlook.remaining), norm.p)
+        whole = total(hidden, norm.p, self.comm)
+        if whole == 0.0:
+            return estimate
+        if self.request.target.weighted:  # parts of cells add up as they are
+            parts = hidden**norm.p / whole ** (norm.p - 1.0)
+            remaining = self.outlook.remaining + parts
+        else:
+            remaining = joined(self.outlook.remaining, hidden, norm.p)
+        self.outlook = replace(self.outlook, remaining=remaining)
+        return float(joined(np.array(estimate), np.array(whole), norm.p))
+
     def _note(self) -> None:
         """Note the step."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
-        step = Step(self.problem.unknowns, SAFETY * self.estimate, seconds)
+        step = Step(self.problem.unknowns, self.safety * self.estimate, seconds)
         self.steps.append(step)
         self.on_step(step)
 
@@ -272,9 +291,8 @@ class _Loop:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
         accuracy, estimate = self.request.accuracy, self.steps[-1].estimate
         if len(self.steps) == 1:
-            marks = mark_all(self.sided)
-            parents, ones = self.division.parents, np.ones(len(self.division.parents))
-            divided = Divided(self.division.sided, parents, ones, ones < 0.0)
+            marks = mark_worst(self.sided, found.cells, self.rates.order, self.rates.power)
+            divided = marks.apply(self.sided)
         else:
             if accuracy is not None and estimate <= accuracy:
                 self.stopped = "the accuracy is reached"
@@ -282,12 +300,15 @@ class _Loop:
             if self._standing():
                 self.stopped = "rounding: the estimate does not fall any more"
                 return None
-            goal = 0.0 if accuracy is None else AIM * accuracy / estimate
+            goal = 0.0
+            if accuracy is not None:
+                goal = min(AIM * accuracy / (estimate * self._gain(estimate)), LEAST)
             growth = self._affordable()
             if growth < SMALLEST_GROWTH:
                 return None
             marks = mark(self.sided, self.outlook, goal, min(growth, GROWTH))
             divided = marks.apply(self.sided)
+            self.predicted = marks.factor * estimate
         division = refined(divided.sided)
         if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
@@ -295,6 +316,13 @@ class _Loop:
         self.rates.refine(self.sided.mesh, found.cells, marks, divided)
         self.sided, self.division, self.owners = divided.sided, division, divided.owners
         return divided
+
+    def _gain(self, estimate: float) -> float:
+        """The estimate over what was predicted: cells that only follow others gain, too."""
+        local = not self.request.target.weighted and not math.isinf(self.rates.power)
+        if self.predicted == 0.0 or not local:
+            return 1.0
+        return min(max(estimate / self.predicted, GAIN), 1.0)
 
     def _standing(self) -> bool:
         """Whether the estimate is small, and has not fallen in the last steps."""

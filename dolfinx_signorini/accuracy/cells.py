@@ -74,6 +74,21 @@ def collected(values: Array, owners: Indices, count: int, power: float) -> Array
     return np.asarray(largest * sums ** (1.0 / power))
 
 
+def joined(one: Array, other: Array, power: float) -> Array:
+    """Put two values per cell together: the root of the sum of their powers, or the larger one.
+
+    Args:
+        one, other: Values, not negative.
+        power: The exponent, from 1 to infinity.
+    """
+    largest = np.maximum(one, other)
+    if math.isinf(power):
+        return largest
+    with np.errstate(all="ignore"):
+        ratio = np.nan_to_num(np.minimum(one, other) / largest)
+    return np.asarray(largest * (1.0 + ratio**power) ** (1.0 / power))
+
+
 def summed_at_vertices(space: fem.FunctionSpace, values: Array, cells: Indices) -> Array:
     """Return for each vertex the sum of values of cells around the vertex, on all ranks.
 

@@ -23,6 +23,7 @@ BISECTIONS = 60  # of the interval that the threshold is in
 SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
+DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
 NEAR = 1e-6  # of the size of a cell
 
 
@@ -61,11 +62,13 @@ class Marks:
         levels: The number of divisions of each owned cell.
         singular: Whether the cell is divided towards a point.
         points: These points, shape (cells, 3).
+        factor: By how much the divisions are predicted to multiply the error.
     """
 
     levels: npt.NDArray[np.int64]
     singular: npt.NDArray[np.bool_]
     points: Array
+    factor: float = 1.0
 
     def apply(self, sided: SidedMesh) -> "Divided":
         """Return the divided mesh; the call is collective."""
@@ -118,6 +121,22 @@ def mark_all(sided: SidedMesh) -> Marks:
     return Marks(np.ones(count, dtype=np.int64), np.zeros(count, bool), np.zeros((count, 3)))
 
 
+def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Marks:
+    """Return the marks that divide each cell once whose error could be among the largest after.
+
+    Args:
+        sided: The mesh.
+        cells: The indicators of the owned cells.
+        order: The order of convergence for smooth solutions.
+        power: The exponent with which the indicators add up.
+    """
+    count, dimension = len(cells), sided.mesh.topology.dim
+    largest = sided.mesh.comm.allreduce(float(cells.max(initial=0.0)), op=MPI.MAX)
+    part = 2.0 ** -(order + (0.0 if math.isinf(power) else dimension / power))
+    levels = (cells >= DOUBT * part * largest).astype(np.int64)
+    return Marks(levels, np.zeros(count, bool), np.zeros((count, 3)))
+
+
 def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Marks:
     """Choose how often to divide the cells of a mesh; the call is collective.
 
@@ -141,7 +160,9 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
         else:
             low = threshold
     levels = np.maximum(choice.levels(low), choice.bulk())
-    return Marks(levels.astype(np.int64), choice.singular, points)
+    power = 1.0 if math.isinf(outlook.power) else outlook.power
+    factor = (choice.error(levels) / choice.present) ** (1.0 / power)
+    return Marks(levels.astype(np.int64), choice.singular, points, factor)
 
 
 class _Choice:

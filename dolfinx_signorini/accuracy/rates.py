@@ -52,6 +52,15 @@ class Rates:
         self.values: Array = np.full(count, UNKNOWN * order)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
+    def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
+        """Take some cells to be no faster than theory says.
+
+        Args:
+            cells: Whether the limit is for a cell.
+            rate: The limit.
+        """
+        self.values = np.where(cells, np.minimum(self.values, rate), self.values)
+
     def outlook(self, cells: Array) -> Outlook:
         """Return what the cells leave in the error of the solution on the divided mesh.
 

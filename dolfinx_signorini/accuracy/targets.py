@@ -43,10 +43,10 @@ class Target:
         return norm is None or norm.boundary or (norm.derivatives == 0 and not math.isinf(norm.p))
 
     @property
-    def is_largest_value(self) -> bool:
-        """Whether the target is the largest error of the values."""
+    def is_energy(self) -> bool:
+        """Whether the target is the H1 norm: errors of levels are almost orthogonal in H1."""
         norm = self.norm
-        return norm is not None and norm.derivatives == 0 and math.isinf(norm.p)
+        return norm is not None and norm.derivatives == 1 and norm.p == 2.0
 
     @property
     def power(self) -> float:

@@ -1,0 +1,84 @@
+"""The cells at the ends of the contact set, where a solution is like r^{3/2} and not smoother.
+
+A few meshes do not tell the rate there: the discrete contact set ends at a dof, which is now nearer
+to the true end and now farther away. The theory tells.
+
+Source: Christof and Haubner, Section 2.2, for the singularity.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from dolfinx_signorini.accuracy.cells import Indices
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
+from dolfinx_signorini.problem import SignoriniProblem
+
+EXPONENT = 1.5  # of the distance
+CODIMENSION = 2  # of the ends: points in the plane, curves in space
+
+
+def rate_at_ends(target: Target) -> float:
+    """Return the rate with which divisions towards an end of the contact set reduce the error.
+
+    Args:
+        target: What is to be accurate.
+    """
+    if target.weighted or target.norm is None:
+        # In energy, the solution has r^{3/2}, and the dual solution r^{1/2}.
+        return 2.0 * EXPONENT - 1.0
+    share = 0.0 if math.isinf(target.norm.p) else CODIMENSION / target.norm.p
+    return EXPONENT - target.norm.derivatives + share
+
+
+def cells_at_contact_ends(
+    problem: SignoriniProblem, parents: Indices, count: int
+) -> npt.NDArray[np.bool_]:
+    """Tell which cells have an end of the contact set; the call is collective.
+
+    Args:
+        problem: The solved problem, on the mesh with every cell divided.
+        parents: For each owned cell of this mesh the coarse cell around the cell.
+        count: The number of owned coarse cells.
+
+    Returns:
+        For each owned coarse cell whether the cell is at a facet with dofs in contact and others.
+    """
+    space = problem.space
+    dofs, touching = contact_on_facets(problem)
+    held = _marked(space, problem.fixed_dofs)[dofs]
+    ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
+    cells = cells_with_dofs(space, _marked(space, dofs[ends].ravel()))
+    result = np.zeros(count, dtype=bool)
+    result[parents[cells[cells < len(parents)]]] = True
+    return result
+
+
+def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, npt.NDArray[np.bool_]]:
+    """Return the dofs of the contact facets of this rank, and whether they are in contact.
+
+    Args:
+        problem: The solved problem; the call is collective.
+
+    Returns:
+        Two arrays of the shape (facets, dofs of a facet).
+    """
+    space = problem.space
+    dim = space.mesh.topology.dim
+    owned = problem.contact < space.mesh.topology.index_map(dim - 1).size_local
+    cells, local = facet_cells(space.mesh, problem.contact[owned]).T
+    closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
+    dofs: Indices = space.dofmap.list[cells[:, None], closures[local]]
+    return dofs, _marked(space, problem.active)[dofs]
+
+
+def _marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
+    """Whether dofs of this rank are among those that any rank names."""
+    f = fem.Function(space)
+    f.x.array[dofs] = 1.0
+    f.x.scatter_reverse(la.InsertMode.add)
+    f.x.scatter_forward()
+    return np.asarray(f.x.array > 0.5)
