@@ -44,7 +44,9 @@ class Refinement:
     parents: Indices
 
 
-def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
+def refined(
+    sided: SidedMesh, cells: Indices | None = None, at: tuple[Indices, Array] | None = None
+) -> Refinement:
     """Refine a mesh of triangles or tetrahedra; the call is collective.
 
     The edges of the cells are bisected, and further edges where the mesh would not conform. The
@@ -53,6 +55,8 @@ def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
     Args:
         sided: The mesh with its sides.
         cells: Owned cells all of whose edges are bisected; None for all cells.
+        at: Further owned cells of which only the edges at one vertex are bisected, and these
+            vertices, shape (cells, 3): so few cells grade a mesh towards a point.
 
     Source: Plaza and Carey, Local refinement of simplicial grids based on the skeleton, Appl.
     Numer. Math. 32 (2000) 195-218.
@@ -65,10 +69,33 @@ def refined(sided: SidedMesh, cells: Indices | None = None) -> Refinement:
         topology.create_connectivity(tdim, 1)
         topology.create_connectivity(1, tdim)
         edges = mesh.compute_incident_entities(topology, cells, tdim, 1)
+        if at is not None:
+            edges = np.union1d(edges, _edges_at(domain, *at)).astype(np.int32)
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
     _parents[fine] = domain, parents
     return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
+
+
+def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
+    """Return the edges of cells with an end at a point.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+        points: A vertex of each cell, shape (cells, 3).
+    """
+    topology, tdim = domain.topology, domain.topology.dim
+    topology.create_connectivity(1, 0)
+    topology.create_connectivity(0, tdim)
+    if len(cells) == 0:
+        return np.empty(0, dtype=np.int32)
+    count = tdim * (tdim + 1) // 2
+    edges: Indices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
+    ends = mesh.entities_to_geometry(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
+    distance = np.abs(domain.geometry.x[ends] - points[:, None, None]).max(axis=3).min(axis=2)
+    size = np.linalg.norm(cell_edges(domain, cells), axis=2).max(axis=1, initial=0.0)
+    return np.asarray(edges[distance < ROUNDING * size[:, None]])
 
 
 def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:

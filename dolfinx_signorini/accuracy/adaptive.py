@@ -215,14 +215,15 @@ class _Loop:
         space = self.problem.space
         degree, dimension = space.element.basix_element.degree, space.mesh.topology.dim
         self._require_room(space)
-        order, power = self.request.target.order(degree), self.request.target.power
-        self.rates = Rates(order, power, len(owned_cells(space.mesh)), dimension)
+        target = self.request.target
+        order, power, dual = target.order(degree), target.power, target.weighted
+        self.rates = Rates(order, power, len(owned_cells(space.mesh)), dimension, dual)
         while True:
             u = self.problem.u
             yield self.division.sided, {}
             found = indicators(u, self.problem, self.division.parents, self.request.target)
             if self.steps:
-                self.rates.measure(found.cells)
+                self.rates.measure(found.local)
             ends = cells_at_contact_ends(self.problem, self.division.parents, len(found.cells))
             self.rates.limit(ends, rate_at_ends(self.request.target))
             self._estimate(found)
@@ -313,7 +314,7 @@ class _Loop:
         if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
             return None
-        self.rates.refine(self.sided.mesh, found.cells, marks, divided)
+        self.rates.refine(self.sided.mesh, found.local, marks, divided)
         self.sided, self.division, self.owners = divided.sided, division, divided.owners
         return divided
 

@@ -45,10 +45,13 @@ class Indicators:
         difference: The norm of the difference, or the size of the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
+        local: For each cell the part of this number that the solution alone tells: with a dual
+            solution |w - I w|_a, which adds up in squares, and else the whole.
     """
 
     difference: float
     cells: Array
+    local: Array
 
 
 def indicators(
@@ -72,10 +75,11 @@ def indicators(
         primal, weight = (
             _energies(fine, _detail(transfer, v), parents, count) for v in (fine.u, dual)
         )
-        return Indicators(apart, np.sqrt(primal) * np.sqrt(weight))
+        return Indicators(apart, np.sqrt(primal) * np.sqrt(weight), np.sqrt(primal))
     assert norm is not None
     local = _detail(transfer, fine.u) if math.isinf(norm.p) else error
-    return Indicators(apart, collected(cell_norms(local, norm), parents, count, norm.p))
+    cells = collected(cell_norms(local, norm), parents, count, norm.p)
+    return Indicators(apart, cells, cells)
 
 
 def difference(one: fem.Function, other: fem.Function) -> fem.Function:

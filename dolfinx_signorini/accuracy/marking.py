@@ -77,10 +77,10 @@ class Marks:
         size = volumes(sided.mesh)
         deepest = comm.allreduce(int(self.levels.max(initial=0)), op=MPI.MAX)
         for level in range(deepest):
-            chosen = self.levels[owners] > level
-            if level:
-                chosen &= ~self.singular[owners] | self._at_point(sided, owners)
-            step = refined(sided, np.flatnonzero(chosen).astype(np.int32))
+            chosen, singular = self.levels[owners] > level, self.singular[owners]
+            whole = np.flatnonzero(chosen & ~singular).astype(np.int32)
+            tips = np.flatnonzero(chosen & singular & self._at_point(sided, owners))
+            step = refined(sided, whole, (tips.astype(np.int32), self.points[owners[tips]]))
             sided, owners = step.sided, owners[step.parents]
         dimension = sided.mesh.topology.dim
         levels = np.log2(size[owners] / volumes(sided.mesh)) / dimension

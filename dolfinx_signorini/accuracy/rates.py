@@ -9,7 +9,9 @@ division multiplies the error by rho = 2^-s, that is
                                   orthogonal, and exactly so in the energy norm.
 
 The rate s is that of smooth solutions, or less. It is measured where a cell has been divided, from
-the indicators of the cell and of its parts.
+the indicators of the cell and of its parts. Where an indicator is the product of a part of the
+solution and a part of a dual solution, which is another one on every mesh, the part of the solution
+is measured alone: the other one is as smooth, and the rate of the product is twice that of the part.
 """
 
 import numpy as np
@@ -42,13 +44,17 @@ class Rates:
         power: The exponent with which indicators add up.
         count: The number of owned cells.
         dimension: The dimension of space.
+        dual: Whether a dual solution has part in the indicators.
 
     Attributes:
         values: The rate of each owned cell.
     """
 
-    def __init__(self, order: float, power: float, count: int, dimension: int):
+    def __init__(
+        self, order: float, power: float, count: int, dimension: int, dual: bool = False
+    ):
         self.order, self.power, self.dimension = order, power, dimension
+        self._times, self._power = (2.0, 2.0) if dual else (1.0, power)
         self.values: Array = np.full(count, UNKNOWN * order)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
@@ -78,7 +84,7 @@ class Rates:
 
         Args:
             domain: The mesh so far.
-            before: The indicators of the cells.
+            before: The local indicators of the cells, see `Indicators`.
             marks: How the cells were to be divided.
             divided: The mesh that came out.
         """
@@ -92,7 +98,7 @@ class Rates:
         """Measure the rates of the cells that have been divided.
 
         Args:
-            cells: The indicators of the divided mesh.
+            cells: The local indicators of the divided mesh.
         """
         before, singular, divided = self._before, self._marks.singular, self._divided
         owners, levels = divided.owners, divided.levels
@@ -101,12 +107,13 @@ class Rates:
         np.maximum.at(deepest, owners, levels)
         # Towards a singular point the cells at the point tell, elsewhere all of them.
         counted = ~singular[owners] | (levels == deepest[owners])
-        now = collected(np.where(counted, cells, 0.0), owners, count, self.power)
+        now = collected(np.where(counted, cells, 0.0), owners, count, self._power)
         parts = np.bincount(owners, minlength=count)
         depth = np.where(singular, deepest, np.log2(np.maximum(parts, 1)) / dim)
-        told = (parts >= 2**dim) & (before > 0.0) & (now > 0.0)
+        divided_enough = np.where(singular, deepest > 0.0, parts >= 2**dim)
+        told = divided_enough & (before > 0.0) & (now > 0.0)
         with np.errstate(all="ignore"):
-            rates = np.clip(-np.log2(now / before) / depth, SLOWEST, self.order)
+            rates = np.clip(-self._times * np.log2(now / before) / depth, SLOWEST, self.order)
         rates = self._smoothed(rates, before, told)
         self.values = np.where(told[owners] & ~divided.away, rates[owners], self.values)
         # The slow part of a slow cell is where most of the error is left.
@@ -128,7 +135,7 @@ class Rates:
         """
         space = fem.functionspace(self._domain, ("Lagrange", 1))
         largest = self._domain.comm.allreduce(float(weights.max(initial=0.0)), op=MPI.MAX) or 1.0
-        power = min(self.power, STEEPEST)
+        power = min(self._power, STEEPEST)
         shares = np.where(told, (weights / largest) ** power, 0.0)
         cells = owned_cells(self._domain)
         known = np.where(told, rates, 0.0)
