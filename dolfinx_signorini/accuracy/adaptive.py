@@ -256,8 +256,7 @@ class _Loop:
             cells = self.owners[self.division.parents]
             old = carried_across(u, parents, self.problem.space, cells)
             moved = size(difference(self.problem.u, old), self.request.target)
-            weighted = self.request.target.weighted  # else errors of levels are orthogonal
-            fallen = before - estimate if weighted else math.sqrt(abs(before**2 - estimate**2))
+            fallen = math.sqrt(abs(before**2 - estimate**2))
             if before - estimate > FALLEN * before:
                 self.correction = min(max(moved / fallen, 1.0), CORRECTION)
         self.last = self.problem.u, self.division.parents, estimate
