@@ -56,6 +56,7 @@ class Rates:
         self.order, self.power, self.dimension = order, power, dimension
         self._times, self._power = (2.0, 2.0) if dual else (1.0, power)
         self.values: Array = np.full(count, UNKNOWN * order)
+        self._limited = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
     def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
@@ -66,6 +67,7 @@ class Rates:
             rate: The limit.
         """
         self.values = np.where(cells, np.minimum(self.values, rate), self.values)
+        self._limited = cells
 
     def outlook(self, cells: Array) -> Outlook:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -76,7 +78,8 @@ class Rates:
         rho = 2.0**-self.values
         rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
         singular = self.values < SINGULAR * self.order
-        remaining = cells * rho / rest
+        # Where contact ends, the solution on the divided mesh may be no better by chance.
+        remaining = cells * np.where(self._limited, 1.0, rho / rest)
         return Outlook(remaining, rho, singular, self._confirmed, self.power, self.order)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
