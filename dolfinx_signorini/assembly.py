@@ -17,7 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import checks, compat
+from dolfinx_signorini import checks, compat, compiled
 from dolfinx_signorini.bodies import bodies
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
@@ -243,7 +243,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     marked[dofs] = True
     cells = cells_with_dofs(space, marked)
     points = compat.interpolation_points(space.element)
-    expression = fem.Expression(value, points, comm=space.mesh.comm)
+    expression = compiled.expression(value, points, space.mesh.comm)
     g = fem.Function(space)
 
     def evaluate() -> Array:
@@ -368,6 +368,6 @@ def _size(diagonal: PETSc.Vec) -> float:
 
 def _compiled(ledger: Ledger, name: str, form: ufl.Form, options: Mapping[str, Any]) -> fem.Form:
     start = time.perf_counter()
-    compiled = fem.form(form, **options)
+    made = compiled.form(form, **options)
     ledger.add("form", name, form, time.perf_counter() - start)
-    return compiled
+    return made

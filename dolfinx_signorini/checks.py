@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
@@ -195,7 +196,7 @@ def vanishes_on_constants(
     reaction = apply_derivatives(ufl.replace(a, {a.arguments()[1]: one}))
     if reaction.empty():
         return loose
-    vector = fem_petsc.assemble_vector(fem.form(reaction))
+    vector = fem_petsc.assemble_vector(compiled.form(reaction))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     energies = parts.sums(vector.array_r)
     vector.destroy()

@@ -23,7 +23,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import GeometricQuantity
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
+from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.errors import InputError
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -172,7 +172,7 @@ class FormulaAtPoints:
             raise InputError(f"must depend on coordinates and functions only, not on {rest}", "u")
         # The last component is a coordinate, so that no formula is without data.
         components = [*(formula[i] for i in range(self.count)), self._x[0]]
-        self._compiled = fem.Expression(ufl.as_vector(components), at, comm=domain.comm)
+        self._compiled = compiled.expression(ufl.as_vector(components), at, domain.comm)
 
     def __call__(self, points: Points) -> list[Array]:
         """Return the values of each expression at the points, each of shape (n, m)."""

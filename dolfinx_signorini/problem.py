@@ -13,6 +13,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.arguments import (
     check_coarse,
     check_conditions,
@@ -313,7 +314,7 @@ class SignoriniProblem:
         system, held = self.system, self.system.touching(self._solution())
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)
-        b = fem_petsc.assemble_vector(fem.form(load))
+        b = fem_petsc.assemble_vector(compiled.form(load))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         b.array_w[system.fixed_dofs] = 0.0
         zero = 0.0 * system.obstacle, 0.0 * system.fixed_values

@@ -20,6 +20,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.elements import is_bernstein
@@ -82,12 +83,12 @@ class Layout:
         """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         if is_bernstein(self.space):
-            vector = fem_petsc.assemble_vector(fem.form(v * self.measure))
+            vector = fem_petsc.assemble_vector(compiled.form(v * self.measure))
             vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             integrals = vector.array_r[self.contact_dofs].copy()
             vector.destroy()
             return integrals
-        matrix = fem_petsc.assemble_matrix(fem.form(u * v * self.measure))
+        matrix = fem_petsc.assemble_matrix(compiled.form(u * v * self.measure))
         matrix.assemble()
         self.ledger.add("matrix", "boundary mass matrix", matrix)
         diagonal = matrix.getDiagonal()

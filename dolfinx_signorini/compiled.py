@@ -1,0 +1,72 @@
+"""Forms and expressions whose compiled code is looked up once in a process.
+
+DOLFINx looks up the code of each new form in a folder that holds all code compiled so far: the
+folder is listed, and the code loaded, again each time. On a mesh of some thousand cells this takes
+longer than everything else. Forms with the same signature have the same code, whatever their mesh.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import ffcx.naming
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, jit
+from mpi4py import MPI
+from ufl.core.expr import Expr
+
+_codes: dict[tuple[str, str], Any] = {}  # by signature and options
+
+
+def form(item: ufl.Form, **options: Any) -> fem.Form:
+    """Return a compiled form, as `dolfinx.fem.form` does; the call is collective.
+
+    Args:
+        item: The form.
+        options: The keywords of `dolfinx.fem.form`.
+    """
+    with _remembered():
+        return fem.form(item, **options)
+
+
+def expression(item: Expr, points: npt.NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
+    """Return a compiled expression, as `dolfinx.fem.Expression` does; the call is collective.
+
+    Args:
+        item: The expression.
+        points: The points in the reference cell or facet, shape (points, dimension).
+        comm: The communicator of the mesh.
+    """
+    with _remembered():
+        return fem.Expression(item, points, comm=comm)
+
+
+@contextmanager
+def _remembered() -> Iterator[None]:
+    """Let DOLFINx find the codes that this module has seen."""
+    look_up = jit.ffcx_jit
+
+    def remember(comm: MPI.Comm, item: Any, **options: Any) -> Any:
+        key = _signature(item), repr(options)
+        known = key in _codes
+        if comm.size > 1:  # to look a code up is collective
+            known = comm.allreduce(known, op=MPI.LAND)
+        if not known:
+            _codes[key] = look_up(comm, item, **options)
+        return _codes[key]
+
+    jit.ffcx_jit = remember
+    try:
+        yield
+    finally:
+        jit.ffcx_jit = look_up
+
+
+def _signature(item: Any) -> str:
+    return str(
+        item.signature()
+        if isinstance(item, ufl.Form)
+        else ffcx.naming.compute_signature([item], "")
+    )
