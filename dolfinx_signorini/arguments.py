@@ -220,9 +220,12 @@ def same_space(one: Any, other: Any) -> bool:
 
 
 def _check_mesh(item: "ufl.Form | Expr", domain: mesh.Mesh, subject: str) -> None:
-    domains = item.ufl_domains() if isinstance(item, ufl.Form) else extract_domains(item)
+    if isinstance(item, ufl.Form):  # which keeps what has been extracted
+        domains, coefficients = item.ufl_domains(), item.coefficients()
+    else:
+        domains, coefficients = extract_domains(item), extract_coefficients(item)
     others = [found for found in domains if found != domain.ufl_domain()]
-    functions = [c for c in extract_coefficients(item) if isinstance(c, fem.Function)]
+    functions = [c for c in coefficients if isinstance(c, fem.Function)]
     if others or any(f.function_space.mesh != domain for f in functions):
         raise InputError("lives on another mesh than the form a", subject)
 

@@ -80,7 +80,9 @@ def bodies(space: fem.FunctionSpace) -> Bodies:
     cells = space.dofmap.list
     first, others = np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()
     edges = np.ones(len(first), dtype=np.int8), (first, others)
-    count, local = connected_components(sp.coo_array(edges, shape=(known, known)), directed=False)
+    count, local = connected_components(sp.csr_array(edges, shape=(known, known)), directed=False)
+    if comm.size == 1:
+        return Bodies(space, int(count), local)
     counts = comm.allgather(int(count))
     local = local + sum(counts[: comm.rank])
     # A shared vector tells the ranks the numbers that the owners gave their dofs.

@@ -1,20 +1,15 @@
-"""Which data of a UFL object have changed since they were looked at last."""
+"""Which data of a form have changed since they were looked at last."""
 
 import hashlib
-from typing import TypeAlias
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.core.expr import Expr
-
-Item: TypeAlias = "ufl.Form | Expr"
 
 
 class Watch:
-    """Notices changed values of the Constants and Functions in a form or an expression.
+    """Notices changed values of the Constants and Functions in a form.
 
     For example:
 
@@ -23,11 +18,11 @@ class Watch:
         watch.changed(comm)  # True, and False when asked again
 
     Args:
-        item: The form or the expression.
+        form: The form.
     """
 
-    def __init__(self, item: Item):
-        self._data = [*extract_constants(item), *extract_coefficients(item)]
+    def __init__(self, form: ufl.Form):
+        self._data = [*form.constants(), *form.coefficients()]
         self._digest = self._read()
 
     def changed(self, comm: MPI.Comm) -> bool:

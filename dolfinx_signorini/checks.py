@@ -263,11 +263,22 @@ def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diago
     used = scale > 0.0
     scale = np.sqrt(scale[used])
     coarse = coarse[np.ix_(used, used)] / scale[:, None] / scale
-    lowest = np.linalg.eigvalsh(coarse)[0] if len(coarse) else 0.0
     message = (
         "not positive definite, a(v, v) is negative for some v that is linear on a coarse grid"
     )
-    require(comm, lowest >= -VANISHING, message, "form a")
+    require(comm, _nearly_definite(coarse), message, "form a")
+
+
+def _nearly_definite(matrix: Array) -> bool:
+    """Whether all eigenvalues of a symmetric matrix with a diagonal of 0 to 1 exceed -VANISHING.
+
+    A Cholesky factorization tells for a tenth of the price of the eigenvalues.
+    """
+    try:
+        np.linalg.cholesky(matrix + VANISHING * np.eye(len(matrix)))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _hats(space: fem.FunctionSpace, fixed: Indices) -> PETSc.Mat:
