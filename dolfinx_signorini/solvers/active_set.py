@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.system import System
@@ -36,7 +36,7 @@ MAX_STEPS = 60
 
 def solve_active_set(
     system: System,
-    solver: HeldSolver,
+    solver: LinearSolver,
     measure: NaturalResidual,
     x: PETSc.Vec,
     held: Mask,
@@ -70,7 +70,7 @@ def solve_active_set(
     known = True  # whether the measure holds the multiplier of x
     exact: list[Mask] = []  # sets whose solution was found without short cuts
     for _ in range(MAX_STEPS):
-        careful = stalled == STALL
+        careful = solver.exact or stalled == STALL
         if careful and _any_equal(system, exact, held):
             break
         if system.singular:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.active_set import ACCEPTED, LINEAR_FRACTION, solve_active_set
-from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.direct import linear_solver
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict
@@ -48,7 +48,7 @@ class ActiveSetSolver:
     """
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
-        self.linear = HeldSolver(system, prefix, options)
+        self.linear = linear_solver(system, prefix, options or {})
         self._prefix = prefix
         self._acceptance: TaoRounds | None = None
 

@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.solvers.corrections import place, set_residual, typical_entry
 from dolfinx_signorini.solvers.multigrid import multigrid_for
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.solvers.projected import Projected
-from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -70,12 +69,14 @@ class HeldSolver:
             chooses PETSc's preconditioners, of which BoomerAMG is the default.
 
     Attributes:
+        exact: Whether a solve leaves nothing but rounding.
         solves: The number of linear solves so far.
         setups: The number of set-ups of the preconditioner so far.
         iterations: The number of conjugate gradient iterations so far.
     """
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self.exact = False
         self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
         self.solves = self.setups = self.iterations = 0
         self._matrix: PETSc.Mat | None = None
@@ -120,17 +121,17 @@ class HeldSolver:
             InputError: The form turned out to be indefinite.
         """
         dofs = system.contact_dofs[held]
-        if self._place(system, x, held):
+        if place(system, x, held):
             multiplier = None
         fresh = self._prepare(system, held)
-        converged = self._correct(system, x, atol, fresh, multiplier)
+        converged = self._correct(system, x, held, atol, fresh, multiplier)
         while not converged and (not fresh or self._multigrid is not None):
             if fresh:
                 self._drop_levels()
             self._set_up(system, held)
             self._projected.hold(system, dofs, None)
             fresh = True
-            converged = self._correct(system, x, atol, fresh, None)
+            converged = self._correct(system, x, held, atol, fresh, None)
         self.solves += 1
 
     def free(self) -> None:
@@ -150,14 +151,6 @@ class HeldSolver:
         for item in (self._ksp, self._pc, self._rhs, self._correction):
             item.destroy()
         self._projected.free()
-
-    def _place(self, system: System, x: PETSc.Vec, held: Mask) -> bool:
-        """Set the held and the Dirichlet dofs of x; return whether a rank has changed one."""
-        dofs = np.concatenate((system.contact_dofs[held], system.fixed_dofs))
-        values = np.concatenate((system.obstacle[held], system.fixed_values))
-        moved = bool((x.array_r[dofs] != values).any())
-        x.array_w[dofs] = values
-        return bool(self.comm.allreduce(moved, op=MPI.LOR))
 
     def _prepare(self, system: System, held: Mask) -> bool:
         """Hold the dofs, and set the preconditioner up unless the last set-up will do.
@@ -202,13 +195,13 @@ class HeldSolver:
             self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first, dofs = self._matrix.getOwnershipRange()[0], system.contact_dofs[held]
         if self._multigrid is None:
-            self._matrix.zeroRowsColumns(dofs + first, diag=_typical(system))
+            self._matrix.zeroRowsColumns(dofs + first, diag=typical_entry(system))
             self._pc.setOperators(self._matrix)
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))
             self._matrix.zeroRowsColumns(dofs + first, diag=0.0)
-            self._multigrid.set_up(self._matrix, dofs, _typical(system))
+            self._multigrid.set_up(self._matrix, dofs, typical_entry(system))
             self._projected.pc = self._multigrid.pc
             for level, matrix in enumerate(self._multigrid.matrices):
                 self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)
@@ -220,6 +213,7 @@ class HeldSolver:
         self,
         system: System,
         x: PETSc.Vec,
+        held: Mask,
         atol: float,
         fresh: bool,
         multiplier: PETSc.Vec | None,
@@ -229,9 +223,8 @@ class HeldSolver:
         With a set-up that is not fresh CG may take as many iterations more than with a fresh one
         as a set-up costs.
         """
-        # The correction to x in the unit of its residual: no square overflows or underflows.
-        unit, start = self._residual(system, x, multiplier)
-        target = atol / unit
+        unit = set_residual(system, x, held, multiplier, self._rhs)
+        start, target = self._rhs.norm(), atol / unit
         limit = MAX_ITERATIONS
         if not fresh and self._pace > 0.0 and target > 0.0:
             expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
@@ -257,26 +250,6 @@ class HeldSolver:
             raise InputError("not positive definite, found by conjugate gradients", "form a")
         return bool(reason > 0)
 
-    def _residual(
-        self, system: System, x: PETSc.Vec, multiplier: PETSc.Vec | None
-    ) -> tuple[float, float]:
-        """Set the right-hand side to b - A x on the free dofs, 0 on others.
-
-        Returns:
-            The unit of the right-hand side, and its norm in this unit.
-        """
-        if multiplier is None:
-            self.A.mult(x, self._rhs)
-            self._rhs.aypx(-1.0, system.b)
-        else:
-            multiplier.copy(self._rhs)
-            self._rhs.scale(-1.0)
-        self._projected.project(self._rhs)
-        largest = self._rhs.norm(PETSc.NormType.INFINITY)
-        unit = power_of_two(largest) if largest > 0.0 else 1.0
-        self._rhs.scale(1.0 / unit)
-        return unit, self._rhs.norm()
-
     def _too_slow(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
         """Whether a solve with geometric multigrid is to end because of slow convergence."""
         slow = iterations == SLOW and norm > self._watched
@@ -290,10 +263,3 @@ class HeldSolver:
         if self._pace == 0.0:
             self._pace = iterations / digits
         self._excess += max(0.0, iterations - self._pace * digits)
-
-
-def _typical(system: System) -> float:
-    """A typical diagonal entry, so that held rows are no outliers of the matrix."""
-    entries = system.contact_diagonal
-    total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
-    return float(total / count) if count else 1.0

@@ -14,6 +14,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, MAX_PATCH, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.system import System
@@ -83,6 +84,8 @@ def _settled(
 ) -> Mask:
     """Return the predicted set with its ends settled by patch problems, if these are small.
 
+    They are not, in comparison with a problem that is small itself.
+
     Args:
         system: The system.
         coarse: The coarse solution.
@@ -90,6 +93,8 @@ def _settled(
         held: The predicted set.
         layer: The cells at the contact boundary.
     """
+    if is_small(system):
+        return held
     seeds = _ends(system, held, layer)
     marked = system.A.createVecRight()
     marked.set(0.0)
