@@ -35,7 +35,7 @@ def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
         degree: The polynomial degree; of degree 1 the basis is that of Lagrange elements.
     """
     if degree == 1:
-        return fem.functionspace(domain, ("Lagrange", 1))
+        return lagrange_space(domain, 1, basix.LagrangeVariant.gll_warped)
     return lagrange_space(domain, degree, basix.LagrangeVariant.bernstein)
 
 
@@ -49,10 +49,14 @@ def lagrange_space(
         degree: The polynomial degree.
         variant: Basix's name of the basis.
     """
-    cell = domain.topology.cell_name()
     return fem.functionspace(
-        domain, basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+        domain, _lagrange_element(domain.topology.cell_name(), degree, variant)
     )
+
+
+@functools.cache
+def _lagrange_element(cell: str, degree: int, variant: basix.LagrangeVariant) -> Any:
+    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
 
 
 def is_bernstein(space: fem.FunctionSpace) -> bool:

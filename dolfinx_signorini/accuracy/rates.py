@@ -50,9 +50,7 @@ class Rates:
         values: The rate of each owned cell.
     """
 
-    def __init__(
-        self, order: float, power: float, count: int, dimension: int, dual: bool = False
-    ):
+    def __init__(self, order: float, power: float, count: int, dimension: int, dual: bool = False):
         self.order, self.power, self.dimension = order, power, dimension
         self._times, self._power = (2.0, 2.0) if dual else (1.0, power)
         self.values: Array = np.full(count, UNKNOWN * order)

@@ -51,10 +51,3 @@ def set_residual(
     unit = power_of_two(largest) if largest > 0.0 else 1.0
     rhs.scale(1.0 / unit)
     return unit
-
-
-def typical_entry(system: System) -> float:
-    """Return a typical diagonal entry: with it, held rows are no outliers of the matrix."""
-    entries = system.contact_diagonal
-    total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
-    return float(total / count) if count else 1.0

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.corrections import place, set_residual, typical_entry
+from dolfinx_signorini.solvers.corrections import place, set_residual
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.system import System
 
@@ -101,7 +101,8 @@ class DirectSolver:
             return True
         if self.setups:
             system.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._matrix.zeroRowsColumns(system.contact_dofs[held], diag=typical_entry(system))
+        entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
+        self._matrix.zeroRowsColumns(system.contact_dofs[held], diag=entry)
         self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled

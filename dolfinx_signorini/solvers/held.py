@@ -19,7 +19,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.solvers.corrections import place, set_residual, typical_entry
+from dolfinx_signorini.solvers.corrections import place, set_residual
 from dolfinx_signorini.solvers.multigrid import multigrid_for
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.solvers.projected import Projected
@@ -195,13 +195,13 @@ class HeldSolver:
             self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first, dofs = self._matrix.getOwnershipRange()[0], system.contact_dofs[held]
         if self._multigrid is None:
-            self._matrix.zeroRowsColumns(dofs + first, diag=typical_entry(system))
+            self._matrix.zeroRowsColumns(dofs + first, diag=_typical(system))
             self._pc.setOperators(self._matrix)
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))
             self._matrix.zeroRowsColumns(dofs + first, diag=0.0)
-            self._multigrid.set_up(self._matrix, dofs, typical_entry(system))
+            self._multigrid.set_up(self._matrix, dofs, _typical(system))
             self._projected.pc = self._multigrid.pc
             for level, matrix in enumerate(self._multigrid.matrices):
                 self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)
@@ -263,3 +263,10 @@ class HeldSolver:
         if self._pace == 0.0:
             self._pace = iterations / digits
         self._excess += max(0.0, iterations - self._pace * digits)
+
+
+def _typical(system: System) -> float:
+    """A typical diagonal entry, so that held rows are no outliers of the matrix."""
+    entries = system.contact_diagonal
+    total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
+    return float(total / count) if count else 1.0
