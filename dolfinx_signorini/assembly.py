@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -56,7 +56,10 @@ class Assembly:
         data: The obstacle as it was given.
         obstacle: The obstacle of the last system at the owned dofs on the contact boundary.
         phases: The seconds of the phases so far.
+        total_load: L(1), the sum of the load on all basis functions.
     """
+
+    total_load: float
 
     def __init__(
         self,
@@ -145,7 +148,10 @@ class Assembly:
     def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:
         A = self._matrix(old) if matrix or old is None else old.A
         with self.phases("load"):
-            b = assembled_load(self._L, self._a, self.bcs, self.layout.fixed_dofs, A)
+            b = fem_petsc.assemble_vector(self._L)
+            with b.localForm() as local:
+                self.total_load = self.comm.allreduce(float(local.array_r.sum()))
+            lift(b, self._a, self.bcs, self.layout, A)
             b.scale(self.sign)
         self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
         if old is not None:
@@ -333,32 +339,50 @@ def assembled_matrix(
     return A
 
 
-def assembled_load(
-    load: fem.Form,
-    form: fem.Form,
-    bcs: Sequence[fem.DirichletBC],
-    fixed: Indices,
-    A: PETSc.Mat,
-) -> PETSc.Vec:
-    """Return the load vector with the Dirichlet data lifted.
+def lift(
+    b: PETSc.Vec, form: fem.Form, bcs: Sequence[fem.DirichletBC], layout: Layout, A: PETSc.Mat
+) -> None:
+    """Lift the Dirichlet data in a load vector whose shares of the ranks are not added up yet.
 
     Args:
-        load: The linear form, compiled.
+        b: The vector; the shares are added up.
         form: The bilinear form, compiled.
         bcs: The Dirichlet conditions.
-        fixed: The owned dofs with Dirichlet data.
+        layout: The dofs with Dirichlet data.
         A: The matrix, whose Dirichlet rows have their diagonal.
     """
-    b = fem_petsc.assemble_vector(load)
     if bcs:
         fem_petsc.apply_lifting(b, [form], bcs=[list(bcs)])
     b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     if bcs:
-        diagonal = A.getDiagonal()
-        values = dirichlet_values(load.function_spaces[0], bcs, fixed)
-        b.array_w[fixed] = diagonal.array_r[fixed] * values
+        fixed, diagonal = layout.fixed_dofs, A.getDiagonal()
+        b.array_w[fixed] = diagonal.array_r[fixed] * dirichlet_values(layout.space, bcs, fixed)
         diagonal.destroy()
-    return b
+
+
+def restricted(form: ufl.Form, domain: mesh.Mesh, cells: Indices) -> ufl.Form:
+    """Return a form whose integrals over cells are over some of their cells only.
+
+    Args:
+        form: A form of integrals over cells and exterior facets.
+        domain: The mesh of the form.
+        cells: Cells of this rank; ghosts among them are left out.
+    """
+    owned = cells[cells < domain.topology.index_map(domain.topology.dim).size_local]
+    parts: list[tuple[int, Indices]] = []
+    integrals = []
+    for integral in form.integrals():
+        if integral.integral_type() == "cell":
+            data, number = integral.subdomain_data(), integral.subdomain_id()
+            known = {} if data is None else dict(data)
+            here = owned
+            if number not in ("everywhere", "otherwise"):
+                here = np.intersect1d(owned, known[number]).astype(np.int32)
+            parts.append((len(parts), here))
+            change = {"subdomain_id": len(parts) - 1, "subdomain_data": parts}
+            integral = integral.reconstruct(**change)
+        integrals.append(integral)
+    return ufl.Form(integrals)
 
 
 def _size(diagonal: PETSc.Vec) -> float:

@@ -2,7 +2,8 @@
 
 An error oscillates inside of cells, and may be smallest where it is easily sampled: the error of
 elements of degree 2 nearly vanishes at vertices and midpoints. Its maximum is searched for in two
-steps. First every cell is sampled on a lattice that includes vertices and facets. Then boxes around
+steps. First every cell is sampled on a lattice that includes vertices and facets; of many cells
+whose largest values at some points are known those with the largest ones. Then boxes around
 the largest local maxima of the samples, and around the singular points of the solution, are sampled
 and made smaller until the maximum stands. Derivatives are one-sided, from inside of each cell.
 """
@@ -22,6 +23,7 @@ from dolfinx_signorini.pointwise import ErrorAtPoints
 BLOCK = 65_536  # points whose values are held at a time
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
 SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or samples in boxes
+SCREENED = 0.1  # cells that are sampled where values in all cells are known: share of all
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
 SETTLED = 1e-8  # relative change of the maximum in four steps
@@ -40,12 +42,19 @@ class Maxima:
         error: The error, or the error with its derivatives.
         places: The owned cells, shape (n,), or boundary facets as (cell, local facet), (n, 2).
         singular: Points of space where the derivatives of the solution are not smooth.
+        known: The largest values at some points of each place, or NaN, of the shape of `sampled`;
+            by default nothing is known.
     """
 
     def __init__(
-        self, error: ErrorAtPoints, places: Indices, singular: Iterable[tuple[float, ...]] = ()
+        self,
+        error: ErrorAtPoints,
+        places: Indices,
+        singular: Iterable[tuple[float, ...]] = (),
+        known: Array | None = None,
     ):
-        self._error, self._places, self._singular = error, places, singular
+        self._error, self._places, self._singular = error, places, tuple(singular)
+        self._known = known
         self._comm = error.domain.comm
         cell = basix.CellType[error.domain.topology.cell_name()]
         if places.ndim == 2:
@@ -71,15 +80,31 @@ class Maxima:
     def _samples(self) -> tuple[Array, npt.NDArray[np.bool_]]:
         """The largest samples, and whether there are points without a value, both (1 or 2, n)."""
         tops, holes = [], []
-        step = max(1, BLOCK // len(self._lattice))
-        for start in range(0, max(1, len(self._places)), step):
-            values = self._values(self._places[start : start + step], self._lattice)
+        rows = self._screened()
+        places, step = self._places[rows], max(1, BLOCK // len(self._lattice))
+        for start in range(0, max(1, len(places)), step):
+            values = self._values(places[start : start + step], self._lattice)
             tops.append(values.max(axis=2))
             holes.append((values < 0.0).mean(axis=2))
         share = np.concatenate(holes, axis=1)
         if self._maximum(share) > 0.5:
             raise FloatingPointError("the error is not a number at most points of some cell")
-        return np.concatenate(tops, axis=1), share > 0.0
+        if self._known is None:
+            return np.concatenate(tops, axis=1), share > 0.0
+        samples, without = self._known.copy(), np.zeros(self._known.shape, dtype=bool)
+        samples[:, rows], without[:, rows] = np.concatenate(tops, axis=1), share > 0.0
+        return samples, without
+
+    def _screened(self) -> Rows:
+        """The rows of the places that are sampled on the lattice."""
+        if self._known is None:
+            return np.arange(len(self._places))
+        limit = int(SCREENED * self._comm.allreduce(len(self._places)))
+        unknown = np.isnan(self._known)
+        sizes = np.where(unknown, -1.0, self._known)
+        chosen = [_largest(self._comm, kind, limit) for kind in sizes]
+        near = [self._around(place) for place in self._singular]
+        return np.unique(np.concatenate([*chosen, *near, np.flatnonzero(unknown.any(axis=0))]))
 
     def largest(self, derivatives: bool, name: str) -> float:
         """Return the maximum, the same on all ranks.

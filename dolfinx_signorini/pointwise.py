@@ -68,6 +68,11 @@ class ErrorAtPoints:
                 component[rows] -= u
         return [found[0], *points.tangential(found[1:])]
 
+    @property
+    def kinds(self) -> int:
+        """2 for an error with derivatives, else 1."""
+        return 1 + int(self._derivatives)
+
     def _of(self, function: fem.Function, points: Points) -> list[Array]:
         gradient = points.gradients(function)[0] if self._derivatives else []
         return [*points.values(function), *gradient]

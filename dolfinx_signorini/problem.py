@@ -194,6 +194,11 @@ class SignoriniProblem:
         return self.system.b
 
     @property
+    def total_load(self) -> float:
+        """L(1): the load on the function that is 1 everywhere."""
+        return self._assembly.total_load
+
+    @property
     def obstacle(self) -> Array:
         """The obstacle at the contact dofs."""
         return self.sign * self.system.obstacle

@@ -12,12 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mpi4py import MPI
 
+from dolfinx_signorini import norms as norms_module
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
 from dolfinx_signorini.norms import Norm, cell_errors, error_norms, parse_norm
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner
+from dolfinx_signorini.pointwise import ErrorAtPoints
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.references import Reference, discrete
+from dolfinx_signorini.references import Reference, discrete, interpolant
 
 EXACT = QuadratureRule("default", 12)
 VOLUME = ("L1", "L2", "L3", "L4", "L16", "Linf", "W1_1", "W1_2", "W1_4", "W1_16", "W1_inf")
@@ -408,3 +410,41 @@ def test_what_no_norm_is_known_of_is_refused():
     cube = lagrange("hexahedron", 1, lambda x: x[0])
     with pytest.raises(InputError, match="plane"):
         error_norms(cube, None, ["H1_2_boundary_spectral"])
+
+
+KINDS = {
+    "smooth": lambda x, r: ufl.sin(3.0 * x[0]) * ufl.exp(x[1]),
+    "singular": lambda x, r: r**0.3,
+    "rough everywhere": lambda x, r: ufl.cos(60.0 * x[0]) * ufl.cos(47.0 * x[1]),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_many_cells_a_smaller_rule_serves_where_it_is_good_enough(kind, monkeypatch):
+    domain = friedrichs_keller(MPI.COMM_WORLD, 24)
+    x = ufl.SpatialCoordinate(domain)
+    u = KINDS[kind](x, ufl.sqrt((x[0] - 0.503) ** 2 + (x[1] - 0.2) ** 2))
+    exact = Reference(domain, u, tuple(ufl.grad(u)[i] for i in range(2)))
+    u_h = interpolant(fem.functionspace(domain, ("Lagrange", 1)), u)
+    names = ("L2", "H1", "Linf", "W1_inf") if kind != "singular" else ("L2", "H1", "Linf")
+    on_few = error_norms(u_h, exact, names)
+    counts = []
+    evaluate = ErrorAtPoints.__call__
+
+    def counted(error, points):
+        counts.append(points.x[0].size)
+        return evaluate(error, points)
+
+    monkeypatch.setattr(norms_module, "MANY", 1)
+    monkeypatch.setattr(norms_module, "SAMPLE", 100)
+    on_many = error_norms(u_h, exact, names)
+    for name in names:
+        assert on_many[name] == pytest.approx(on_few[name], rel=1e-4), name
+    if kind != "singular":
+        fine = error_norms(u_h, exact, ("L2", "H1"), QuadratureRule("Gauss-Jacobi", 21))
+        for name, norm in fine.items():
+            assert on_many[name] == pytest.approx(norm, rel=2e-3), name
+    monkeypatch.setattr(ErrorAtPoints, "__call__", counted)
+    assert error_norms(u_h, exact, ["L2"])["L2"] == pytest.approx(on_few["L2"], rel=2e-4)
+    points = MPI.COMM_WORLD.allreduce(sum(counts)) / (2 * 24**2)
+    assert points > 16.0 if kind == "rough everywhere" else points < 12.0

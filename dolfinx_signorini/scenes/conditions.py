@@ -15,10 +15,10 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.assembly import evaluator
+from dolfinx_signorini.assembly import evaluator, restricted
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution, matching_obstacle
-from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs
 from dolfinx_signorini.palette import COLOURS
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.domain import Domain
@@ -239,7 +239,12 @@ class Dirichlet(BoundaryCondition):
 
     @classmethod
     def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
-        vector = fem_petsc.assemble_vector(fem.form(residual))
+        fixed = fem.Function(problem.space)
+        fixed.x.array[problem.fixed_dofs] = 1.0
+        fixed.x.scatter_forward()
+        cells = cells_with_dofs(problem.space, fixed.x.array > 0.0)
+        near = fem.form(restricted(residual, problem.space.mesh, cells))
+        vector = fem_petsc.assemble_vector(near)
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         force = float(vector.array_r[problem.fixed_dofs].sum())
         vector.destroy()

@@ -31,6 +31,8 @@ from dolfinx_signorini.scenes.scene import Scene
 Indices = npt.NDArray[np.int32]
 Terms = dict[str, tuple[Expr, ufl.Measure]]
 
+LOAD = "load"  # the name of the load of the equation among the sources
+
 
 @dataclass(frozen=True)
 class PosedScene:
@@ -199,7 +201,7 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     elif scene.load is not None:
         load = integrable(scene.load, domain, scene.degree)
     if load is not None and not isinstance(load, Zero):
-        sources["load"] = (load, dx(metadata=CELL_RULE.metadata))
+        sources[LOAD] = (load, dx(metadata=CELL_RULE.metadata))
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         variable = scene.reaction.constant is None
         rule = CELL_RULE if variable else QuadratureRule("default", 2 * scene.degree)

@@ -15,6 +15,7 @@ from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
 from dolfinx_signorini.scenes.bounds import bound_of_scene
+from dolfinx_signorini.scenes.posing import LOAD
 from dolfinx_signorini.scenes.solving import SceneResult
 
 ROUNDING = 1e-12  # of coordinates
@@ -170,13 +171,19 @@ def _contact_sizes(boundary: ContactBoundary) -> tuple[float, float, float]:
 
 
 def _forces(result: SceneResult) -> dict[str, float]:
-    """Return what acts on u: integrals of sources and reactions, and the forces of conditions."""
+    """Return what acts on u: integrals of sources and reactions, and the forces of conditions.
+
+    The integral of the load is what the others leave of the sum of the load vector.
+    """
     posed, problem = result.posed, result.posed.problem
 
     def integral(form: ufl.Form) -> float:
         return float(problem.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
 
-    forces = {name: integral(f * measure) for name, (f, measure) in posed.sources.items()}
+    sources = [(n, f * measure) for n, (f, measure) in posed.sources.items() if n != LOAD]
+    forces = {name: integral(form) for name, form in sources}
+    if LOAD in posed.sources:
+        forces = {LOAD: problem.total_load - sum(forces.values())} | forces
     for name, (c, measure) in posed.reactions.items():
         forces[name] = forces.get(name, 0.0) - integral(c * result.u * measure)
     residual = ufl.action(posed.a, result.u)
