@@ -4,6 +4,7 @@ A side is a named part of the boundary that conditions can be put on. How soluti
 follows from the dimension of the domain.
 """
 
+import math
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,8 +12,9 @@ from typing import Any, ClassVar
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.toml_table import TomlTable
-from dolfinx_signorini.solvers.cascade import coarse_levels
+from dolfinx_signorini.solvers.cascade import COARSEST, RATIO, coarse_levels
 
 
 class Domain(ABC):
@@ -62,6 +64,15 @@ class Domain(ABC):
     def make(self, comm: MPI.Comm) -> SidedMesh:
         """Make the mesh, which the ranks of a communicator share."""
 
+    def make_after(self, coarser: "Domain", sided: SidedMesh) -> SidedMesh:
+        """Make the mesh where a coarser one has been made: by refinement where that leads to it.
+
+        Args:
+            coarser: One of the `levels`.
+            sided: Its mesh.
+        """
+        return self.make(sided.mesh.comm)
+
     @property
     def cells_across(self) -> int:
         """About the number of cells across the domain."""
@@ -84,3 +95,48 @@ class Domain(ABC):
     def record(self) -> dict[str, Any]:
         """Return what a record of a run needs to tell of the domain beside the scene file."""
         return {}
+
+
+class RefinedDomain(Domain):
+    """A domain whose meshes are refinements of one coarse mesh, which all cells are divided for.
+
+    The meshes of the cascade are ancestors of the mesh, so that multigrid knows its coarser levels:
+
+        coarse, fine = Polygon(corners, 0.01).levels()
+        sided = coarse.make(comm)
+        finer = fine.make_after(coarse, sided)
+
+    Attributes:
+        refinements: How often the cells of the coarse mesh are divided.
+    """
+
+    refinements: int
+
+    @abstractmethod
+    def refined_less(self, times: int) -> "RefinedDomain":
+        """Return the domain with the mesh that is refined so many times less."""
+
+    @abstractmethod
+    def make_coarsest(self, comm: MPI.Comm) -> SidedMesh:
+        """Make the mesh before refinement."""
+
+    def make(self, comm: MPI.Comm) -> SidedMesh:
+        return _refined(self.make_coarsest(comm), self.refinements)
+
+    def make_after(self, coarser: Domain, sided: SidedMesh) -> SidedMesh:
+        assert isinstance(coarser, RefinedDomain)
+        return _refined(sided, self.refinements - coarser.refinements)
+
+    def levels(self) -> list[Domain]:
+        level, levels = self, [self]
+        step = round(math.log2(RATIO[self.dimension]))
+        while level.refinements and level.cells_across > COARSEST[self.dimension]:
+            level = level.refined_less(min(step, level.refinements))
+            levels.insert(0, level)
+        return [*levels]
+
+
+def _refined(sided: SidedMesh, times: int) -> SidedMesh:
+    for _ in range(times):
+        sided = refined(sided).sided
+    return sided

@@ -4,7 +4,7 @@ Only what begins like a .msh file is given to gmsh, because gmsh would run the c
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,17 +15,18 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets
-from dolfinx_signorini.scenes.domain import Domain
+from dolfinx_signorini.scenes.domain import RefinedDomain
 from dolfinx_signorini.scenes.gmsh_meshes import read_msh, with_gmsh, with_tags
 from dolfinx_signorini.scenes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.scenes.toml_table import TomlTable
 
 MAX_XDMF = 1_000_000  # bytes of the XML part
+MOST = 12  # refinements
 
 
 @dataclass(frozen=True)
-class MeshFile(Domain):
-    """A domain given by the mesh in a file, which is the only mesh of the domain.
+class MeshFile(RefinedDomain):
+    """A domain given by the mesh in a file, which may be refined.
 
     The sides are the facet tags: their numbers and, in .msh files, the names of physical groups.
     The file is looked into first:
@@ -37,8 +38,9 @@ class MeshFile(Domain):
         path: The file.
         dimension: Space dimension.
         side_names: The facet tags.
-        vertices: The number of vertices.
+        vertices: The number of vertices, which is an estimate where the mesh is refined.
         grid, tags: For XDMF: the names of the mesh and of its facet tags.
+        refinements: How often all cells are divided.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class MeshFile(Domain):
     vertices: int
     grid: str = "mesh"
     tags: str = "facet_tags"
+    refinements: int = 0
     shape = "file"
 
     @classmethod
@@ -74,7 +77,10 @@ class MeshFile(Domain):
         path = folder / table.text("file")
         names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
         try:
-            return cls.open(comm, path, **names)
+            found = cls.open(comm, path, **names)
+            times = table.integer("refinements", 0, MOST) if table.has("refinements") else 0
+            vertices = found.vertices << found.dimension * times
+            return replace(found, refinements=times, vertices=vertices)
         except InputError as error:
             raise table.error("file", error.message) from None
         except ValueError as error:  # a name that no file can have
@@ -85,14 +91,14 @@ class MeshFile(Domain):
         message = "a mesh from a file is used as it is; there is nothing to choose"
         raise InputError(message, "domain")
 
-    def levels(self) -> list[Domain]:
-        """Return the mesh of the file as the only level."""
-        return [self]
-
-    def first(self) -> Domain:
+    def first(self) -> "MeshFile":
         return self
 
-    def make(self, comm: MPI.Comm) -> SidedMesh:
+    def refined_less(self, times: int) -> "MeshFile":
+        vertices = self.vertices >> self.dimension * times
+        return replace(self, vertices=vertices, refinements=self.refinements - times)
+
+    def make_coarsest(self, comm: MPI.Comm) -> SidedMesh:
         return _read_mesh(comm, self.path, self.grid, self.tags)
 
     def record(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.scenes.domain import Domain
+from dolfinx_signorini.scenes.domain import RefinedDomain
 from dolfinx_signorini.scenes.gmsh_meshes import with_gmsh
 from dolfinx_signorini.scenes.toml_table import TomlTable
 
@@ -22,12 +22,14 @@ SHORTEST = 1e-6  # length of an edge, relative to the size of the polygon
 SMALLEST = 1e-6  # area, relative to the square of this size
 MAX_CORNERS = 500
 MAX_COORDINATE = 1e6
+COARSE = 32  # triangles of gmsh across a polygon, at least
+ROUNDING = 1e-9
 MIN_SIZE = 1e-60  # of a polygon; the product of two areas is still a normal number
 
 
 @dataclass(frozen=True)
-class Polygon(Domain):
-    """A simple polygon, triangulated by gmsh.
+class Polygon(RefinedDomain):
+    """A simple polygon, triangulated by gmsh with few triangles, which are divided.
 
     The sides are "1", "2", ...: side k goes from vertex k to the next vertex:
 
@@ -35,7 +37,9 @@ class Polygon(Domain):
 
     Attributes:
         corners: The vertices in order; an angle of pi is allowed and splits a straight side.
-        width: The mesh width.
+        width: The mesh width, which is that of the triangles in the mean.
+        refinements: How often the triangles of gmsh are divided into four: until these have the
+            width, and as few of them are made as resolve the polygon and its edges.
 
     Raises:
         InputError: The vertices are those of no simple polygon, or the width makes no sense.
@@ -43,6 +47,7 @@ class Polygon(Domain):
 
     corners: Corners
     width: float
+    refinements: int = field(init=False)
     side_names: tuple[str, ...] = field(init=False)
     vertices: int = field(init=False)
     shape = "polygon"
@@ -61,6 +66,9 @@ class Polygon(Domain):
         across = self.size / self.width
         count = min(across * across * 2.0 / math.sqrt(3.0), 1e18)
         vertices = math.ceil(count) + len(self.corners)
+        coarsest = min(self.size / COARSE, _shortest(self.corners))
+        times = max(0, math.floor(math.log2(coarsest / self.width) + ROUNDING))
+        object.__setattr__(self, "refinements", times)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "side_names", tuple(str(k + 1) for k in range(len(self.corners))))
 
@@ -100,13 +108,22 @@ class Polygon(Domain):
     def at(self, n: int) -> "Polygon":
         return replace(self, width=self.size / n)
 
-    def make(self, comm: MPI.Comm) -> SidedMesh:
-        return _triangulation(comm, self.corners, self.width)
+    def refined_less(self, times: int) -> "Polygon":
+        return replace(self, width=self.width * 2**times)
+
+    def make_coarsest(self, comm: MPI.Comm) -> SidedMesh:
+        return _triangulation(comm, self.corners, self.width * 2**self.refinements)
 
 
 def _size(corners: Corners) -> float:
     """Return the larger side of the box around a polygon."""
     return float(np.ptp(np.array(corners), axis=0).max()) if corners else 0.0
+
+
+def _shortest(corners: Corners) -> float:
+    """Return the length of the shortest edge of a polygon."""
+    points = np.array(corners)
+    return float(np.hypot(*(np.roll(points, -1, axis=0) - points).T).min())
 
 
 def _area(corners: Corners) -> float:

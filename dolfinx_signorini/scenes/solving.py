@@ -236,7 +236,11 @@ class _Ascent:
         self.began = time.perf_counter()
 
     def pose(self, level: Scene, coarser: SignoriniProblem | None) -> SignoriniProblem:
-        self.posed = pose(level, self.comm)
+        if coarser is None:
+            sided = level.domain.make(self.comm)
+        else:
+            sided = level.domain.make_after(self.posed.scene.domain, self.posed.sided)
+        self.posed = pose(level, self.comm, sided)
         if coarser is None:
             self.expectation = expect(self.scene, self.posed.sided)
             if self.scene.solution is not None:

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from dolfinx_signorini.meshes import (
     facet_scale,
     owned_cells,
 )
-from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.refinement import parent_mesh
+from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.domains import Cube, Square
 from dolfinx_signorini.scenes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.scenes.mesh_files import MeshFile
@@ -71,6 +73,28 @@ def test_a_polygon_has_its_area_and_the_lengths_of_its_edges(comm):
     assert comm.allreduce(float(h.max(initial=0.0)), op=max) <= 2.0 * 0.15
 
 
+def test_a_fine_polygon_is_refined_from_coarse_levels_with_its_width_and_sides(comm):
+    pytest.importorskip("gmsh")
+    polygon = Polygon(PENTAGON, 0.025)
+    coarse, fine = polygon.levels()
+    assert fine == polygon and coarse.width == 0.05
+    sided = coarse.make(comm)
+    finer = fine.make_after(coarse, sided)
+    assert parent_mesh(finer.mesh)[0] is sided.mesh
+    counts = [m.topology.index_map(2).size_global for m in (sided.mesh, finer.mesh)]
+    assert counts[1] == 4 * counts[0]
+    lengths = [math.dist(a, b) for a, b in zip(PENTAGON, (*PENTAGON[1:], PENTAGON[0]), strict=True)]
+    for made in (finer, polygon.make(comm)):
+        assert made.mesh.topology.index_map(2).size_global == counts[1]
+        assert list(sizes(made, comm)[str(k)] for k in range(1, 6)) == pytest.approx(lengths)
+        assert area(made.mesh, comm) == pytest.approx(3.5)
+    edges = finer.mesh.h(2, owned_cells(finer.mesh))  # the longest of each cell
+    longest = comm.allreduce(float(edges.max(initial=0.0)), op=max)
+    mean = comm.allreduce(float(edges.sum())) / counts[1]
+    assert 0.9 * 0.025 < mean < 1.2 * 0.025 and longest < 1.7 * 0.025
+    assert Polygon((*PENTAGON, (0.0, 0.999)), 0.025).refinements == 0  # gmsh resolves the edge
+
+
 @given(st.lists(st.floats(0.3, 1.0), min_size=4, max_size=9), st.booleans())
 def test_star_shaped_polygons_are_simple_and_figures_of_eight_are_not(radii, turned):
     count = len(radii)
@@ -117,8 +141,6 @@ def test_an_xdmf_mesh_has_the_sides_it_was_written_with(comm, folder):
 
 def test_a_scene_on_a_mesh_file_is_solved_as_on_the_domain_it_is_of(comm, folder):
     pytest.importorskip("gmsh")
-    from dolfinx_signorini.scenes import load_scene
-
     sided = Polygon(PENTAGON, 0.2).make(comm)
     write_xdmf(folder, comm, sided)
     text = """
@@ -156,12 +178,28 @@ def test_named_tags_of_a_msh_file_are_known_by_name_and_number(comm, demos):
     found = sizes(domain.make(comm), comm)
     assert found["ground"] == found["1"] == pytest.approx(2.0)
     assert found["hole"] == pytest.approx(0.4 * math.pi, rel=0.01)
+    finer = replace(domain, refinements=2)
+    assert sizes(finer.make(comm), comm) == pytest.approx(found)
+    assert finer.levels() == [finer]
+    cells = [d.make(comm).mesh.topology.index_map(2).size_global for d in (domain, finer)]
+    assert cells[1] == 16 * cells[0]
+
+
+def test_a_refined_mesh_of_a_file_has_coarser_levels_from_many_cells_on(comm, demos):
+    pytest.importorskip("gmsh")
+    scene = load_scene(demos / "plate.toml", comm, ["domain.refinements=3"])
+    counts = [level.domain.refinements for level in scene.levels()]
+    assert counts == [0, 3]
+    result = solve_scene(scene, comm)
+    vertices = [level.unknowns for level in result.levels]
+    assert scene.domain.vertices == pytest.approx(vertices[1], rel=0.2)
+    assert 32 * vertices[0] < vertices[1] < 64 * vertices[0]
+    assert result.solve.linear_solves <= 3
+    result.destroy()
 
 
 def test_a_side_under_two_names_belongs_to_one_part(comm, demos, folder):
     pytest.importorskip("gmsh")
-    from dolfinx_signorini.scenes import load_scene
-
     if comm.rank == 0:
         shutil.copy(demos / "plate.msh", folder)
         (folder / "twice.toml").write_text(
