@@ -77,7 +77,7 @@ def linear_parts(name: str, scaled: str) -> tuple[dict[str, float], int]:
 
 def phases_told(printed: str) -> dict[str, float]:
     """Return the phases that the command told, by name."""
-    text = re.search(r"^  time +[^(]*\((.*)\)$", printed, re.MULTILINE)
+    text = re.search(r"^  time +[0-9.]+ s: (.*)$", printed, re.MULTILINE)
     parts = (part.rsplit(" ", 1) for part in text[1].split(", ")) if text else ()
     return {name: float(seconds) for name, seconds in parts}
 

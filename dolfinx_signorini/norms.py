@@ -39,12 +39,11 @@ from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, ow
 from dolfinx_signorini.points import Array, Indices, Points
 from dolfinx_signorini.pointwise import ErrorAtPoints
 from dolfinx_signorini.power_sums import p_norm
-from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, MANY, QuadratureRule
 from dolfinx_signorini.references import Reference
 
 BLOCK = 131_072  # points whose values are held at a time
 HIGHEST = {1: 63, 2: 32, 3: 20}  # degree of a rule that is chosen here, by dimension
-MANY = 50_000  # cells on all ranks, from which on a smaller rule saves time
 LARGE = 4.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
 SAMPLE, CLOSE = 2_000, 2e-3  # cells where both rules are compared; p-th powers may differ so much
 

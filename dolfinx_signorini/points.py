@@ -180,9 +180,22 @@ class FormulaAtPoints:
         for function, values, slopes in self._inputs:
             gradients = [part for component in points.gradients(function) for part in component]
             data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)
+        return list(self._evaluated(data).reshape(self.count, *points.x[0].shape))
+
+    def at(self, x: Sequence[Array]) -> list[Array]:
+        """Return the values of expressions of the coordinates alone, each of shape (n,).
+
+        Args:
+            x: For each direction of space the coordinates, shape (n,).
+        """
+        assert not self._inputs
+        return list(self._evaluated(list(zip(self._x, x, strict=True))))
+
+    def _evaluated(self, data: list[tuple[fem.Function, Array]]) -> Array:
+        """The values for the data in the slots, shape (expressions, points)."""
         flat = [(f.x.array, np.ravel(array)) for f, array in data]
         mesh_of_slots = self._x[0].function_space.mesh
-        result = np.empty((self.count, points.x[0].size))
+        result = np.empty((self.count, flat[0][1].size))
         for start in range(0, result.shape[1], SLOTS * POINTS_PER_SLOT):
             stop = min(start + SLOTS * POINTS_PER_SLOT, result.shape[1])
             for place, array in flat:
@@ -190,7 +203,7 @@ class FormulaAtPoints:
             used = np.arange(-((start - stop) // POINTS_PER_SLOT), dtype=np.int32)
             found = compat.evaluate(self._compiled, mesh_of_slots, used)
             result[:, start:stop] = found.reshape(-1, self.count + 1)[: stop - start, :-1].T
-        return list(result.reshape(self.count, *points.x[0].shape))
+        return result
 
 
 @functools.cache

@@ -63,3 +63,5 @@ CELL_RULE = QuadratureRule("Gauss-Jacobi", 7)
 # The default on facets of plane domains. The error of the gradient is like the root of the distance
 # to the detachment point in one facet, which dominates H^1: 16 points there, too.
 FACET_RULE = QuadratureRule("Gauss-Jacobi", 31)
+
+MANY = 50_000  # cells on all ranks, from which on rules of fewer points save time

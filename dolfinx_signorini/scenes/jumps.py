@@ -16,7 +16,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.meshes import facet_cells, owned_cells
-from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
 
@@ -148,7 +148,8 @@ class _Projection:
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
-        cells = np.flatnonzero(self._broken(self.whole))
+        cells = self._candidates()
+        cells = cells[self._broken(self.whole[cells])]
         coarse = self._moments(self.whole[cells], cells)
         finer = self._moments(*divided(self.whole[cells], cells))
         defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
@@ -176,9 +177,27 @@ class _Projection:
             pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
         yield pieces, cells
 
+    def _candidates(self) -> Indices:
+        """Cells in which a switch may change its sign; of many cells those that are near a zero.
+
+        In the other cells the values of each switch at the vertices have the same sign, and are
+        larger than their differences.
+        """
+        rows = np.arange(len(self.whole))
+        if self.comm.allreduce(len(rows)) <= MANY:
+            return rows
+        near = np.zeros(len(rows), dtype=bool)
+        for switch in self.switches:
+            values = self._values(switch, self.whole.transpose(1, 0, 2))
+            low, high = values.min(axis=0), values.max(axis=0)
+            with np.errstate(invalid="ignore"):
+                near |= ~(np.maximum(low, -high) > high - low)
+        return rows[near]
+
     def _mean(self) -> float:
-        """The mean size of the formula at the vertices of all cells."""
-        values = self._values(self.formula.root, self.whole.transpose(1, 0, 2))
+        """The mean size of the formula at the vertices of all cells, or of a sample of many."""
+        step = max(1, len(self.whole) // MANY)
+        values = self._values(self.formula.root, self.whole[::step].transpose(1, 0, 2))
         sizes = np.abs(values[np.isfinite(values)])
         total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
         return float(total / max(count, 1.0))

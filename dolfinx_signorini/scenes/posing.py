@@ -26,10 +26,11 @@ from dolfinx_signorini.scenes.conditions import (
 )
 from dolfinx_signorini.scenes.formulas import Formula
 from dolfinx_signorini.scenes.jumps import integrable
+from dolfinx_signorini.scenes.rules import CellMeasure, measure_for, measure_for_load
 from dolfinx_signorini.scenes.scene import Scene
 
 Indices = npt.NDArray[np.int32]
-Terms = dict[str, tuple[Expr, ufl.Measure]]
+Terms = dict[str, tuple[Expr, CellMeasure]]
 
 LOAD = "load"  # the name of the load of the equation among the sources
 
@@ -186,27 +187,29 @@ def diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
 def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
     degree = 2 * (scene.degree - 1)
     k = diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
-    variable = any(entry.constant is None for row in scene.diffusion for entry in row)
-    rule = CELL_RULE if variable else QuadratureRule("default", degree)
+    entries = [entry for row in scene.diffusion for entry in row]
+    dx = measure_for(setting.sided.mesh, entries, degree, scene.degree)
     current = ufl.grad(u) if k is None else k * ufl.grad(u)
-    return ufl.inner(current, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
+    return ufl.inner(current, ufl.grad(v)) * dx
 
 
 def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     """Return the load and the reaction of the equation as sources and reactions."""
-    dx, sources, reactions = ufl.Measure("dx", setting.sided.mesh), {}, {}
-    domain, load = setting.sided.mesh, None
+    domain, degree = setting.sided.mesh, scene.degree
+    sources: Terms = {}
+    reactions: Terms = {}
+    load: Expr | None = None
+    datum: Formula | ManufacturedSolution | None = scene.load
     if scene.manufactured and setting.exact is not None:
-        load = setting.exact.load
+        load, datum = setting.exact.load, setting.exact
     elif scene.load is not None:
-        load = integrable(scene.load, domain, scene.degree)
-    if load is not None and not isinstance(load, Zero):
-        sources[LOAD] = (load, dx(metadata=CELL_RULE.metadata))
+        load = integrable(scene.load, domain, degree)
+    if load is not None and datum is not None and not isinstance(load, Zero):
+        dx = measure_for_load(domain, datum, degree)
+        sources |= {} if dx is None else {LOAD: (load, dx)}
     if scene.reaction is not None and scene.reaction.constant != 0.0:
-        variable = scene.reaction.constant is None
-        rule = CELL_RULE if variable else QuadratureRule("default", 2 * scene.degree)
-        c = integrable(scene.reaction, domain, 2 * scene.degree)  # of u v
-        reactions["reaction"] = (c, dx(metadata=rule.metadata))
+        c = integrable(scene.reaction, domain, 2 * degree)  # of u v
+        reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
     return sources, reactions
 
 
