@@ -29,7 +29,9 @@ Indices = npt.NDArray[np.int32]
 CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
 
 ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points
-ZERO = 1e-10  # of u over the squared size of the domain: smaller loads of a known u are rounding
+# A load that follows from u is rounding where its mean and its largest value are at most so much of
+# u over the squared size of the domain: next to a singular point rounding is larger.
+ZERO, NOISE = 1e-10, 1e-6
 
 
 def polynomial_degree(node: Node) -> int | None:
@@ -102,12 +104,11 @@ def measure_for_load(
     Returns:
         The measure; None where the load is zero up to rounding.
     """
-    exact = isinstance(load, ManufacturedSolution)
     if isinstance(load, Formula) and polynomial_degree(load.root) is not None:
         return measure_for(domain, [load], degree, degree)
     if not _economical(domain, degree):
         return _dx(domain, CELL_RULE)
-    points, limit = _places(domain), 0.0
+    points, reach = _places(domain), 0.0
     if isinstance(load, Formula):
         values = [evaluated(load.root, x) for x in points]
     else:
@@ -115,13 +116,13 @@ def measure_for_load(
         both = [formula.at(list(x.T)) for x in points]
         values = [f for f, _ in both]
         ends = np.max(domain.comm.allgather(_ends(points[1])), axis=0).sum(axis=0)
-        limit = ZERO * _largest(domain.comm, [u for _, u in both]) / float(ends.max()) ** 2
-    if exact and _largest(domain.comm, values) <= limit:
-        return None
+        reach = _largest(domain.comm, [u for _, u in both]) / float(ends.max()) ** 2
     finite = np.abs(values[0][np.isfinite(values[0])])
     total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
-    floor = max(ROUGH * float(total / max(count, 1.0)), limit)
-    return _split(domain, _rough(domain, values[0], values[1], floor), degree)
+    mean = float(total / max(count, 1.0))
+    if mean <= ZERO * reach and _largest(domain.comm, values) <= NOISE * reach:
+        return None
+    return _split(domain, _rough(domain, values[0], values[1], ROUGH * mean), degree)
 
 
 def _economical(domain: mesh.Mesh, degree: int) -> bool:
