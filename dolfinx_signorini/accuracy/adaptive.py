@@ -34,6 +34,7 @@ SAFETY = 1.3  # the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal
 AIM = 0.9  # estimate aimed at, over the accuracy
 LEAST = 0.75  # of the estimate: to fall less is not worth a step
+CLOSE = 2.0  # times the accuracy: further steps from here aim lower and lower
 GAIN = 0.6  # more than the conforming mesh gains on the prediction is not counted on
 SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
 RESERVE = 1.2  # how much longer than predicted a step may take
@@ -302,7 +303,9 @@ class _Loop:
                 return None
             goal = 0.0
             if accuracy is not None:
-                goal = min(AIM * accuracy / (estimate * self._gain(estimate)), LEAST)
+                close = sum(step.estimate <= CLOSE * accuracy for step in self.steps)
+                goal = AIM * accuracy / (estimate * self._gain(estimate))
+                goal = min(goal, LEAST ** max(close, 1))
             growth = self._affordable()
             if growth < SMALLEST_GROWTH:
                 return None
