@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, geometry, mesh
+from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.accuracy.cells import volumes
@@ -42,6 +43,36 @@ def refinements(sided):
     local = refined(sided, at_corner(sided))
     again = refined(local.sided, at_corner(local.sided, 0.25))
     return [refined(sided), local, Refinement(again.sided, local.parents[again.parents])]
+
+
+def angles(domain):
+    """The smallest angle of each owned triangle."""
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]][:, :, :2]
+    sides = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, 2, axis=1), axis=2)
+    a, b, c = np.sort(sides, axis=1).T
+    return np.arccos((b**2 + c**2 - a**2) / (2.0 * b * c))
+
+
+def test_a_mesh_is_graded_towards_a_point_by_few_good_cells(comm):
+    rounds, sided = 12, sided_mesh(comm, "square")
+    point = np.array([0.4, 0.0, 0.0])
+    before = comm.allreduce(len(owned_cells(sided.mesh)))
+    worst = comm.allreduce(angles(sided.mesh).min(initial=9.0), op=MPI.MIN)
+    for _ in range(rounds):
+        x = sided.mesh.geometry.x[sided.mesh.geometry.dofmap[owned_cells(sided.mesh)]]
+        at = np.linalg.norm(x - point, axis=2).min(axis=1) < 1e-12
+        tips = np.flatnonzero(at).astype(np.int32)
+        none = np.empty(0, dtype=np.int32)
+        sided = refined(sided, none, (tips, np.tile(point, (len(tips), 1)))).sided
+    domain = sided.mesh
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    at = np.linalg.norm(x - point, axis=2).min(axis=1) < 1e-12
+    smallest = comm.allreduce(volumes(domain).min(initial=9.0), op=MPI.MIN)
+    assert smallest == pytest.approx(0.04 * 4.0**-rounds, rel=1e-6)
+    assert comm.allreduce(np.count_nonzero(at)) <= 6
+    # Two more cells for each cell at the point and round, and some that keep the mesh conforming.
+    assert comm.allreduce(len(volumes(domain))) <= before + 8 * rounds
+    assert comm.allreduce(angles(domain).min(initial=9.0), op=MPI.MIN) > 0.7 * worst
 
 
 def random_function(space):

@@ -8,7 +8,7 @@ next step. The first mesh is divided everywhere: no estimate of the first step i
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,6 +42,9 @@ PATIENCE = 4  # steps in which the estimate does not fall
 ROUNDING = 1e-7  # of the size of the solution
 FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
 CORRECTION = 5.0  # at most
+
+# Up to which factor between the first estimate and the accuracy a degree takes the least time.
+ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
 
 Pose = Callable[[SidedMesh], SignoriniProblem]
 
@@ -124,7 +127,7 @@ class AdaptiveSolution:
 
 
 def solve_adaptively(
-    pose: Pose,
+    pose: Pose | Mapping[int, Pose],
     sided: SidedMesh,
     *,
     norm: str | Functional = "H1",
@@ -137,7 +140,9 @@ def solve_adaptively(
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
     Args:
-        pose: Poses the problem on a mesh. Each mesh is a refinement of the first one.
+        pose: Poses the problem on a mesh. Each mesh is a refinement of the first one. Or such a
+            function for each degree of elements that the loop may choose: the first step is done
+            with the lowest degree, and tells which degree is going to take the least time.
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
         norm: The norm of the error, see `norms.parse_norm`; or a functional of the solution, given
             as a function that returns the UFL form of its argument.
@@ -162,8 +167,12 @@ def solve_adaptively(
         if limit is not None:
             check_positive(limit, name)
     request = Request(target(norm), accuracy, budget, max_unknowns)
-    loop = _Loop(sided, request, on_step, time.perf_counter() if began is None else began)
-    for problem in ascend(lambda level, _: pose(level), loop.levels()):
+    poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
+    if not poses:
+        raise InputError("give a function that poses the problem", "pose")
+    began = time.perf_counter() if began is None else began
+    loop = _Loop(poses, sided, request, on_step, began)
+    for problem in ascend(lambda level, _: loop.pose(level), loop.levels()):
         loop.problem = problem
     return AdaptiveSolution(
         problem=loop.problem,
@@ -179,12 +188,14 @@ class _Loop:
     """The loop between the solves: it decides on the next mesh when the last one is solved on.
 
     Args:
+        poses: Functions that pose the problem on a mesh, by the degree of the elements.
         sided: The first mesh.
         request: What is asked for.
         on_step: Is told of each step.
         began: When the seconds began.
 
     Attributes:
+        pose: The function that poses the problem, with elements of the present degree.
         problem: The problem that was solved last.
         division: The division of the present mesh.
         outlook: What the cells of the present mesh leave in the error.
@@ -199,12 +210,19 @@ class _Loop:
     last: tuple[fem.Function, Indices, float]
 
     def __init__(
-        self, sided: SidedMesh, request: Request, on_step: Callable[[Step], None], began: float
+        self,
+        poses: Mapping[int, Pose],
+        sided: SidedMesh,
+        request: Request,
+        on_step: Callable[[Step], None],
+        began: float,
     ):
+        self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began = sided.mesh.comm, began
         self.steps: list[Step] = []
         self.stopped = ""
+        self.rounds = 0  # with elements of the present degree
         self.correction = 1.0
         self.predicted = 0.0  # estimate; 0 for none
         self.safety = SURE if request.target.is_energy else SAFETY
@@ -213,32 +231,54 @@ class _Loop:
         """Yield the meshes to solve on: a mesh and its division in turn."""
         self.division = refined(self.sided)
         yield self.sided, {}
-        space = self.problem.space
-        degree, dimension = space.element.basix_element.degree, space.mesh.topology.dim
-        self._require_room(space)
-        target = self.request.target
-        order, power, dual = target.order(degree), target.power, target.weighted
-        self.rates = Rates(order, power, len(owned_cells(space.mesh)), dimension, dual)
+        self._require_room()
+        self._begin()
         while True:
             u = self.problem.u
             yield self.division.sided, {}
             found = indicators(u, self.problem, self.division.parents, self.request.target)
-            if self.steps:
+            if self.rounds:
                 self.rates.measure(found.local)
             ends = cells_at_contact_ends(self.problem, self.division.parents, len(found.cells))
             self.rates.limit(ends, rate_at_ends(self.request.target))
             self._estimate(found)
             self._note()
+            if self._takes_another_degree():
+                yield self.sided, {}
+                self._begin()
+                continue
             divided = self._next_mesh(found)
             if divided is None:
                 return
             yield divided.sided, {}
 
-    def _require_room(self, space: fem.FunctionSpace) -> None:
-        needed = _unknowns(self.division.sided, space)
+    def _require_room(self) -> None:
+        needed = _unknowns(self.division.sided, self.problem.space)
         if needed > self.request.max_unknowns:
             message = f"the coarsest meshes need {needed}, not {self.request.max_unknowns}"
             raise InputError(message, "max_unknowns")
+
+    def _begin(self) -> None:
+        """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
+        space, target = self.problem.space, self.request.target
+        degree, dimension = space.element.basix_element.degree, space.mesh.topology.dim
+        order, power, dual = target.order(degree), target.power, target.weighted
+        self.rates = Rates(order, power, len(owned_cells(space.mesh)), dimension, dual)
+        self.rounds, self.correction, self.predicted = 0, 1.0, 0.0
+
+    def _takes_another_degree(self) -> bool:
+        """Choose the degree when the first step with the lowest one has been done."""
+        accuracy, lowest = self.request.accuracy, min(self.poses)
+        if accuracy is None or len(self.steps) > 1:
+            return False
+        ratio = self.steps[0].estimate / accuracy
+        best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
+        more = (best / lowest) ** self.sided.mesh.topology.dim if lowest else 1.0
+        room = more * self.steps[0].unknowns <= self.request.max_unknowns
+        if best == lowest or not room or self._affordable() < SMALLEST_GROWTH * more:
+            return False
+        self.pose = self.poses[best]
+        return True
 
     def _estimate(self, found: Indicators) -> None:
         """Estimate the error of the last solution.
@@ -252,7 +292,7 @@ class _Loop:
         share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
         estimate = found.difference * share
         estimate = self._with_misfits(estimate)
-        if self.steps:
+        if self.rounds:
             u, parents, before = self.last
             cells = self.owners[self.division.parents]
             old = carried_across(u, parents, self.problem.space, cells)
@@ -291,7 +331,8 @@ class _Loop:
     def _next_mesh(self, found: Indicators) -> Divided | None:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
         accuracy, estimate = self.request.accuracy, self.steps[-1].estimate
-        if len(self.steps) == 1:
+        self.rounds += 1
+        if self.rounds == 1:
             marks = mark_worst(self.sided, found.cells, self.rates.order, self.rates.power)
             divided = marks.apply(self.sided)
         else:
@@ -340,7 +381,7 @@ class _Loop:
         growth = request.max_unknowns / last.unknowns
         self.stopped = f"a finer mesh has more than {request.max_unknowns} unknowns"
         if request.budget is not None:
-            spent = last.seconds - self.steps[-2].seconds
+            spent = last.seconds - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
             left = request.budget - self.comm.bcast(time.perf_counter() - self.began)
             if left / (RESERVE * spent) < growth:
                 growth = left / (RESERVE * spent)

@@ -41,19 +41,17 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
     cell = problem.space.element.basix_element.cell_type
     facet = basix.cell.subentity_types(cell)[dim - 1][0]
     kind = basix.LatticeType.equispaced
-    lattice = basix.create_lattice(
-        facet, SAMPLES if dim == 2 else SAMPLES // 3, kind, exterior=True
-    )
-    lattice = lattice[np.argsort(lattice[:, 0])]
-    points = Points(domain, pairs, np.asarray(lattice, dtype=np.float64))
+    count = SAMPLES if dim == 2 else SAMPLES // 3
+    lattice: Array = np.asarray(basix.create_lattice(facet, count, kind, exterior=True))
+    points = Points(domain, pairs, lattice[np.lexsort(lattice.T[::-1])])
     (u,) = points.values(problem.u)
     gap = problem.sign * (u - _obstacle(problem, points))
-    _, touching = contact_on_facets(problem)
-    off = np.where(touching.all(axis=1)[:, None], gap, np.minimum(gap, 0.0))
+    touching = contact_on_facets(problem)[1].all(axis=1).reshape(-1, 1)
+    off: Array = np.where(touching, gap, np.minimum(gap, 0.0))
     scale = facet_scale(domain, pairs)
     if norm.derivatives:
         off = np.diff(off, axis=1) * SAMPLES / scale[:, None]
-    sizes = np.abs(off)
+    sizes: Array = np.abs(off)
     if math.isinf(norm.p):
         np.maximum.at(misfits, pairs[:, 0], sizes.max(axis=1, initial=0.0))
         return misfits

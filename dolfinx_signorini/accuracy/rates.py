@@ -9,9 +9,9 @@ division multiplies the error by rho = 2^-s, that is
                                   orthogonal, and exactly so in the energy norm.
 
 The rate s is that of smooth solutions, or less. It is measured where a cell has been divided, from
-the indicators of the cell and of its parts. Where an indicator is the product of a part of the
-solution and a part of a dual solution, which is another one on every mesh, the part of the solution
-is measured alone: the other one is as smooth, and the rate of the product is twice that of the part.
+the indicators of the cell and of its parts. An indicator may be the product of a part of the
+solution and a part of a dual solution, which is another one on every mesh: then the part of the
+solution is measured alone, and the rate of the product is twice that of the part.
 """
 
 import numpy as np
@@ -54,7 +54,7 @@ class Rates:
         self.order, self.power, self.dimension = order, power, dimension
         self._times, self._power = (2.0, 2.0) if dual else (1.0, power)
         self.values: Array = np.full(count, UNKNOWN * order)
-        self._limited = np.zeros(count, dtype=bool)
+        self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
     def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from dolfinx_signorini.accuracy.adaptive import (
     Step,
     solve_adaptively,
 )
+from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.logs import PATIENCE, log
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
@@ -138,8 +140,8 @@ def solve_scene(
         budget: In place of an accuracy, the seconds that may be spent.
         norm: The norm of the error; the scene's by default.
         max_unknowns: The limit on the dofs of adapted meshes.
-        degree: The degree of the elements on adapted meshes; by default 2, or that of the scene
-            where it is higher.
+        degree: The degree of the elements on adapted meshes. By default the loop chooses: in the
+            plane from 2 to 4, in space 2, and in any case not below that of the scene.
         on_step: Is told of every step of the adaptive loop when the step is done.
 
     Raises:
@@ -151,20 +153,20 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm)
     norm = scene.norm if norm is None else norm
-    degree = max(scene.degree, DEGREE) if degree is None else degree
-    scene = replace(scene, domain=scene.domain.first(), degree=degree)
+    degrees = _degrees(scene) if degree is None else (degree,)
+    scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
     expectation = _look_at_solution(scene, comm, norm)
     began = time.perf_counter()
     first = _first_mesh(scene, comm, max_unknowns)
     expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
     posed: list[PosedScene] = []
 
-    def pose_on(sided: SidedMesh) -> SignoriniProblem:
-        posed[:] = [pose(scene, comm, sided)]
+    def pose_on(degree: int, sided: SidedMesh) -> SignoriniProblem:
+        posed[:] = [pose(replace(scene, degree=degree), comm, sided)]
         return posed[0].problem
 
     found = solve_adaptively(
-        pose_on,
+        {degree: partial(pose_on, degree) for degree in degrees},
         first.sided,
         norm=norm,
         accuracy=accuracy,
@@ -192,6 +194,13 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
         finally:
             posed.problem.destroy()
     return expectation
+
+
+def _degrees(scene: Scene) -> tuple[int, ...]:
+    """Return the degrees of elements that the adaptive loop may choose."""
+    highest = HIGHEST_DEGREE if scene.domain.dimension == 2 else DEGREE
+    lowest = max(scene.degree, DEGREE)
+    return tuple(range(lowest, max(lowest, highest) + 1))
 
 
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:

@@ -1,0 +1,65 @@
+"""Ends of the contact set: where they are, and how fast the solution is approximated there."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+from dolfinx_signorini import christof_haubner
+from dolfinx_signorini.accuracy.cells import cell_norms
+from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
+from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.refinement import refined
+
+
+def error_at_the_origin(comm, n, norm):
+    """How far r^{3/2} sin(3t/2) and its linear interpolant are apart on the cells at the origin."""
+
+    def singular(x):
+        return np.hypot(x[0], x[1]) ** 1.5 * np.sin(1.5 * np.arctan2(x[1], x[0]))
+
+    domain = friedrichs_keller(comm, n)
+    fine = fem.Function(fem.functionspace(domain, ("Lagrange", 4)))
+    fine.interpolate(singular)
+    coarse = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
+    coarse.interpolate(singular)
+    again = fem.Function(fine.function_space)
+    again.interpolate(coarse)
+    fine.x.array[:] -= again.x.array
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    at = np.linalg.norm(x, axis=2).min(axis=1) < 1e-12
+    return max(comm.allgather(cell_norms(fine, norm)[at].max(initial=0.0)))
+
+
+@pytest.mark.parametrize("norm", ["Linf", "W1_4", "W1_inf"])
+def test_the_rate_is_that_of_the_singularity(comm, norm):
+    asked = target(norm)
+    # The value adds a smaller part to W^{1,p}, which a small cell makes negligible.
+    coarse, fine = (error_at_the_origin(comm, n, asked.norm) for n in (64, 128))
+    assert np.log2(coarse / fine) == pytest.approx(rate_at_ends(asked), abs=0.01)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+@pytest.mark.parametrize("n", [7, 12])
+def test_the_cells_are_at_the_end_of_contact(comm, n, degree):
+    """The paper's solution touches on the bottom up to x = 1/2, and with a positive force there."""
+    sided = SidedMesh(friedrichs_keller(comm, n), {})
+    division = refined(sided)
+    problem = paper_problem(christof_haubner(division.sided.mesh), degree)
+    problem.solve()
+    cells = owned_cells(sided.mesh)
+    found = cells_at_contact_ends(problem, division.parents, len(cells))
+    x = sided.mesh.geometry.x[sided.mesh.geometry.dofmap[cells]]
+    near = np.linalg.norm(x - [0.5, 0.0, 0.0], axis=2).min(axis=1) < 1.0 / n
+    touching = x[:, :, 1].min(axis=1) < 1e-12
+    assert comm.allreduce(np.count_nonzero(found & near & touching)) >= 1
+    # Cells inside of the domain have none of it, wherever the solution touches weakly.
+    inside = (x[:, :, :2].min(axis=(1, 2)) > 1.01 / n) & (
+        x[:, :, :2].max(axis=(1, 2)) < 1 - 1.01 / n
+    )
+    assert not (found & inside).any()
+    # In the middle of the contact set, between weak contact and the end, contact goes on.
+    middle = (x[:, :, 0].min(axis=1) > 0.2) & (x[:, :, 0].max(axis=1) < 0.5 - 1.5 / n)
+    assert not (found & middle & touching).any()
+    problem.destroy()
