@@ -26,7 +26,7 @@ COLUMNS = ("scene", "norm", "asked", "unknowns", "estimate", "true error", "effe
 def main() -> None:
     """Solve the scenes to their accuracies, and print the table on rank 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--degree", type=int, default=2)
+    parser.add_argument("--degree", type=int, help="of the elements; the loop chooses by default")
     parser.add_argument("--scenes", default="", help="parts of their names, separated by commas")
     parser.add_argument("--norms", default="L2,L4,Linf,H1,W1_4")
     parser.add_argument("--max-unknowns", type=int, default=300_000)
