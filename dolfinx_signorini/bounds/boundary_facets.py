@@ -21,7 +21,7 @@ from dolfinx_signorini.bounds.condensation import (
 )
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, Facets
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
@@ -67,8 +67,11 @@ class FacetPoints:
         """The facets as (cell, local facet) pairs of the mesh."""
         return np.column_stack((self.cells, self.frames.order[self.cells, self.facets]))
 
-    def values(self, data: Data) -> Array:
+    def values(self, data: "Data | FacetPolynomials") -> Array:
         """Return data at the points, shape (n, points)."""
+        if isinstance(data, FacetPolynomials):
+            own = data.coefficients[self.cells, self.facets]
+            return np.einsum("nj,njq->nq", own, self.polynomials(data.degree))
         if callable(data) and not isinstance(data, Expr):
             x = np.zeros((3, len(self.cells) * len(self.weights)))
             x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T

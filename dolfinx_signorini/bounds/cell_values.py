@@ -16,12 +16,14 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
+from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
 
 # By how much rules for data that are no polynomials are better than for polynomials, by dimension,
 # and the best rules that there are.
@@ -44,6 +46,7 @@ class CellValues:
         gradient: Its gradient, shape (cells, points, d).
         diffusion: A.
         reaction, load: c and f, shape (cells, points).
+        least_reaction: The smallest value of c in each cell, as far as that is known.
     """
 
     frames: Frames
@@ -54,16 +57,12 @@ class CellValues:
     diffusion: Diffusion
     reaction: Array
     load: Array
+    least_reaction: Array
 
     @property
     def current(self) -> Array:
         """A grad u, shape (cells, points, d)."""
         return self.diffusion.times(self.gradient)
-
-    @property
-    def least_reaction(self) -> Array:
-        """The smallest value of c at the points of each cell."""
-        return self.reaction.min(axis=1, initial=np.inf)
 
     @property
     def l2_weight(self) -> Array:
@@ -78,6 +77,11 @@ class CellValues:
         Source: Payne and Weinberger, Arch. Rational Mech. Anal. 5 (1960) 286-292.
         """
         return self.frames.diameters / (math.pi * np.sqrt(self.diffusion.lowest))
+
+    @property
+    def weak(self) -> Marks:
+        """Whether the reaction is weak, so that functions are tested with gradients."""
+        return np.asarray(self.gradient_weight <= self.l2_weight)
 
     def moments(self, values: Array, degree: int) -> Array:
         """Return the means over cells of a function times polynomials, see `Frames.moments`.
@@ -103,7 +107,11 @@ class CellValues:
 
 
 def cell_values(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, quadrature: int
+    problem: SignoriniProblem,
+    terms: EnergyTerms,
+    frames: Frames,
+    quadrature: int,
+    rest: Remainders = NOTHING,
 ) -> CellValues:
     """Return the solution of a problem with the coefficients of its equation.
 
@@ -112,6 +120,7 @@ def cell_values(
         terms: Its strong form.
         frames: The cells of its mesh.
         quadrature: The degree of the rule.
+        rest: What the data have beside the terms.
 
     Raises:
         InputError: The reaction is negative, the diffusion is not positive definite, or data are
@@ -119,19 +128,26 @@ def cell_values(
     """
     space, d, count = problem.space, frames.dimension, len(frames.order)
     points, weights = rule(d, quadrature)
-    entries = terms.entries(d)
-    data = [terms.reaction or 0.0, terms.load or 0.0, *entries]
+    entries, inverses = terms.entries(d), rest.inverse_entries
+    data = [terms.reaction or 0.0, terms.load or 0.0, *entries, *inverses]
     at = values_at(space.mesh, data, points, np.arange(count))
     require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
     require(problem.comm, bool((at[:, :, 0] >= 0.0).all()), "negative at some point", "reaction")
-    A = diffusion_at(at[:, :, 2:], d)
+    A = diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
     require(
         problem.comm,
         bool((A.lowest > 0.0).all()),
         "not positive definite at some point",
         "diffusion",
     )
+    if inverses:
+        inverse = at[:, :, 2 + len(entries) :]
+        inverse = inverse.reshape(A.inverses.shape)
+        least, largest = rest.least_diffusion, rest.largest_diffusion
+        assert least is not None and largest is not None
+        A = Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
     u, gradient = function_values(problem.u, frames, points)
+    c, least = at[:, :, 0], rest.least_reaction
     return CellValues(
         frames,
         points,
@@ -139,8 +155,9 @@ def cell_values(
         problem.sign * u,
         problem.sign * gradient,
         A,
-        at[:, :, 0],
+        c,
         problem.sign * at[:, :, 1],
+        c.min(axis=1, initial=np.inf) if least is None else least,
     )
 
 
@@ -219,18 +236,27 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))
 
 
-def quadrature_degree(terms: EnergyTerms, dimension: int, degree: int) -> tuple[int, list[str]]:
+def quadrature_degree(
+    terms: EnergyTerms, dimension: int, degree: int, rest: Remainders = NOTHING
+) -> tuple[int, list[str]]:
     """Return the degree of a rule for cells, with what the rule knows at its points only.
 
     Args:
         terms: The strong form.
         dimension: Of the domain.
         degree: Of the solution.
+        rest: What the data have beside the terms.
     """
     load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)
     A = [polynomial_degree(entry) for entry in terms.entries(dimension)]
-    found = {"diffusion": any(a != 0 for a in A), "reaction": c != 0, "load": load is None}
+    current = max(degree + 1, degree - 1 + max(a or 0 for a in A))
     need = 2 * max(degree + 1, load or 0, (c or 0) + degree)
+    found = {"diffusion": any(a != 0 for a in A), "reaction": c != 0, "load": load is None}
+    if rest.inverse_entries:
+        inverse = max(polynomial_degree(entry) or 0 for entry in rest.inverse_entries)
+        found["diffusion"], need = False, max(need, 2 * current + inverse)
+    if rest.least_reaction is not None:
+        found["reaction"] = c is None
     if any(found.values()):
         need = max(need, 2 * degree + MORE[dimension])
     if need > BEST[dimension]:

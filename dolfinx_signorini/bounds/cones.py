@@ -14,7 +14,7 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import CELLS, barycentric, lowest
+from dolfinx_signorini.bounds.reference_flux import CELLS, highest_on_parts, lowest, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem import SignoriniProblem
 
@@ -23,56 +23,82 @@ Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
 MORE = 6  # by how much polynomials that stand for data are of higher degree than the solution
+PARTS = 32  # of a facet, each with its own answer to whether a function may be positive
 
 
 @dataclass(frozen=True)
 class Cones:
     """Functions on facets in the plane, each with its extension to the cell of the facet.
 
-    The extensions are added up at points:
+    The energies of the extensions belong to the cells:
 
-        values, gradients = cones.at(points)
+        norms = cones.norms(values.diffusion.upper, reaction)
 
     Attributes:
         frames: The cells.
         cells, facets: The facets, shape (n,).
-        coefficients: Legendre coefficients of the functions, shape (n, polynomials).
+        coefficients: Of polynomials in terms of `FacetPoints.polynomials`, shape (n, polynomials).
+        missed: What the functions and their derivatives from end to end have beside the
+            polynomials, at most, shape (2, n).
         positive: Whether only the positive part of a function counts.
+        tiny: Values that are rounding.
     """
 
     frames: Frames
     cells: Indices
     facets: Indices
     coefficients: Array
+    missed: Array
     positive: Marks
+    tiny: float
 
-    def at(self, points: Array) -> tuple[Array, Array]:
-        """Return the sum of the extensions, with its gradient, at points of all cells.
+    def norms(self, diffusion: Array, reaction: Array) -> Array:
+        """Return bounds of the energy norms of the extensions on each cell.
+
+        With the share t from end to end, and s = 1 on the facet and 0 at the opposite vertex, the
+        extension is s w(t), and its gradient w grad s + w' (grad b - t grad s) depends on t alone,
+        where b is the barycentric coordinate of the second end.
 
         Args:
-            points: Points of the reference cell of the mesh.
+            diffusion: A matrix that A does not exceed in each cell, shape (cells, d, d).
+            reaction: A number that c does not exceed in each cell.
         """
-        count, d = len(self.frames.order), self.frames.dimension
-        values, gradients = np.zeros((count, len(points))), np.zeros((count, len(points), d))
-        ends = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])[self.facets]
-        order = np.take_along_axis(self.frames.order[self.cells], ends, axis=1)
-        a, b = barycentric(points).T[order].transpose(1, 0, 2)
-        t = b / np.where(a + b > 0.0, a + b, 1.0)
-        legendre = np.polynomial.legendre
-        scale = np.sqrt(2.0 * np.arange(self.coefficients.shape[1]) + 1.0)
+        degree, d = self.coefficients.shape[1] - 1, self.frames.dimension
+        nodes, weights = rule(1, 2 * degree)
+        t = ((np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS).ravel()
+        scale = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
         series = (self.coefficients * scale).T
-        w = legendre.legval(2.0 * t.T - 1.0, series[:, None], tensor=False).T
-        slope = (
-            2.0 * legendre.legval(2.0 * t.T - 1.0, legendre.legder(series)[:, None], tensor=False).T
-        )
-        kept = (w > 0.0) | ~self.positive[:, None]
-        w, slope = np.where(kept, w, 0.0), np.where(kept, slope, 0.0)
+        legendre = np.polynomial.legendre
+        w = legendre.legval(2.0 * t - 1.0, series)
+        slope = 2.0 * legendre.legval(2.0 * t - 1.0, legendre.legder(series))
+        kept = ~self.positive[:, None] | (self._highest() > self.tiny)
+        weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
+        ends = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])[self.facets]
         own = np.take_along_axis(self.frames.gradients[self.cells], ends[:, :, None], axis=1)
         both = own.sum(axis=1)[:, None]
-        np.add.at(values, self.cells, (a + b) * w)
-        part = both * w[..., None] + slope[..., None] * (own[:, 1][:, None] - t[..., None] * both)
-        np.add.at(gradients, self.cells, part)
-        return values, gradients
+        gradient = both * w[..., None]
+        gradient += slope[..., None] * (own[:, 1][:, None] - t[:, None] * both)
+        A, c, size = diffusion[self.cells], reaction[self.cells], self.frames.volumes[self.cells]
+        energy = np.einsum("nqa,nab,nqb->nq", gradient, A, gradient) + 0.5 * c[:, None] * w**2
+        norms = np.sqrt((energy * weights).sum(axis=1) * size)
+        # The same for what the polynomials miss.
+        value, change = self.missed
+        steep = value * np.linalg.norm(both[:, 0], axis=1)
+        steep += change * np.linalg.norm(own, axis=2).max(axis=1, initial=0.0)
+        largest = np.linalg.norm(A, axis=(1, 2))
+        norms += np.sqrt(weights.sum(axis=1) * size * (largest * steep**2 + 0.5 * c * value**2))
+        return np.bincount(self.cells, norms, len(self.frames.order))
+
+    def _highest(self) -> Array:
+        """Upper bounds of the functions on parts of facets; what is missed vanishes at the ends."""
+        value, change = self.missed
+        line = change[:, None] * np.array([0.5, 0.5 / 3.0**0.5])  # change times t
+        highest = []
+        for first in (np.column_stack((value, 0.0 * value)), line, line * np.array([1.0, -1.0])):
+            series = self.coefficients.copy()
+            series[:, :2] += first
+            highest.append(highest_on_parts(series.shape[1] - 1, PARTS, series))
+        return np.min(highest, axis=0)
 
 
 def lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: int) -> FacetPoints:
@@ -144,21 +170,38 @@ def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: f
 
 
 def cones_on(
-    frames: Frames, defects: list[tuple[FacetPoints, Array]], kinds: Indices, order: int
+    frames: Frames,
+    defects: list[tuple[FacetPoints, Array, Array | None]],
+    kinds: Indices,
+    order: int,
+    tiny: float,
 ) -> Cones:
     """Return what is to be added on facets in the plane, with its extensions.
 
     Args:
         frames: The cells.
-        defects: Lattices with values there; only positive parts count on contact facets
-            that are not closed.
+        defects: Lattices with values there, and what their polynomials miss on facets, see
+            `Remainders`; only positive parts count on contact facets that are not closed.
         kinds: The kinds of the facets of cells.
         order: The degree that the lattices have been made for.
+        tiny: Values that are rounding.
     """
-    cells = np.concatenate([points.cells for points, _ in defects])
-    facets = np.concatenate([points.facets for points, _ in defects])
-    series = np.concatenate([fitted(points, values, order) for points, values in defects])
+    cells = np.concatenate([points.cells for points, _, _ in defects])
+    facets = np.concatenate([points.facets for points, _, _ in defects])
+    series = np.concatenate([fitted(points, values, order) for points, values, _ in defects])
+    nothing = np.zeros((2, *kinds.shape))
+    missed = np.concatenate(
+        [
+            (nothing if rest is None else rest)[:, points.cells, points.facets]
+            for points, _, rest in defects
+        ],
+        axis=1,
+    )
     positive = (kinds[cells, facets] >= OPEN) & (kinds[cells, facets] != CLOSED)
-    high = -lowest(1, order, -series)
-    used = np.where(positive, high > 0.0, np.abs(series).max(axis=1, initial=0.0) > 0.0)
-    return Cones(frames, cells[used], facets[used], series[used], positive[used])
+    high = missed[0] - lowest(1, order, -series)
+    used = np.where(
+        positive, high > tiny, np.abs(series).max(axis=1, initial=0.0) + missed[0] > 0.0
+    )
+    return Cones(
+        frames, cells[used], facets[used], series[used], missed[:, used], positive[used], tiny
+    )

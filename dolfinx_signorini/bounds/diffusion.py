@@ -20,11 +20,13 @@ class Diffusion:
         values: Shape (cells, points, 1), or (cells, points, d, d) for matrices.
         inverses: Those of the values.
         lowest: The smallest eigenvalue of A at the points of each cell.
+        upper: A matrix that A at the points of each cell does not exceed, shape (cells, d, d).
     """
 
     values: Array
     inverses: Array
     lowest: Array
+    upper: Array
 
     def times(self, vectors: Array) -> Array:
         """Return the products of A with vectors, shape (cells, points, d)."""
@@ -54,13 +56,18 @@ def diffusion_at(entries: Array, dimension: int) -> Diffusion:
     """
     if entries.shape[2] == 1:
         lowest = entries.min(axis=(1, 2), initial=np.inf)
+        upper = entries.max(axis=(1, 2), initial=-np.inf)[:, None, None] * np.eye(dimension)
         with np.errstate(divide="ignore"):
-            return Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest)
+            return Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
     values = entries.reshape(*entries.shape[:2], dimension, dimension)
-    lowest = np.linalg.eigvalsh(values).min(axis=(1, 2), initial=np.inf)
+    spectrum = np.linalg.eigvalsh(values)
+    lowest = spectrum.min(axis=(1, 2), initial=np.inf)
+    largest = spectrum.max(axis=(1, 2), initial=-np.inf)[:, None, None]
+    same = (values == values[:, :1]).all(axis=(1, 2, 3))[:, None, None]
+    upper = np.where(same, values[:, 0], largest * np.eye(dimension))
     usable = bool((lowest > 0.0).all())
     inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
-    return Diffusion(values, inverses, lowest)
+    return Diffusion(values, inverses, lowest, upper)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

@@ -35,7 +35,9 @@ from dolfinx_signorini.bounds.condensation import (
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import Frames, cell_frames
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
+from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
+from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, friedrichs
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.errors import require
@@ -44,6 +46,8 @@ from dolfinx_signorini.problem import SignoriniProblem
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
+
+MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
 
 @dataclass(frozen=True)
@@ -83,19 +87,22 @@ class _Parts:
     """The parts of the bound on each cell: norms, and for contact the integral sigma."""
 
     flux: Array
-    data: tuple[Array, Array]
+    data: Oscillation
     mean: Array
     lifting: Array
     contact: Array
 
 
-def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
+def energy_bound(
+    problem: SignoriniProblem, terms: EnergyTerms, rest: Remainders = NOTHING
+) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
     Args:
         problem: The solved problem, of any degree on triangles or tetrahedra; the call is
             collective.
-        terms: Its strong form.
+        terms: Its strong form, where polynomials may stand for other data.
+        rest: What these data have beside the polynomials.
 
     Raises:
         InputError: The terms contradict each other, or the mesh has curved or other cells.
@@ -104,26 +111,27 @@ def energy_bound(problem: SignoriniProblem, terms: EnergyTerms) -> EnergyBound:
     _check_mesh(problem)
     reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
     kinds, touching = facet_kinds(problem, terms, frames)
-    quadrature, notes = quadrature_degree(terms, frames.dimension, degree)
-    values = cell_values(problem, terms, frames, quadrature)
+    quadrature, notes = quadrature_degree(terms, frames.dimension, degree, rest)
+    values = cell_values(problem, terms, frames, quadrature, rest)
     fluxes, missed, more = given_fluxes(problem, terms, frames, degree)
-    near = feasible(problem, terms, frames, kinds)
+    near = feasible(problem, terms, frames, kinds, rest)
     points, gap = _gaps(problem, near, kinds, frames)
     means = _gap_means(points, gap, degree)
     data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
-    moments, reason = _without_defects(domain.comm, values, data, moments)
+    ends = _ends(domain.comm, values)
+    moments, reason = _without_defects(domain.comm, values, data, moments, ends)
     field = coefficients(data, reference, moments)
     parts = _Parts(
-        flux=_distance(values, flux_values(values, field, reference)),
-        data=_oscillation(values, missed, degree),
+        flux=_distance(values, flux_values(values, field, reference), rest),
+        data=oscillation(values, missed, rest, degree),
         mean=_residual(values, data, field, reference),
-        lifting=_lifted(problem, terms, values, near),
+        lifting=_lifted(problem, terms, values, near, rest),
         contact=_contact(points, gap, moments, degree),
     )
-    weak = values.gradient_weight <= values.l2_weight
-    notes = [*notes, *more, *near.notes]
-    return _bound(domain.comm, parts, weak, near.missing or reason, notes)
+    constant, doubt = _mean_constant(domain.comm, values, data, parts.data.stray, ends)
+    notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
+    return _bound(domain.comm, parts, values, ends, constant, near.missing or reason, notes)
 
 
 def _check_mesh(problem: SignoriniProblem) -> None:
@@ -137,20 +145,14 @@ def _check_mesh(problem: SignoriniProblem) -> None:
     require(problem.comm, good, "a bound needs continuous Lagrange elements", "space")
 
 
-def _distance(values: CellValues, y: Array) -> Array:
+def _distance(values: CellValues, y: Array, rest: Remainders) -> Array:
     """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell."""
     apart = values.current - y
-    return np.sqrt(values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2)))
-
-
-def _oscillation(values: CellValues, missed: Array, degree: int) -> tuple[Array, Array]:
-    """What load and fluxes have beside polynomials, as bounds for each cell."""
-    frames, d, a = values.frames, values.frames.dimension, values.diffusion.lowest
-    weight = np.minimum(values.gradient_weight, values.l2_weight)
-    on_cells = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
-    square = frames.facet_sizes / frames.volumes[:, None] * frames.diameters[:, None] ** 2
-    square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
-    return on_cells, (np.sqrt(square) * missed).sum(axis=1)
+    square = values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2))
+    square += rest.inverse * values.integrals(np.square(apart).sum(axis=2))
+    slope = np.sqrt(values.integrals(np.square(values.gradient).sum(axis=2)))
+    missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
 
 
 def _defects(data: CellData, moments: Array) -> Array:
@@ -166,12 +168,18 @@ def _residual(values: CellValues, data: CellData, field: Array, reference: Refer
     return np.asarray(np.where(np.isfinite(values.l2_weight), values.l2_weight, 0.0) * size)
 
 
+def _ends(comm: MPI.Comm, values: CellValues) -> Marks:
+    """Whether the reaction is strong enough in a cell to take up what is left there."""
+    return np.asarray(
+        values.l2_weight <= _size(comm, values.frames) / np.sqrt(values.diffusion.lowest)
+    )
+
+
 def _without_defects(
-    comm: MPI.Comm, values: CellValues, data: CellData, moments: Array
+    comm: MPI.Comm, values: CellValues, data: CellData, moments: Array, ends: Marks
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without much reaction; also return why not, or ""."""
-    exits, moments = data.kinds == DIRICHLET, moments.copy()
-    ends = values.l2_weight <= _size(comm, values.frames) / np.sqrt(values.diffusion.lowest)
+    exits, moments, ends = data.kinds == DIRICHLET, moments.copy(), ends.copy()
     if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
         ends = values.least_reaction > 0.0
     wanted = np.where(ends, 0.0, -_defects(data, moments))
@@ -190,6 +198,18 @@ def _without_defects(
     return moments, "" if found else "a residual has no way out of a part without a reaction"
 
 
+def _mean_constant(
+    comm: MPI.Comm, values: CellValues, data: CellData, stray: Array, ends: Marks
+) -> tuple[float, list[str]]:
+    """The constant of Friedrichs for unknown means where they matter, and why there is none."""
+    if not comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
+        return 0.0, []
+    lowest, reaction = values.diffusion.lowest, values.least_reaction
+    exits = data.kinds == DIRICHLET
+    constant = friedrichs(comm, values.frames, exits, ends, lowest, reaction)
+    return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
+
+
 def _size(comm: MPI.Comm, frames: Frames) -> float:
     """The longest side of the box around the domain."""
     ends = np.concatenate((frames.corners, -frames.corners), axis=2)
@@ -198,16 +218,23 @@ def _size(comm: MPI.Comm, frames: Frames) -> float:
 
 
 def _lifted(
-    problem: SignoriniProblem, terms: EnergyTerms, values: CellValues, near: Feasible
+    problem: SignoriniProblem,
+    terms: EnergyTerms,
+    values: CellValues,
+    near: Feasible,
+    rest: Remainders,
 ) -> Array:
     """The energy norm of v - u_h on each cell."""
     w, gradient = function_values(near.change, values.frames, values.points)
-    if near.cones is not None:
-        more, slopes = near.cones.at(values.points)
-        w, gradient = w + more, gradient + slopes
     energy = (gradient * values.diffusion.times(gradient)).sum(axis=2) + values.reaction * w**2
-    on_facets = robin_energy(problem, terms, values.frames, near.change)
-    return np.sqrt(values.integrals(energy) + on_facets)
+    energy = values.integrals(energy)
+    energy += rest.diffusion * values.integrals(np.square(gradient).sum(axis=2))
+    energy += rest.reaction * values.integrals(w**2)
+    norms = np.sqrt(energy + robin_energy(problem, terms, values.frames, near.change))
+    if near.cones is not None:
+        largest = values.reaction.max(axis=1, initial=0.0) + rest.reaction
+        norms += near.cones.norms(values.diffusion.upper, largest)
+    return np.asarray(norms)
 
 
 def _gaps(
@@ -216,6 +243,8 @@ def _gaps(
     """The gap of the feasible function at points of contact facets."""
     degree = problem.space.element.basix_element.degree
     points = facet_points(problem.space.mesh, frames, kinds >= OPEN, 2 * degree + 8)
+    if near.gap is not None:
+        return points, points.values(near.gap)
     v = problem.sign * points.function(problem.space, problem.u.x.array)
     v += points.function(near.change.function_space, near.change.x.array)
     gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
@@ -241,29 +270,41 @@ def _contact(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Ar
 
 
 def _bound(
-    comm: MPI.Comm, parts: _Parts, weak: Marks, missing: str, notes: list[str]
+    comm: MPI.Comm,
+    parts: _Parts,
+    values: CellValues,
+    ends: Marks,
+    constant: float,
+    missing: str,
+    notes: list[str],
 ) -> EnergyBound:
     """Put the parts together: those tested with grad e, and those tested with c^(1/2) e."""
-    on_cells, on_facets = parts.data
-    by_gradient = parts.flux + on_facets + np.where(weak, on_cells, 0.0)
+    data, weak = parts.data, values.weak
+    by_gradient = parts.flux + data.on_facets
+    by_gradient += np.where(weak, data.projected + data.missed, 0.0)
     # What is left of the polynomial part is orthogonal to the rest.
-    square = by_gradient**2 + parts.mean**2 + np.where(weak, 0.0, on_cells) ** 2
+    by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
+    stray = np.where(ends, 0.0, data.stray)
+    taken = np.where(ends, values.l2_weight * data.stray, 0.0) if ends.any() else 0.0
+    by_reaction += np.where(weak, 0.0, data.missed) + taken
+    square = by_gradient**2 + by_reaction**2
 
     def root(values: Array) -> float:
         return math.sqrt(comm.allreduce(float(values.sum())))
 
-    eta, contact, lifting = root(square), root(parts.contact), root(parts.lifting**2)
+    free = constant * root(stray**2)
+    eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
     total = 0.5 * (eta + math.sqrt(eta**2 + 4.0 * contact**2))
     if lifting > 0.0:
         total = math.sqrt(eta**2 + 2.0 * contact**2 + lifting**2)
     return EnergyBound(
         flux=root(parts.flux**2),
-        data=root((on_cells + on_facets) ** 2),
+        data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
         mean=root(parts.mean**2),
         lifting=lifting,
         total=math.inf if missing else total,
-        cells=np.sqrt(square + parts.contact + parts.lifting**2),
+        cells=np.sqrt(square + (constant * stray) ** 2 + parts.contact + parts.lifting**2),
         sampled=bool(notes),
         notes=(missing, *notes) if missing else tuple(notes),
     )

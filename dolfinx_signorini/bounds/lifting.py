@@ -21,7 +21,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from dolfinx_signorini.assembly import dofs_on_facets, evaluator
-from dolfinx_signorini.bounds.boundary_facets import contact_closures
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints, contact_closures
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.cones import (
     MORE,
@@ -33,8 +33,13 @@ from dolfinx_signorini.bounds.cones import (
     loose_ends,
 )
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import lowest
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.reference_flux import lowest, raised
+from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
+from dolfinx_signorini.bounds.strong_form import (
+    EnergyTerms,
+    FacetPolynomials,
+    polynomial_degree,
+)
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -59,6 +64,8 @@ class Feasible:
     Attributes:
         change: A function.
         cones: What comes on top in the plane; None for nothing.
+        gap: In the plane, polynomials on contact facets that are not below the gap of the feasible
+            function; None where the gap is that of u plus the change.
         meets: Whether the feasible function is the obstacle on closed contact facets.
         missing: Why there is no feasible function; "" where there is one.
         notes: What is known at points only.
@@ -66,13 +73,18 @@ class Feasible:
 
     change: fem.Function
     cones: Cones | None = None
+    gap: FacetPolynomials | None = None
     meets: bool = True
     missing: str = ""
     notes: tuple[str, ...] = ()
 
 
 def feasible(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, kinds: Indices
+    problem: SignoriniProblem,
+    terms: EnergyTerms,
+    frames: Frames,
+    kinds: Indices,
+    rest: Remainders = NOTHING,
 ) -> Feasible:
     """Return what makes a solution feasible, with the signs of a lower obstacle.
 
@@ -81,32 +93,50 @@ def feasible(
         terms: Its strong form.
         frames: The cells of its mesh.
         kinds: The kinds of the facets of the cells.
+        rest: What is known of obstacle and data that are no polynomials.
     """
     space, d, comm = problem.space, frames.dimension, problem.comm
     change, degree = _pressed(problem, frames, kinds), space.element.basix_element.degree
     u = problem.sign * problem.u.x.array + change.x.array
     tiny = ROUNDING * max(comm.allgather(float(np.abs(u).max(initial=0.0))))
     exact = _within(problem.obstacle_data, degree)
-    known = all(_within(data, degree) for data, _ in terms.dirichlet)
-    notes = (OBSTACLE,) * (not exact) + (DATA,) * (not known)
+    more = degree + MORE if d == 2 else degree  # polynomials that are met exactly
+    unknown = rest.obstacle is None and not _within(problem.obstacle_data, more)
+    unmet = not all(_within(data, more) for data, _ in terms.dirichlet)
+    unmet &= rest.dirichlet is None
+    notes = (OBSTACLE,) * unknown + (DATA,) * unmet
     defects = data_defects(problem, terms, frames, u)
     far = comm.allreduce(bool(any((np.abs(w) > tiny).any() for _, w in defects)), op=MPI.LOR)
     touching = lattice(problem, frames, kinds >= OPEN, degree + MORE)
     gap = touching.function(space, u) - problem.sign * touching.values(problem.obstacle_data)
     low = lowest(d - 1, degree + MORE, fitted(touching, gap, degree + MORE))
     above = comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND)
-    if exact and above and not far:
+    if exact and above and not far and rest.dirichlet is None:
         return Feasible(change, notes=notes)
     if exact and degree == 2 and not far and d == 3:
         missing = _raise_edges(problem, frames, kinds, change, tiny)
         return Feasible(change, missing=missing, notes=notes)
-    if exact and (d == 3 or not above):
-        notes = (BELOW, *notes)
     if d == 3:
+        notes = (BELOW,) * exact + notes
         return Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
-    cones = cones_on(frames, [*defects, (touching, -gap)], kinds, degree + MORE)
+    below = [*[(*defect, rest.dirichlet) for defect in defects], (touching, -gap, rest.obstacle)]
+    cones = cones_on(frames, below, kinds, degree + MORE, tiny)
     missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
-    return Feasible(change, cones, missing=missing, notes=notes)
+    above_gap = _above(touching, gap, rest.obstacle, kinds, degree + MORE)
+    return Feasible(change, cones, above_gap, missing=missing, notes=notes)
+
+
+def _above(
+    points: FacetPoints, gap: Array, missed: Array | None, kinds: Indices, degree: int
+) -> FacetPolynomials:
+    """Polynomials on facets that are above 0, and above a gap that is known on a lattice."""
+    own = raised(1, degree, fitted(points, gap, degree))
+    if missed is not None:
+        own[:, 0] += missed[0][points.cells, points.facets]
+    own[kinds[points.cells, points.facets] == CLOSED] = 0.0
+    coefficients = np.zeros((*kinds.shape, degree + 1))
+    coefficients[points.cells, points.facets] = own
+    return FacetPolynomials(degree, coefficients)
 
 
 def _within(data: object, degree: int) -> bool:

@@ -47,12 +47,50 @@ def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
         degree: Of the polynomials.
         coefficients: In terms of `polynomials`, shape (..., polynomials).
     """
-    lattice = basix.LatticeType.equispaced
-    points = np.asarray(basix.create_lattice(CELLS[dimension], degree, lattice, True))
-    kind = basix.PolynomialType.bernstein
-    bernstein = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, points))
-    change = polynomials(dimension, degree, points) @ np.linalg.inv(bernstein)
-    return np.asarray((coefficients @ change).min(axis=-1))
+    return np.asarray((coefficients @ _to_bernstein(dimension, degree)).min(axis=-1))
+
+
+def raised(dimension: int, degree: int, coefficients: Array) -> Array:
+    """Return polynomials above 0 and above others: negative Bernstein coefficients become 0.
+
+    Args:
+        dimension, degree, coefficients: See `lowest`.
+    """
+    change = _to_bernstein(dimension, degree)
+    return np.asarray(np.maximum(coefficients @ change, 0.0) @ np.linalg.inv(change))
+
+
+def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
+    """Return upper bounds of polynomials on equal parts of the unit interval.
+
+    Args:
+        degree: Of the polynomials.
+        count: Of the parts.
+        coefficients: In terms of `polynomials`, shape (n, polynomials).
+
+    Returns:
+        Shape (n, count).
+    """
+    lattice, bernstein = _bernstein(1, degree)
+    places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
+    table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
+    change = table.transpose(1, 0, 2) @ np.linalg.inv(bernstein)
+    return np.asarray((coefficients @ change).max(axis=2).T)
+
+
+def _bernstein(dimension: int, degree: int) -> tuple[Array, Array]:
+    """A lattice, and the Bernstein basis there, shape (functions, points)."""
+    kind = basix.LatticeType.equispaced
+    points = np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
+    family = basix.PolynomialType.bernstein
+    return points, np.asarray(basix.tabulate_polynomials(family, CELLS[dimension], degree, points))
+
+
+@functools.cache
+def _to_bernstein(dimension: int, degree: int) -> Array:
+    """The Bernstein coefficients of the polynomials, one row each."""
+    points, bernstein = _bernstein(dimension, degree)
+    return np.asarray(polynomials(dimension, degree, points) @ np.linalg.inv(bernstein))
 
 
 def barycentric(points: Array) -> Array:

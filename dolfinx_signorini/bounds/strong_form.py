@@ -30,8 +30,26 @@ from dolfinx_signorini.assembly import Data
 
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]
+Array = npt.NDArray[np.float64]
 
 SUMS = ComponentTensor | Indexed | IndexSum | ListTensor | Sum
+
+
+@dataclass(frozen=True)
+class FacetPolynomials:
+    """A polynomial on each facet of the frames of cells, as data of a Neumann condition.
+
+    For example, on the facets of `FacetPoints`:
+
+        flux = points.values(FacetPolynomials(1, coefficients))
+
+    Attributes:
+        degree: The degree of the polynomials.
+        coefficients: In terms of `FacetPoints.polynomials`, shape (cells, d + 1, polynomials).
+    """
+
+    degree: int
+    coefficients: Array
 
 
 @dataclass(frozen=True)
@@ -55,7 +73,7 @@ class EnergyTerms:
     diffusion: Scalar | None = None
     reaction: Scalar | None = None
     load: Scalar | None = None
-    neumann: Sequence[tuple[Scalar, Facets]] = ()
+    neumann: Sequence[tuple[Scalar | FacetPolynomials, Facets]] = ()
     robin: Sequence[tuple[Scalar, Facets]] = ()
     dirichlet: Sequence[tuple[Scalar | None, Facets]] = ()
 
@@ -73,7 +91,7 @@ class EnergyTerms:
         return [A[i, j] for i in range(dimension) for j in range(dimension)]
 
 
-def polynomial_degree(data: "Data | None") -> int | None:
+def polynomial_degree(data: "Data | FacetPolynomials | None") -> int | None:
     """Return the degree of a polynomial in the coordinates on each cell, and None for others.
 
     Args:
@@ -81,6 +99,8 @@ def polynomial_degree(data: "Data | None") -> int | None:
     """
     if data is None or isinstance(data, int | float | np.number):
         return 0
+    if isinstance(data, FacetPolynomials):
+        return data.degree
     if not isinstance(data, Expr):
         return None
     expression = apply_derivatives(apply_algebra_lowering(data))

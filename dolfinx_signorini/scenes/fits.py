@@ -1,0 +1,204 @@
+"""Polynomials in place of formulas on simplices, with proven bounds of what the polynomials miss.
+
+A formula is known at the points of a quadrature rule. What a rule cannot see is bounded on each
+piece of a simplex: by `discs` where the formula is analytic, or else by an interval around all
+values. Simplices are divided into pieces where these bounds are not small enough: near jumps, kinks
+and singular points, and where the formula varies faster than the mesh.
+
+Let t(n) bound what polynomials of degree n miss of f on a piece. A rule with positive weights for
+polynomials of degree 2 n then has an integral of f that is wrong by at most 2 t(2 n) times the size
+of the piece, and the root of the mean of (f - Q)^2, Q a polynomial of degree n, is wrong by at most
+2 t(n). The interpolation with a projection of norm L misses at most (1 + L) t(n).
+"""
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from dolfinx_signorini.bounds.reference_flux import polynomials, rule
+from dolfinx_signorini.scenes.discs import discs
+from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
+from dolfinx_signorini.scenes.formulas import Formula, evaluated
+from dolfinx_signorini.scenes.pieces import divided, inside
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
+ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
+DEEPEST = 30  # divisions of a simplex
+MOST_PIECES = 20_000  # on all ranks that are divided once more
+ROUNDING = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Polynomials in place of a formula on simplices:
+
+        found = fit(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
+
+    Attributes:
+        coefficients: Of each polynomial Q in terms of `reference_flux.polynomials`.
+        missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
+        mean: A bound of the mean of f - Q on each simplex.
+    """
+
+    coefficients: Array
+    missed: Array
+    mean: Array
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Pieces of simplices with the formula at points; vertices have reference coordinates first."""
+
+    pieces: Array
+    owners: Indices
+    share: float  # of a piece in its simplex
+    values: Array
+    tails: Array  # of what points do not tell: of the root of mean squares, and of the mean
+
+
+def fit(
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
+) -> Fit:
+    """Return polynomials in place of a formula; the call is collective.
+
+    Args:
+        formula: The formula f.
+        comm: The communicator.
+        corners: The vertices of the simplices of this rank, shape (simplices, vertices, dimension).
+        degree: The degree of the polynomials, at most half of `ORDERS`.
+        weights: What the two attributes `missed` and `mean` count, shape (2, simplices).
+        tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
+            for those parts of the bounds that come from between the points.
+    """
+    dimension = corners.shape[1] - 1
+    points, rule_weights = rule(dimension, ORDERS[dimension])
+    parts = _parts(formula, comm, corners, weights, tolerance)
+    tables = [_table(part, points, degree) for part in parts]
+    count, terms = len(corners), comb(degree + dimension, dimension)
+    moments, squares, mean = np.zeros((count, terms)), np.zeros(count), np.zeros(count)
+    for part, table in zip(parts, tables, strict=True):
+        own = part.share * np.einsum("nq,niq->ni", part.values * rule_weights, table)
+        np.add.at(moments, part.owners, own)
+    for part, table in zip(parts, tables, strict=True):
+        rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
+        root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
+        squares += part.share * np.bincount(part.owners, root**2, count)
+        mean += part.share * np.bincount(part.owners, part.tails[1], count)
+    return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING)
+
+
+def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
+    """Return polynomials that follow a formula at every point, with bounds of the differences.
+
+    Args:
+        formula: The formula.
+        corners: The vertices of simplices, shape (simplices, vertices, dimension).
+        degree: The degree of the polynomials.
+
+    Returns:
+        Their coefficients, see `Fit`, and the bounds, shape (simplices,).
+    """
+    dimension = corners.shape[1] - 1
+    points, weights = rule(dimension, 2 * degree)
+    values = evaluated(formula.root, inside(corners, points)).T
+    table = polynomials(dimension, degree, points)
+    tails = _tails(formula, corners, (degree,))[0]
+    bounds = (1 + comb(degree + dimension, dimension)) * tails * ROUNDING
+    low, high = enclosed_on_simplices(formula, corners)
+    flat = ~(bounds <= 0.5 * (high - low))
+    coefficients = (values * weights) @ table.T
+    coefficients[flat] = 0.0
+    bounds[flat] = np.inf
+    finite = flat & np.isfinite(low) & np.isfinite(high)
+    coefficients[finite, 0] = 0.5 * (low + high)[finite]
+    bounds[finite] = 0.5 * (high - low)[finite] * ROUNDING
+    return coefficients, bounds
+
+
+def _parts(
+    formula: Formula, comm: MPI.Comm, corners: Array, weights: Array, tolerance: float
+) -> list[_Part]:
+    """Divide simplices into pieces on which the formula is known well enough."""
+    dimension, count = corners.shape[1] - 1, len(corners)
+    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    reference = np.broadcast_to(unit, (count, *unit.shape))
+    pieces, owners = np.concatenate((reference, corners), axis=2), np.arange(count)
+    sizes, parts = _sizes(corners), []
+    allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
+    for level in range(DEEPEST + 1):
+        share = 0.5 ** (dimension * level)
+        values, tails = _looked_at(formula, pieces[..., dimension:], allowed / weights[:, owners])
+        good = (tails * weights[:, owners] <= allowed).all(axis=0)
+        with np.errstate(invalid="ignore"):
+            rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
+            mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
+            sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
+        pending = int((~good).sum())
+        *squares, pending = np.sum(comm.allgather((*sums, pending)), axis=0)
+        enough = max(squares) <= tolerance**2 or pending > MOST_PIECES or level == DEEPEST
+        chosen = good | enough
+        parts.append(_Part(pieces[chosen], owners[chosen], share, values[chosen], tails[:, chosen]))
+        if enough:
+            break
+        pieces, owners = divided(pieces[~chosen], owners[~chosen])
+    return parts
+
+
+def _looked_at(formula: Formula, pieces: Array, allowed: Array) -> tuple[Array, Array]:
+    """The values at the points of pieces, with what the points do not tell.
+
+    Args:
+        formula: The formula.
+        pieces: The vertices.
+        allowed: What may be hidden, shape (2, pieces).
+    """
+    dimension = pieces.shape[1] - 1
+    order = ORDERS[dimension]
+    points, _ = rule(dimension, order)
+    values = evaluated(formula.root, inside(pieces, points)).T.copy()
+    tails = 2.0 * _tails(formula, pieces, (order // 2, order))
+    rough = np.flatnonzero((tails > allowed).any(axis=0))
+    low, high = enclosed_on_simplices(formula, pieces[rough])
+    with np.errstate(invalid="ignore"):
+        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
+    better = radius < tails[0, rough]
+    values[rough[better]] = middle[better, None]
+    tails[:, rough[better]] = radius[better]
+    unknown = ~np.isfinite(values).all(axis=1)
+    values[unknown], tails[:, unknown] = 0.0, np.inf
+    return values, tails
+
+
+def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
+    """What polynomials of some degrees miss of a formula, at most, shape (degrees, pieces)."""
+    result = np.full((len(degrees), len(pieces)), np.inf)
+    for reach in REACHES:
+        _, radii = discs(formula, pieces, reach)
+        powers = np.array([reach**-n / (reach - 1.0) for n in degrees])
+        result = np.minimum(result, powers[:, None] * radii)
+    return result
+
+
+def _sizes(corners: Array) -> Array:
+    """The sizes of simplices in any space."""
+    edges = corners[:, 1:] - corners[:, :1]
+    factor = 1.0 if edges.shape[1] == 1 else (0.5 if edges.shape[1] == 2 else 1.0 / 6.0)
+    square = np.linalg.det(edges @ edges.transpose(0, 2, 1))
+    return np.asarray(factor * np.sqrt(np.maximum(square, 0.0)))
+
+
+def _table(part: _Part, points: Array, degree: int) -> Array:
+    """The polynomials on simplices at the points of pieces, shape (pieces, polynomials, points)."""
+    dimension, count = points.shape[1], len(part.owners)
+    if part.share == 1.0:
+        table = polynomials(dimension, degree, points)
+        return np.broadcast_to(table, (count, *table.shape))
+    places = inside(part.pieces[..., :dimension], points).transpose(1, 0, 2)
+    table = polynomials(dimension, degree, places.reshape(-1, dimension))
+    return table.reshape(len(table), count, len(points)).transpose(1, 0, 2)
