@@ -34,10 +34,11 @@ from dolfinx_signorini.bounds.condensation import (
 )
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import Frames, cell_frames
+from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
 from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, friedrichs
+from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.errors import require
@@ -205,8 +206,7 @@ def _mean_constant(
     if not comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
         return 0.0, []
     lowest, reaction = values.diffusion.lowest, values.least_reaction
-    exits = data.kinds == DIRICHLET
-    constant = friedrichs(comm, values.frames, exits, ends, lowest, reaction)
+    constant = friedrichs(comm, values.frames, data.kinds, ends, lowest, reaction)
     return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
 
 
@@ -226,14 +226,14 @@ def _lifted(
 ) -> Array:
     """The energy norm of v - u_h on each cell."""
     w, gradient = function_values(near.change, values.frames, values.points)
-    energy = (gradient * values.diffusion.times(gradient)).sum(axis=2) + values.reaction * w**2
-    energy = values.integrals(energy)
+    c = values.reaction.max(axis=1, initial=0.0)
+    c = c if rest.largest_reaction is None else rest.largest_reaction
+    energy = values.integrals((gradient * values.diffusion.times(gradient)).sum(axis=2))
     energy += rest.diffusion * values.integrals(np.square(gradient).sum(axis=2))
-    energy += rest.reaction * values.integrals(w**2)
+    energy += c * values.integrals(w**2)
     norms = np.sqrt(energy + robin_energy(problem, terms, values.frames, near.change))
     if near.cones is not None:
-        largest = values.reaction.max(axis=1, initial=0.0) + rest.reaction
-        norms += near.cones.norms(values.diffusion.upper, largest)
+        norms += near.cones.norms(values.diffusion.upper, c)
     return np.asarray(norms)
 
 

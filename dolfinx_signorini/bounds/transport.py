@@ -14,10 +14,16 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from mpi4py import MPI
 from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.linalg import cg
+
+from dolfinx_signorini.bounds.frames import Frames
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
+
+ENOUGH = 1e-3  # of the sums: what a potential may leave to a tree
+STEPS = 2_000  # of the search for a potential
 
 
 def transported(
@@ -43,6 +49,54 @@ def transported(
         answers = [(part, found) for part in np.split(fluxes, sizes)]
     answer: tuple[Array, bool] = comm.scatter(answers)
     return answer
+
+
+def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Marks, ends: Marks) -> Array:
+    """Return outward fluxes of cells, nearly with given sums, that are nowhere large.
+
+    The fluxes are those of a potential with one value in each cell, which is 0 in the ends and
+    outside of the exits; the call is collective.
+
+    Args:
+        comm: The communicator.
+        frames: The cells.
+        wanted, exits, ends: See `transported`.
+
+    Returns:
+        The fluxes, shape (cells, d + 1); 0 where there is neither an exit nor an end.
+    """
+    ease = frames.facet_sizes**2 / frames.volumes[:, None]  # over the distance from the middle
+    parts = comm.gather((frames.facets, wanted, exits, ends, ease))
+    answers = None
+    if parts is not None:
+        sizes = np.cumsum([len(part[0]) for part in parts])[:-1]
+        fluxes = _by_potential(*(np.concatenate(p) for p in zip(*parts, strict=True)))
+        answers = np.split(fluxes, sizes)
+    answer: Array = comm.scatter(answers)
+    return answer
+
+
+def _by_potential(facets: Indices, wanted: Array, exits: Marks, ends: Marks, ease: Array) -> Array:
+    count, columns = facets.shape
+    order = np.argsort(facets.ravel(), kind="stable")
+    numbers, flat = facets.ravel()[order], ease.ravel()
+    first = np.flatnonzero(numbers[1:] == numbers[:-1])
+    one, other = order[first], order[first + 1]
+    weight = np.zeros(len(flat))
+    weight[one] = weight[other] = 1.0 / (1.0 / flat[one] + 1.0 / flat[other])
+    weight[exits.ravel()] = flat[exits.ravel()]
+    if not (exits.any() or ends.any()):
+        return np.zeros(facets.shape)
+    matrix = sp.coo_matrix((-weight[one], (one // columns, other // columns)), (count, count))
+    matrix = (matrix + matrix.T + sp.diags(weight.reshape(facets.shape).sum(axis=1))).tocsr()
+    inner = np.flatnonzero(~ends)
+    matrix, potential = matrix[inner][:, inner], np.zeros(count)
+    scale = sp.diags(1.0 / matrix.diagonal())
+    potential[inner], _ = cg(matrix, wanted[inner], rtol=ENOUGH, maxiter=STEPS, M=scale)
+    fluxes = weight * np.repeat(potential, columns)
+    fluxes[one] -= weight[one] * potential[other // columns]
+    fluxes[other] -= weight[other] * potential[one // columns]
+    return np.asarray(fluxes.reshape(facets.shape))
 
 
 def _on_one_rank(facets: Indices, wanted: Array, exits: Marks, ends: Marks) -> tuple[Array, bool]:

@@ -98,6 +98,25 @@ def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
     return np.broadcast_to(both[:, 0], (2, len(corners)))
 
 
+def enclosed_slopes(formula: Formula, corners: Array) -> Array:
+    """Return enclosures of the derivatives of a formula from one end of a segment to the other.
+
+    Args:
+        formula: The formula.
+        corners: The ends of the segments, shape (segments, 2, dimension).
+
+    Returns:
+        The lower and the upper ends, shape (2, segments).
+    """
+    _, slopes = _enclosed(formula, corners.min(axis=1), corners.max(axis=1), True)
+    assert slopes is not None
+    way = (corners[:, 1] - corners[:, 0]).T
+    with np.errstate(all="ignore"):
+        terms = multiply(slopes, outward(way, way, 0.0))
+        total = reduce(add, (terms[:, k : k + 1] for k in range(len(way))))
+    return np.broadcast_to(total[:, 0], (2, len(corners)))
+
+
 def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
     ends = np.stack((low.T, high.T))
     with np.errstate(all="ignore"):

@@ -5,10 +5,11 @@ piece of a simplex: by `discs` where the formula is analytic, or else by an inte
 values. Simplices are divided into pieces where these bounds are not small enough: near jumps, kinks
 and singular points, and where the formula varies faster than the mesh.
 
-Let t(n) bound what polynomials of degree n miss of f on a piece. A rule with positive weights for
-polynomials of degree 2 n then has an integral of f that is wrong by at most 2 t(2 n) times the size
-of the piece, and the root of the mean of (f - Q)^2, Q a polynomial of degree n, is wrong by at most
-2 t(n). The interpolation with a projection of norm L misses at most (1 + L) t(n).
+Let t(n) bound what polynomials of degree n miss of f on a piece. By a rule with positive weights
+that is exact for polynomials of degree q, the mean of f p over the piece, with a polynomial p of
+degree n, is wrong by at most 2 t(q - n) max |p|, and the root of the mean of (f - p)^2 is wrong by
+at most 2 t(q / 2). A projection on polynomials of degree n that has the norm L in the maximum norm
+misses at most (1 + L) t(n) of f at every point.
 """
 
 from dataclasses import dataclass
@@ -43,12 +44,16 @@ class Fit:
     Attributes:
         coefficients: Of each polynomial Q in terms of `reference_flux.polynomials`.
         missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
-        mean: A bound of the mean of f - Q on each simplex.
+        mean: A bound of the mean of (f - Q) p on each simplex, for polynomials p of the same degree
+            with values of at most 1.
+        hidden: The L2 norm over all simplices of weights times those parts of both bounds that come
+            from between the points.
     """
 
     coefficients: Array
     missed: Array
     mean: Array
+    hidden: float
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class _Part:
     owners: Indices
     share: float  # of a piece in its simplex
     values: Array
-    tails: Array  # of what points do not tell: of the root of mean squares, and of the mean
+    tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
 
 def fit(
@@ -74,23 +79,28 @@ def fit(
         degree: The degree of the polynomials, at most half of `ORDERS`.
         weights: What the two attributes `missed` and `mean` count, shape (2, simplices).
         tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
-            for those parts of the bounds that come from between the points.
+            for what is hidden between the points.
     """
     dimension = corners.shape[1] - 1
     points, rule_weights = rule(dimension, ORDERS[dimension])
-    parts = _parts(formula, comm, corners, weights, tolerance)
+    parts = _parts(formula, comm, corners, degree, weights, tolerance)
     tables = [_table(part, points, degree) for part in parts]
     count, terms = len(corners), comb(degree + dimension, dimension)
     moments, squares, mean = np.zeros((count, terms)), np.zeros(count), np.zeros(count)
     for part, table in zip(parts, tables, strict=True):
         own = part.share * np.einsum("nq,niq->ni", part.values * rule_weights, table)
         np.add.at(moments, part.owners, own)
+    between = np.zeros((2, count))
     for part, table in zip(parts, tables, strict=True):
         rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
         root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
         squares += part.share * np.bincount(part.owners, root**2, count)
         mean += part.share * np.bincount(part.owners, part.tails[1], count)
-    return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING)
+        between[0] += part.share * np.bincount(part.owners, part.tails[0] ** 2, count)
+    between[1] = mean**2
+    sums = (weights**2 * between) @ _sizes(corners)
+    hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
+    return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING, hidden)
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
@@ -122,7 +132,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
 
 
 def _parts(
-    formula: Formula, comm: MPI.Comm, corners: Array, weights: Array, tolerance: float
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
 ) -> list[_Part]:
     """Divide simplices into pieces on which the formula is known well enough."""
     dimension, count = corners.shape[1] - 1, len(corners)
@@ -133,7 +143,8 @@ def _parts(
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
     for level in range(DEEPEST + 1):
         share = 0.5 ** (dimension * level)
-        values, tails = _looked_at(formula, pieces[..., dimension:], allowed / weights[:, owners])
+        limits = allowed / weights[:, owners]
+        values, tails = _looked_at(formula, pieces[..., dimension:], degree, limits)
         good = (tails * weights[:, owners] <= allowed).all(axis=0)
         with np.errstate(invalid="ignore"):
             rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
@@ -150,19 +161,20 @@ def _parts(
     return parts
 
 
-def _looked_at(formula: Formula, pieces: Array, allowed: Array) -> tuple[Array, Array]:
+def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> tuple[Array, Array]:
     """The values at the points of pieces, with what the points do not tell.
 
     Args:
         formula: The formula.
         pieces: The vertices.
+        degree: Of the polynomials that the formula is tested with.
         allowed: What may be hidden, shape (2, pieces).
     """
     dimension = pieces.shape[1] - 1
     order = ORDERS[dimension]
     points, _ = rule(dimension, order)
     values = evaluated(formula.root, inside(pieces, points)).T.copy()
-    tails = 2.0 * _tails(formula, pieces, (order // 2, order))
+    tails = 2.0 * _tails(formula, pieces, (order // 2, order - degree))
     rough = np.flatnonzero((tails > allowed).any(axis=0))
     low, high = enclosed_on_simplices(formula, pieces[rough])
     with np.errstate(invalid="ignore"):

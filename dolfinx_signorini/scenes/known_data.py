@@ -1,0 +1,288 @@
+"""The data of a scene as a bound needs them: polynomials, and bounds of what these miss.
+
+The formulas of a scene file are known at every point. A formula that is no polynomial is replaced
+by polynomials on cells or facets, and the differences are enclosed, see `fits`. Where a formula has
+no bounded enclosure, the formula stays, and is known at points only.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from ufl import SpatialCoordinate, as_matrix
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.bounds.boundary_facets import on_frames
+from dolfinx_signorini.bounds.cell_values import BEST
+from dolfinx_signorini.bounds.cones import MORE
+from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.reference_flux import polynomials
+from dolfinx_signorini.bounds.remainders import Remainders
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
+from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
+from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
+from dolfinx_signorini.scenes.fits import ORDERS, fit, followed
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
+from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
+from dolfinx_signorini.scenes.posing import PosedScene
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Known = tuple[EnergyTerms, Remainders]
+
+COEFFICIENTS = {2: 3, 3: 2}  # degrees of the polynomials for the diffusion, by dimension
+FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
+ROUGH = 0.3  # of the diffusion: what polynomials may miss
+
+
+class KnownData:
+    """The formulas of a scene on the mesh of a solved problem:
+
+        terms, rest = KnownData(posed).enclosed(energy_terms(posed), tolerance=1e-3)
+
+    Args:
+        posed: The scene on a mesh; the call is collective.
+
+    Attributes:
+        size: The energy that the load has on single cells, a first guess of a tolerance.
+        hidden: The energy that was hidden between the points of rules at last.
+    """
+
+    def __init__(self, posed: PosedScene):
+        self.scene, self.sided, self.domain = posed.scene, posed.sided, posed.sided.mesh
+        self.comm, self.degree = self.domain.comm, posed.scene.degree
+        self.height = float(np.abs(posed.problem.u.x.array).max(initial=0.0))
+        self.frames = frames = cell_frames(self.domain)
+        self.d, count = frames.dimension, len(frames.order)
+        x: Array = np.asarray(self.domain.geometry.x[:, : self.d], dtype=np.float64)
+        self.corners = x[self.domain.geometry.dofmap[:count]]
+        ends = (x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf))
+        self.width = float(np.max(self.comm.allgather(ends), axis=0).sum(axis=0).max())
+        self.size, self.hidden = self._load_on_cells(), 0.0
+
+    def enclosed(self, terms: EnergyTerms, tolerance: float) -> Known:
+        """Return the strong form with polynomials in place of formulas; the call is collective.
+
+        Args:
+            terms: The strong form.
+            tolerance: The energy that may be hidden between the points of rules.
+        """
+        self.hidden = 0.0
+        terms, rest = self._diffusion(terms)
+        terms, rest = self._reaction(terms, rest, tolerance)
+        terms, rest = self._load(terms, rest, tolerance)
+        terms, rest = self._fluxes(terms, rest, tolerance)
+        return terms, replace(
+            rest, obstacle=self._on_boundary(Contact), dirichlet=self._on_boundary(Dirichlet)
+        )
+
+    def _load_on_cells(self) -> float:
+        if self.scene.load is None:
+            return 1.0
+        values = evaluated(self.scene.load.root, self.corners.mean(axis=1))
+        values = np.where(np.isfinite(values), values, 0.0) * self.frames.diameters / 6.0
+        square = self.comm.allreduce(float(values**2 @ self.frames.volumes))
+        cells = self.comm.allreduce(len(values))
+        return math.sqrt(square) * cells ** (-(self.degree - 1) / self.d) or 1.0
+
+    def _diffusion(self, terms: EnergyTerms) -> Known:
+        """The diffusion and its inverse, entry by entry."""
+        rows, rest = self.scene.diffusion, Remainders()
+        entries = [entry for row in rows for entry in row]
+        if all(entry.constant is not None for entry in entries):
+            return terms, rest
+        n = len(rows)
+        data, missed = self._polynomials(entries)
+        inverses, inverse_missed = self._polynomials(_inverse(rows))
+        ends = np.stack([enclosed_on_simplices(entry, self.corners) for entry in entries], axis=2)
+        middle, radius = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
+        rough = ~np.isfinite(radius + missed + inverse_missed).all(axis=1)
+        spectrum = np.linalg.eigvalsh(np.where(rough[:, None], 1.0, middle).reshape(-1, n, n))
+        spread, all_missed = np.linalg.norm(radius, axis=1), np.linalg.norm(missed, axis=1)
+        least, largest = spectrum[:, 0] - spread, spectrum[:, -1] + spread
+        rough |= ~(all_missed < ROUGH * least)
+        if self._any(rough):
+            return terms, rest  # the notes of a bound tell
+        matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
+        known = replace(
+            rest,
+            diffusion=all_missed,
+            inverse=np.linalg.norm(inverse_missed, axis=1),
+            inverse_entries=tuple(inverses),
+            least_diffusion=least,
+            largest_diffusion=largest,
+        )
+        return replace(terms, diffusion=matrix), known
+
+    def _reaction(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        formula = self.scene.reaction
+        if formula is None or formula.constant is not None:
+            return terms, rest
+        low, high = enclosed_on_simplices(formula, self.corners)
+        if self._any(~np.isfinite(low + high)):
+            return terms, rest
+        extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
+        if polynomial_degree(terms.reaction) is not None:
+            return terms, replace(rest, **extrema)
+        weights = self._weights(rest) * max(self.comm.allgather(self.height))
+        found = self._fit(formula, weights, tolerance)
+        if found is None:
+            return terms, rest
+        data, missed, mean = found
+        known = replace(rest, **extrema, reaction=missed, reaction_mean=mean)
+        return replace(terms, reaction=data), known
+
+    def _load(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        formula, degree = self.scene.load, polynomial_degree(terms.load)
+        exact = degree is not None and 2 * degree <= BEST[self.d]
+        if formula is None or self.scene.manufactured or exact:
+            return terms, rest
+        found = self._fit(formula, self._weights(rest), tolerance)
+        if found is None:
+            return terms, rest
+        data, missed, mean = found
+        return replace(terms, load=data), replace(rest, load=missed, load_mean=mean)
+
+    def _fluxes(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        parts = [c for c in self.scene.conditions if isinstance(c, Neumann) and c.value]
+        if self.scene.manufactured or all(_polynomial(c.value, self.domain) for c in parts):
+            return terms, rest
+        frames, shape = self.frames, self.frames.facets.shape
+        degree = self.degree + 2
+        coefficients = np.zeros((*shape, degree + 1 if self.d == 2 else math.comb(degree + 2, 2)))
+        missed, means = np.zeros(shape), np.zeros(shape)
+        lever = frames.facet_sizes / frames.volumes[:, None]
+        inner, outer = self._weights(rest)[:, :, None] * np.sqrt(lever)
+        for condition in parts:
+            cells, facets, corners = self._facets(condition)
+            assert condition.value is not None
+            weights = np.stack((inner[cells, facets], outer[cells, facets]))
+            weights[0] *= FACET
+            found = fit(condition.value, self.comm, corners, degree, weights, tolerance)
+            self.hidden = max(self.hidden, found.hidden)
+            if self._any(~np.isfinite(found.missed)):
+                return terms, rest
+            coefficients[cells, facets] = found.coefficients
+            missed[cells, facets], means[cells, facets] = found.missed, found.mean
+        sides = np.concatenate([self.sided.facets(c.sides) for c in parts])
+        flux = FacetPolynomials(degree, coefficients)
+        known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
+        return replace(terms, neumann=[(flux, np.unique(sides))]), known
+
+    def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
+        """What interpolations miss of values on the boundary; None where nothing or not known."""
+        degree, result = self.degree + MORE, np.zeros((2, *self.frames.facets.shape))
+        found = False
+        for condition in self.scene.conditions:
+            if not isinstance(condition, kind) or condition.value is None:
+                continue
+            if _polynomial(condition.value, self.domain, degree):
+                continue
+            if self.d == 3:
+                return None
+            cells, facets, corners = self._facets(condition)
+            missed = missed_by_interpolation(condition.value, corners, degree)
+            if self._any(~np.isfinite(missed).all(axis=0)):
+                return None
+            result[:, cells, facets], found = missed, True
+        return result if found else None
+
+    def _facets(self, condition: BoundaryCondition) -> tuple[Indices, Indices, Array]:
+        """The facets of a condition as facets of frames, with their vertices."""
+        frames, d = self.frames, self.d
+        sides = [self.sided.facets(condition.sides)]
+        marks = on_frames(self.domain, frames, sides)
+        marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
+        cells, facets = np.nonzero(marks)
+        others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
+        return cells, facets, frames.corners[cells[:, None], others[facets]]
+
+    def _weights(self, rest: Remainders) -> Array:
+        """The energies of unit values, and of unit means, on cells of size 1."""
+        a = 1.0 if rest.least_diffusion is None else rest.least_diffusion
+        constant = [e.constant for row in self.scene.diffusion for e in row]
+        if constant and None not in constant:
+            matrix = np.array(constant, dtype=np.float64).reshape(len(self.scene.diffusion), -1)
+            a = float(np.linalg.eigvalsh(matrix)[0])
+        c = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
+        c = (0.0 if rest.least_reaction is None else rest.least_reaction) if c is None else c
+        with np.errstate(divide="ignore"):
+            by_reaction = 1.0 / np.sqrt(np.asarray(c, dtype=np.float64))
+        wide = np.broadcast_to(self.width, self.frames.volumes.shape)
+        by_gradient = np.stack((self.frames.diameters / math.pi, wide)) / np.sqrt(a)
+        return np.asarray(np.minimum(by_gradient, by_reaction))
+
+    def _fit(
+        self, formula: Formula, weights: Array, tolerance: float
+    ) -> tuple[fem.Function, Array, Array] | None:
+        """Polynomials on cells, and the L2 norms and means that they miss; None if unbounded."""
+        degree = min(self.degree + 2, ORDERS[self.d] // 2)
+        found = fit(formula, self.comm, self.corners, degree, weights, tolerance)
+        self.hidden = max(self.hidden, found.hidden)
+        if self._any(~np.isfinite(found.missed)):
+            return None
+        missed = found.missed * np.sqrt(self.frames.volumes)
+        return self._function(found.coefficients, degree), missed, found.mean
+
+    def _polynomials(self, entries: Sequence[Formula]) -> tuple[list[Expr], Array]:
+        """Formulas, or polynomials in their places with what these miss at most on each cell."""
+        data: list[Expr] = []
+        missed = np.zeros((len(self.corners), len(entries)))
+        for k, entry in enumerate(entries):
+            if _polynomial(entry, self.domain, 2 * COEFFICIENTS[self.d]):
+                data.append(entry.ufl(SpatialCoordinate(self.domain)))
+                continue
+            degree = COEFFICIENTS[self.d]
+            coefficients, missed[:, k] = followed(entry, self.corners, degree)
+            data.append(self._function(coefficients, degree))
+        return data, missed
+
+    def _function(self, coefficients: Array, degree: int) -> fem.Function:
+        """A function with given polynomials on the cells of this rank."""
+        function = fem.Function(fem.functionspace(self.domain, ("DG", degree)))
+        space = function.function_space
+        table = polynomials(self.d, degree, space.element.basix_element.points)
+        function.x.array[space.dofmap.list[: len(coefficients)]] = coefficients @ table
+        function.x.scatter_forward()
+        return function
+
+    def _any(self, marks: npt.NDArray[np.bool_]) -> bool:
+        return bool(self.comm.allreduce(bool(marks.any()), op=MPI.LOR))
+
+
+def _polynomial(formula: Formula | None, domain: mesh.Mesh, most: int | None = None) -> bool:
+    """Whether a formula is a polynomial of at most some degree."""
+    if formula is None or formula.constant is not None:
+        return True
+    degree = polynomial_degree(formula.ufl(SpatialCoordinate(domain)))
+    return degree is not None and (most is None or degree <= most)
+
+
+def _inverse(rows: Sequence[Sequence[Formula]]) -> list[Formula]:
+    """The entries of the inverse of a matrix of formulas, by cofactors."""
+    n, one = len(rows), number(1.0).root
+    matrix = [[entry.root for entry in row] for row in rows]
+
+    def difference(a: Node, b: Node, c: Node, d: Node) -> Node:
+        return Node("-", (Node("*", (a, b)), Node("*", (c, d))))
+
+    def cofactor(i: int, j: int) -> Node:
+        if n == 1:
+            return one
+        if n == 2:
+            entry = matrix[1 - i][1 - j]
+            return entry if i == j else Node("negative", (entry,))
+        i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+        return difference(matrix[i][j], matrix[k][m], matrix[i][m], matrix[k][j])
+
+    terms = [Node("*", (matrix[0][j], cofactor(0, j))) for j in range(n)]
+    determinant = terms[0]
+    for term in terms[1:]:
+        determinant = Node("+", (determinant, term))
+    entries = [Node("/", (cofactor(j, i), determinant)) for i in range(n) for j in range(n)]
+    return [Formula("an entry of the inverse of the diffusion", entry) for entry in entries]
