@@ -20,7 +20,7 @@ from dolfinx_signorini.bounds.condensation import (
     PARTLY,
 )
 from dolfinx_signorini.bounds.frames import Frames, values_at
-from dolfinx_signorini.bounds.reference_flux import polynomials, rule
+from dolfinx_signorini.bounds.reference_flux import polynomials, positive_on_parts, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
+PARTS = 8  # of a facet, each with its own answer to whether a function is positive
 TOUCHING = 1e-12  # of the largest |u|: gaps that are rounding
 
 
@@ -94,6 +95,12 @@ class FacetPoints:
         )
         return np.concatenate((1.0 - inner.sum(axis=2, keepdims=True), inner), axis=2)
 
+    @property
+    def along(self) -> Array:
+        """The share of the way from the first end of segments to the second, shape (n, points)."""
+        last = np.where(self.facets == 2, 1, 2)
+        return np.take_along_axis(self.coordinates, last[:, None, None], axis=2)[:, :, 0]
+
     def polynomials(self, degree: int) -> Array:
         """Return the polynomials on the facets at the points, shape (n, polynomials, points).
 
@@ -135,6 +142,34 @@ def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) 
     points, weights = rule(frames.dimension - 1, degree)
     cells, facets = np.nonzero(marked)
     return FacetPoints(domain, frames, cells, facets, points, weights)
+
+
+def on_parts(
+    domain: mesh.Mesh, frames: Frames, marked: Marks, series: Array
+) -> tuple[FacetPoints, Array]:
+    """Return a rule on parts of some segments, and functions above the positive parts of others.
+
+    Args:
+        domain: The mesh of triangles.
+        frames: Its cells.
+        marked: The facets of the frames, shape (cells, d + 1).
+        series: Polynomials on the facets, shape (n, polynomials).
+
+    Returns:
+        The points, with a rule for products with polynomials of the degree of these, and the
+        values there, see `positive_on_parts`.
+    """
+    degree = series.shape[1] - 1
+    nodes, weights = rule(1, 2 * degree)
+    t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
+    cells, facets = np.nonzero(marked)
+    weights = np.tile(weights, PARTS) / PARTS
+    points = FacetPoints(domain, frames, cells, facets, t.reshape(-1, 1), weights)
+    # The rule is symmetric, but the points may run from the second end of a facet to the first.
+    place = np.argsort(np.argsort(points.along, axis=1), axis=1)
+    order = np.argsort(t.ravel())
+    values = positive_on_parts(degree, PARTS, series, nodes)[:, order]
+    return points, np.take_along_axis(values, place, axis=1)
 
 
 def facet_kinds(

@@ -201,6 +201,7 @@ def cell_data(
     inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
     det = frames.volumes * math.factorial(frames.dimension)
     source = values.load - values.reaction * values.u
+    current = values.moments(values.current, degree)
     return CellData(
         vertices=frames.vertices,
         facets=frames.facets,
@@ -208,10 +209,9 @@ def cell_data(
         touching=touching,
         sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
         metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
-        gradient=J.transpose(0, 2, 1) @ values.moments(values.gradient, degree),
-        current=frames.inverses
-        @ values.moments(values.current, degree)
-        * frames.volumes[:, None, None],
+        # The energy of the distance to A grad u, measured with the mean of the inverse of A.
+        gradient=J.transpose(0, 2, 1) @ inverse @ current,
+        current=frames.inverses @ current * frames.volumes[:, None, None],
         source=values.moments(source, degree) * frames.volumes[:, None],
         fluxes=fluxes,
         gaps=gaps,

@@ -41,7 +41,8 @@ class CellData:
         touching: Whether a vertex touches the obstacle, shape (cells, d + 1).
         sizes: Of the cell in the first column, then of the facets.
         metric: J^T A^-1 J / |det J|, shape (cells, d, d).
-        gradient: Coefficients of J^T grad u, shape (cells, d, polynomials).
+        gradient: Coefficients of J^T B A grad u with the mean B of A^-1, shape
+            (cells, d, polynomials).
         current: J^-1 times the moments of A grad u, shape (cells, d, polynomials).
         source: The moments of f - c u, shape (cells, polynomials).
         fluxes: The moments of the given flux on Neumann facets, shape (cells, d + 1, moments).

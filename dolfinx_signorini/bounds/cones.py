@@ -1,7 +1,7 @@
 """Functions on facets of a plane domain, each extended to the cell of the facet.
 
 A function that vanishes at the ends of a facet is extended to the opposite vertex as a function
-that is homogeneous of degree 1 about this vertex. The extension vanishes on the other two facets.
+that is homogeneous of some degree about this vertex, and vanishes on the other two facets.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Cones:
         cells, facets: The facets, shape (n,).
         coefficients: Of polynomials in terms of `FacetPoints.polynomials`, shape (n, polynomials).
         missed: What the functions and their derivatives from end to end have beside the
-            polynomials, at most, shape (2, n).
+            polynomials, at most, and the root mean squares of the latter, shape (3, n).
         positive: Whether only the positive part of a function counts.
         tiny: Values that are rounding.
     """
@@ -56,8 +56,8 @@ class Cones:
         """Return bounds of the energy norms of the extensions on each cell.
 
         With the share t from end to end, and s = 1 on the facet and 0 at the opposite vertex, the
-        extension is s w(t), and its gradient w grad s + w' (grad b - t grad s) depends on t alone,
-        where b is the barycentric coordinate of the second end.
+        extension is s^k w(t), and its gradient s^(k-1) (k w grad s + w' (grad b - t grad s)), where
+        b is the barycentric coordinate of the second end. The number k >= 1 is about the best one.
 
         Args:
             diffusion: A matrix that A does not exceed in each cell, shape (cells, d, d).
@@ -76,22 +76,31 @@ class Cones:
         ends = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])[self.facets]
         own = np.take_along_axis(self.frames.gradients[self.cells], ends[:, :, None], axis=1)
         both = own.sum(axis=1)[:, None]
-        gradient = both * w[..., None]
-        gradient += slope[..., None] * (own[:, 1][:, None] - t[:, None] * both)
         A, c, size = diffusion[self.cells], reaction[self.cells], self.frames.volumes[self.cells]
-        energy = np.einsum("nqa,nab,nqb->nq", gradient, A, gradient) + 0.5 * c[:, None] * w**2
-        norms = np.sqrt((energy * weights).sum(axis=1) * size)
+        down = both * w[..., None]
+        across = slope[..., None] * (own[:, 1][:, None] - t[:, None] * both)
+
+        def means(one: Array, other: Array) -> Array:
+            return (np.einsum("nqa,nab,nqb->nq", one, A, other) * weights).sum(axis=1)
+
+        along, mixed, through = means(down, down), means(down, across), means(across, across)
+        k = np.sqrt(np.maximum(through / np.where(along > 0.0, along, np.inf), 1.0))
+        energy = (
+            k * along + 2.0 * mixed + through / k + c / (k + 1.0) * (w**2 * weights).sum(axis=1)
+        )
+        norms = np.sqrt(energy * size)
         # The same for what the polynomials miss.
-        value, change = self.missed
-        steep = value * np.linalg.norm(both[:, 0], axis=1)
+        value, _, change = self.missed
+        steep = k * value * np.linalg.norm(both[:, 0], axis=1)
         steep += change * np.linalg.norm(own, axis=2).max(axis=1, initial=0.0)
         largest = np.linalg.norm(A, axis=(1, 2))
-        norms += np.sqrt(weights.sum(axis=1) * size * (largest * steep**2 + 0.5 * c * value**2))
-        return np.bincount(self.cells, norms, len(self.frames.order))
+        norms += np.sqrt(size * (largest * steep**2 / k + c / (k + 1.0) * value**2))
+        sums = np.bincount(self.cells, norms, len(self.frames.order))
+        return np.asarray(sums, dtype=np.float64)
 
     def _highest(self) -> Array:
         """Upper bounds of the functions on parts of facets; what is missed vanishes at the ends."""
-        value, change = self.missed
+        value, change, _ = self.missed
         line = change[:, None] * np.array([0.5, 0.5 / 3.0**0.5])  # change times t
         highest = []
         for first in (np.column_stack((value, 0.0 * value)), line, line * np.array([1.0, -1.0])):
@@ -189,7 +198,7 @@ def cones_on(
     cells = np.concatenate([points.cells for points, _, _ in defects])
     facets = np.concatenate([points.facets for points, _, _ in defects])
     series = np.concatenate([fitted(points, values, order) for points, values, _ in defects])
-    nothing = np.zeros((2, *kinds.shape))
+    nothing = np.zeros((3, *kinds.shape))
     missed = np.concatenate(
         [
             (nothing if rest is None else rest)[:, points.cells, points.facets]

@@ -11,11 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.bounds.boundary_facets import (
-    FacetPoints,
-    facet_kinds,
-    facet_points,
-)
+from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes, robin_energy
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
@@ -26,7 +22,6 @@ from dolfinx_signorini.bounds.cell_values import (
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import (
-    CLOSED,
     DIRICHLET,
     OPEN,
     CellData,
@@ -35,6 +30,7 @@ from dolfinx_signorini.bounds.condensation import (
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import Frames, cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
+from dolfinx_signorini.bounds.gaps import contact_energy, gap_means, gaps
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
 from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
@@ -116,8 +112,8 @@ def energy_bound(
     values = cell_values(problem, terms, frames, quadrature, rest)
     fluxes, missed, more = given_fluxes(problem, terms, frames, degree)
     near = feasible(problem, terms, frames, kinds, rest)
-    points, gap = _gaps(problem, near, kinds, frames)
-    means = _gap_means(points, gap, degree)
+    points, gap = gaps(problem, near, kinds, frames)
+    means = gap_means(points, gap, degree)
     data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
     ends = _ends(domain.comm, values)
@@ -128,7 +124,7 @@ def energy_bound(
         data=oscillation(values, missed, rest, degree),
         mean=_residual(values, data, field, reference),
         lifting=_lifted(problem, terms, values, near, rest),
-        contact=_contact(points, gap, moments, degree),
+        contact=contact_energy(points, gap, moments, degree),
     )
     constant, doubt = _mean_constant(domain.comm, values, data, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
@@ -235,38 +231,6 @@ def _lifted(
     if near.cones is not None:
         norms += near.cones.norms(values.diffusion.upper, c)
     return np.asarray(norms)
-
-
-def _gaps(
-    problem: SignoriniProblem, near: Feasible, kinds: Indices, frames: Frames
-) -> tuple[FacetPoints, Array]:
-    """The gap of the feasible function at points of contact facets."""
-    degree = problem.space.element.basix_element.degree
-    points = facet_points(problem.space.mesh, frames, kinds >= OPEN, 2 * degree + 8)
-    if near.gap is not None:
-        return points, points.values(near.gap)
-    v = problem.sign * points.function(problem.space, problem.u.x.array)
-    v += points.function(near.change.function_space, near.change.x.array)
-    gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
-    if near.meets:
-        gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
-    return points, gap
-
-
-def _gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
-    """The means of gap times polynomial, shape (cells, d + 1, moments)."""
-    p = points.polynomials(degree)
-    means = np.zeros((*points.frames.order.shape, p.shape[1]))
-    means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
-    return means
-
-
-def _contact(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
-    """The integrals of contact flux times gap over the contact facets of each cell."""
-    own = moments[points.cells, points.facets]
-    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
-    sums = np.maximum(flux, 0.0) * gap @ points.weights
-    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
 
 
 def _bound(

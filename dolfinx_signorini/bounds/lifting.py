@@ -21,7 +21,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from dolfinx_signorini.assembly import dofs_on_facets, evaluator
-from dolfinx_signorini.bounds.boundary_facets import FacetPoints, contact_closures
+from dolfinx_signorini.bounds.boundary_facets import contact_closures
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.cones import (
     MORE,
@@ -33,11 +33,10 @@ from dolfinx_signorini.bounds.cones import (
     loose_ends,
 )
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import lowest, raised
+from dolfinx_signorini.bounds.reference_flux import lowest
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import (
     EnergyTerms,
-    FacetPolynomials,
     polynomial_degree,
 )
 from dolfinx_signorini.problem import SignoriniProblem
@@ -64,8 +63,9 @@ class Feasible:
     Attributes:
         change: A function.
         cones: What comes on top in the plane; None for nothing.
-        gap: In the plane, polynomials on contact facets that are not below the gap of the feasible
-            function; None where the gap is that of u plus the change.
+        gap: In the plane, polynomials on contact facets whose positive parts are the gap, in terms
+            of `FacetPoints.polynomials`, with what they miss; None where the gap is that of u plus
+            the change.
         meets: Whether the feasible function is the obstacle on closed contact facets.
         missing: Why there is no feasible function; "" where there is one.
         notes: What is known at points only.
@@ -73,7 +73,7 @@ class Feasible:
 
     change: fem.Function
     cones: Cones | None = None
-    gap: FacetPolynomials | None = None
+    gap: tuple[Array, Array] | None = None
     meets: bool = True
     missing: str = ""
     notes: tuple[str, ...] = ()
@@ -122,21 +122,9 @@ def feasible(
     below = [*[(*defect, rest.dirichlet) for defect in defects], (touching, -gap, rest.obstacle)]
     cones = cones_on(frames, below, kinds, degree + MORE, tiny)
     missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
-    above_gap = _above(touching, gap, rest.obstacle, kinds, degree + MORE)
-    return Feasible(change, cones, above_gap, missing=missing, notes=notes)
-
-
-def _above(
-    points: FacetPoints, gap: Array, missed: Array | None, kinds: Indices, degree: int
-) -> FacetPolynomials:
-    """Polynomials on facets that are above 0, and above a gap that is known on a lattice."""
-    own = raised(1, degree, fitted(points, gap, degree))
-    if missed is not None:
-        own[:, 0] += missed[0][points.cells, points.facets]
-    own[kinds[points.cells, points.facets] == CLOSED] = 0.0
-    coefficients = np.zeros((*kinds.shape, degree + 1))
-    coefficients[points.cells, points.facets] = own
-    return FacetPolynomials(degree, coefficients)
+    unseen = np.zeros(len(gap)) if rest.obstacle is None else rest.obstacle[0][kinds >= OPEN]
+    pair = fitted(touching, gap, degree + MORE), unseen
+    return Feasible(change, cones, pair, missing=missing, notes=notes)
 
 
 def _within(data: object, degree: int) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.bounds.cell_values import CellValues
-from dolfinx_signorini.bounds.reference_flux import lowest
+from dolfinx_signorini.bounds.reference_flux import largest
 from dolfinx_signorini.bounds.remainders import Remainders
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ def oscillation(values: CellValues, fluxes: Array, rest: Remainders, degree: int
     root, sizes = np.sqrt(frames.volumes), frames.facet_sizes
     weight = np.minimum(values.gradient_weight, values.l2_weight)
     projected = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
-    u = _largest(values, degree)
+    u = largest(d, degree, values.moments(values.u, degree))
     missed = weight * (rest.load + rest.reaction * u)
     square = sizes / frames.volumes[:, None] * frames.diameters[:, None] ** 2
     square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
@@ -58,10 +58,3 @@ def oscillation(values: CellValues, fluxes: Array, rest: Remainders, degree: int
     on_facets += moved * frames.diameters / (d * np.sqrt(a))
     stray = np.where(values.weak, (rest.load_mean + rest.reaction_mean * u) * root, 0.0) + moved
     return Oscillation(projected, missed, on_facets, stray)
-
-
-def _largest(values: CellValues, degree: int) -> Array:
-    """A bound of |u_h| on each cell, by Bernstein coefficients."""
-    d = values.frames.dimension
-    means = values.moments(values.u, degree)
-    return np.asarray(-np.minimum(lowest(d, degree, means), lowest(d, degree, -means)))

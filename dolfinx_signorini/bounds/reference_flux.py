@@ -50,14 +50,32 @@ def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
     return np.asarray((coefficients @ _to_bernstein(dimension, degree)).min(axis=-1))
 
 
-def raised(dimension: int, degree: int, coefficients: Array) -> Array:
-    """Return polynomials above 0 and above others: negative Bernstein coefficients become 0.
+def largest(dimension: int, degree: int, coefficients: Array) -> Array:
+    """Return upper bounds of the absolute values of polynomials on a simplex.
 
     Args:
         dimension, degree, coefficients: See `lowest`.
     """
-    change = _to_bernstein(dimension, degree)
-    return np.asarray(np.maximum(coefficients @ change, 0.0) @ np.linalg.inv(change))
+    return np.asarray(np.abs(coefficients @ _to_bernstein(dimension, degree)).max(axis=-1))
+
+
+def positive_on_parts(degree: int, count: int, coefficients: Array, points: Array) -> Array:
+    """Return functions that are not below the positive parts of polynomials on the unit interval.
+
+    On each of some equal parts of the interval the functions are polynomials, too: negative
+    Bernstein coefficients become 0.
+
+    Args:
+        degree, count, coefficients: See `highest_on_parts`.
+        points: Points of the unit interval, shape (points, 1), that each part has.
+
+    Returns:
+        The values at the points of all parts, shape (n, count * points).
+    """
+    kind = basix.PolynomialType.bernstein
+    table = np.asarray(basix.tabulate_polynomials(kind, CELLS[1], degree, points))
+    values = np.maximum(coefficients @ _on_parts(degree, count), 0.0) @ table
+    return np.asarray(values.transpose(1, 0, 2).reshape(len(coefficients), -1))
 
 
 def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
@@ -71,11 +89,16 @@ def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
     Returns:
         Shape (n, count).
     """
+    return np.asarray((coefficients @ _on_parts(degree, count)).max(axis=2).T)
+
+
+@functools.cache
+def _on_parts(degree: int, count: int) -> Array:
+    """The Bernstein coefficients of the polynomials on equal parts of the unit interval."""
     lattice, bernstein = _bernstein(1, degree)
     places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
     table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
-    change = table.transpose(1, 0, 2) @ np.linalg.inv(bernstein)
-    return np.asarray((coefficients @ change).max(axis=2).T)
+    return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(bernstein))
 
 
 def _bernstein(dimension: int, degree: int) -> tuple[Array, Array]:

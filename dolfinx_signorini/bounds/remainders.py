@@ -36,8 +36,9 @@ class Remainders:
         least_diffusion, largest_diffusion: The same for eigenvalues; None for a constant diffusion.
         flux, flux_mean: As for the load, on the facets of the frames, shape (cells, d + 1).
         obstacle, dirichlet: What the interpolation of degree `cones.MORE` above that of the
-            solution misses of the values and of their derivatives from end to end of a facet,
-            shape (2, cells, d + 1); None where that is not known.
+            solution misses of the values, of their derivatives from end to end of a facet, and
+            the root mean squares of the latter, shape (3, cells, d + 1); None where that is not
+            known.
         sampled: What is known at points only, in words.
     """
 

@@ -137,7 +137,7 @@ def multiply(a: Disc, b: Disc) -> Disc:
 def reciprocal(a: Disc) -> Disc:
     """Enclose 1/a."""
     distance = np.abs(a[0]) - a[1]
-    return _where(distance > 0.0, 1.0 / a[0], a[1] / (np.abs(a[0]) * distance))
+    return _where(distance > 0.0, np.asarray(1.0 / a[0]), a[1] / (np.abs(a[0]) * distance))
 
 
 def power(a: Disc, exponent: float) -> Disc:

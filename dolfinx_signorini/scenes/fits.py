@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.bounds.reference_flux import polynomials, rule
+from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
 from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
@@ -81,6 +81,13 @@ def fit(
         tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
             for what is hidden between the points.
     """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _fit(formula, comm, corners, degree, weights, tolerance)
+
+
+def _fit(
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
+) -> Fit:
     dimension = corners.shape[1] - 1
     points, rule_weights = rule(dimension, ORDERS[dimension])
     parts = _parts(formula, comm, corners, degree, weights, tolerance)
@@ -115,14 +122,19 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
         Their coefficients, see `Fit`, and the bounds, shape (simplices,).
     """
     dimension = corners.shape[1] - 1
-    points, weights = rule(dimension, 2 * degree)
+    order = ORDERS[dimension] // 2
+    points, weights = rule(dimension, 2 * order)
     values = evaluated(formula.root, inside(corners, points)).T
-    table = polynomials(dimension, degree, points)
-    tails = _tails(formula, corners, (degree,))[0]
-    bounds = (1 + comb(degree + dimension, dimension)) * tails * ROUNDING
+    full = (values * weights) @ polynomials(dimension, order, points).T
+    tails = _tails(formula, corners, (order,))[0]
+    norm = comb(order + dimension, dimension)
+    terms = comb(degree + dimension, dimension)  # the basis goes from degree to degree
+    cut = full.copy()
+    cut[:, :terms] = 0.0
+    bounds = ((1 + norm) * tails + largest(dimension, order, cut)) * ROUNDING
+    coefficients = full[:, :terms]
     low, high = enclosed_on_simplices(formula, corners)
     flat = ~(bounds <= 0.5 * (high - low))
-    coefficients = (values * weights) @ table.T
     coefficients[flat] = 0.0
     bounds[flat] = np.inf
     finite = flat & np.isfinite(low) & np.isfinite(high)
@@ -138,7 +150,8 @@ def _parts(
     dimension, count = corners.shape[1] - 1, len(corners)
     unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
     reference = np.broadcast_to(unit, (count, *unit.shape))
-    pieces, owners = np.concatenate((reference, corners), axis=2), np.arange(count)
+    pieces: Array = np.concatenate((reference, corners), axis=2)
+    owners: Indices = np.arange(count)
     sizes, parts = _sizes(corners), []
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
     for level in range(DEEPEST + 1):
@@ -146,10 +159,9 @@ def _parts(
         limits = allowed / weights[:, owners]
         values, tails = _looked_at(formula, pieces[..., dimension:], degree, limits)
         good = (tails * weights[:, owners] <= allowed).all(axis=0)
-        with np.errstate(invalid="ignore"):
-            rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
-            mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
-            sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
+        rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
+        mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
+        sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
         pending = int((~good).sum())
         *squares, pending = np.sum(comm.allgather((*sums, pending)), axis=0)
         enough = max(squares) <= tolerance**2 or pending > MOST_PIECES or level == DEEPEST

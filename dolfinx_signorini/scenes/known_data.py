@@ -33,6 +33,7 @@ from dolfinx_signorini.scenes.posing import PosedScene
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
 Known = tuple[EnergyTerms, Remainders]
 
 COEFFICIENTS = {2: 3, 3: 2}  # degrees of the polynomials for the diffusion, by dimension
@@ -85,7 +86,8 @@ class KnownData:
         if self.scene.load is None:
             return 1.0
         values = evaluated(self.scene.load.root, self.corners.mean(axis=1))
-        values = np.where(np.isfinite(values), values, 0.0) * self.frames.diameters / 6.0
+        values = np.where(np.isfinite(values), values, 0.0)
+        values *= self.frames.diameters / 6.0
         square = self.comm.allreduce(float(values**2 @ self.frames.volumes))
         cells = self.comm.allreduce(len(values))
         return math.sqrt(square) * cells ** (-(self.degree - 1) / self.d) or 1.0
@@ -124,7 +126,7 @@ class KnownData:
         if formula is None or formula.constant is not None:
             return terms, rest
         low, high = enclosed_on_simplices(formula, self.corners)
-        if self._any(~np.isfinite(low + high)):
+        if self._any(np.isinf(low) | np.isinf(high)):
             return terms, rest
         extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
         if polynomial_degree(terms.reaction) is not None:
@@ -176,7 +178,7 @@ class KnownData:
 
     def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
         """What interpolations miss of values on the boundary; None where nothing or not known."""
-        degree, result = self.degree + MORE, np.zeros((2, *self.frames.facets.shape))
+        degree, result = self.degree + MORE, np.zeros((3, *self.frames.facets.shape))
         found = False
         for condition in self.scene.conditions:
             if not isinstance(condition, kind) or condition.value is None:
@@ -187,7 +189,7 @@ class KnownData:
                 return None
             cells, facets, corners = self._facets(condition)
             missed = missed_by_interpolation(condition.value, corners, degree)
-            if self._any(~np.isfinite(missed).all(axis=0)):
+            if self._any(np.isinf(missed)):
                 return None
             result[:, cells, facets], found = missed, True
         return result if found else None
@@ -209,8 +211,10 @@ class KnownData:
         if constant and None not in constant:
             matrix = np.array(constant, dtype=np.float64).reshape(len(self.scene.diffusion), -1)
             a = float(np.linalg.eigvalsh(matrix)[0])
-        c = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
-        c = (0.0 if rest.least_reaction is None else rest.least_reaction) if c is None else c
+        known = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
+        c: float | Array = 0.0 if known is None else known
+        if rest.least_reaction is not None:
+            c = rest.least_reaction
         with np.errstate(divide="ignore"):
             by_reaction = 1.0 / np.sqrt(np.asarray(c, dtype=np.float64))
         wide = np.broadcast_to(self.width, self.frames.volumes.shape)
@@ -251,7 +255,7 @@ class KnownData:
         function.x.scatter_forward()
         return function
 
-    def _any(self, marks: npt.NDArray[np.bool_]) -> bool:
+    def _any(self, marks: Marks) -> bool:
         return bool(self.comm.allreduce(bool(marks.any()), op=MPI.LOR))
 
 

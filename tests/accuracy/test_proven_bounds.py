@@ -1,0 +1,200 @@
+"""Bounds for scenes whose data are formulas: proven, and against solutions that nobody is told."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known import bump
+
+from dolfinx_signorini.bounds.energy_bound import energy_bound
+from dolfinx_signorini.scenes import pose
+from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
+from dolfinx_signorini.scenes.parsing import parse
+from dolfinx_signorini.scenes.reading import parse_scene
+
+PLANE = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = {cells}
+[equation]
+diffusion = "{A}"
+reaction = "{c}"
+load = "{f}"
+[contact]
+sides = "bottom"
+obstacle = "{g}"
+[[dirichlet]]
+sides = "top"
+value = "{u}"
+[[neumann]]
+sides = "right"
+flux = "({A})*({ux})"
+[[neumann]]
+sides = "left"
+flux = "0 - ({A})*({ux})"
+"""
+
+
+def solved(text, comm):
+    """The scene of a file on its mesh, with its solution."""
+    posed = pose(parse_scene(text, Path("scene.toml"), comm), comm)
+    posed.problem.solve()
+    return posed
+
+
+def energy_error(posed, u, A, c):
+    """The energy norm of the error, by a rule that the bound does not use."""
+    domain = posed.sided.mesh
+    x = ufl.SpatialCoordinate(domain)
+    e = posed.problem.u - u(x)
+    energy = parse(A).ufl(x) * ufl.dot(ufl.grad(e), ufl.grad(e)) + parse(c).ufl(x) * e * e
+    form = fem.form(energy * ufl.dx(domain, metadata={"quadrature_degree": 19}))
+    return math.sqrt(domain.comm.allreduce(fem.assemble_scalar(form)))
+
+
+def wave(cells, degree, k, m, A="1", Ax="0", Ay="0", c="0"):
+    """A scene in contact all along the lowest side of the square, where the obstacle is a wave."""
+    s, t, e = f"sin({k!r}*x + 1)", f"cos({k!r}*x + 1)", f"exp({m!r}*y)"
+    q = "(2 + cos(x))"
+    u = f"({s} - ({e} - 1)*{q})"
+    ux, uy = f"({k!r}*{t} + ({e} - 1)*sin(x))", f"(0 - {m!r}*{e}*{q})"
+    laplacian = f"(0 - {k!r}^2*{s} + ({e} - 1)*cos(x) - {m!r}^2*{e}*{q})"
+    f = f"0 - ({A})*{laplacian} - ({Ax})*{ux} - ({Ay})*{uy} + ({c})*{u}"
+    text = PLANE.format(degree=degree, cells=cells, A=A, c=c, f=f, g=s, u=u, ux=ux)
+
+    def exact(x):
+        factor = (ufl.exp(m * x[1]) - 1) * (2 + ufl.cos(x[0]))
+        return ufl.sin(k * x[0] + 1) - factor
+
+    return text, exact
+
+
+def checked(text, exact, comm, worst=1.3, A="1", c="0"):
+    """The bound is proven, not below the error, and not far above."""
+    posed = solved(text, comm)
+    bound, error = bound_of_scene(posed), energy_error(posed, exact, A, c)
+    assert not bound.sampled and bound.notes == ()
+    assert error <= bound.total <= worst * error
+    return bound
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_load_an_obstacle_fluxes_and_dirichlet_data(degree, comm):
+    bound = checked(*wave(8, degree, 2.0, 1.0), comm)
+    assert bound.lifting > 0.0 and bound.data < 0.1 * bound.flux
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_coefficients_that_are_formulas(degree, comm):
+    A, c = "1 + 0.5*sin(x + y)", "exp(x)"
+    text, exact = wave(8, degree, 2.0, 1.0, A, "0.5*cos(x + y)", "0.5*cos(x + y)", c)
+    checked(text, exact, comm, A=A, c=c)
+
+
+def test_a_matrix_of_formulas(comm):
+    text, _ = wave(6, 1, 1.0, 1.0, "1")
+    matrix = '[["2 + sin(x)", "0.5*y"], ["0.5*y", "1 + x^2"]]'
+    text = text.replace('diffusion = "1"', f"diffusion = {matrix}")
+    bound = bound_of_scene(solved(text, comm))
+    sampled = energy_bound((posed := solved(text, comm)).problem, energy_terms(posed))
+    assert not bound.sampled and sampled.sampled
+    assert sampled.total <= bound.total <= 1.05 * sampled.total
+
+
+@settings(max_examples=6)
+@given(
+    st.integers(1, 2),
+    st.integers(3, 9),
+    st.floats(0.3, 6.0).map(lambda v: round(v, 2)),
+    st.floats(0.2, 2.5).map(lambda v: round(v, 2)),
+    st.sampled_from(["0", "1", "exp(y)", "100*x"]),
+)
+def test_waves(degree, cells, k, m, c):
+    from mpi4py import MPI
+
+    text, exact = wave(cells, degree, k, m, c=c)
+    checked(text, exact, MPI.COMM_WORLD, 2.0, c=c)
+
+
+@pytest.mark.parametrize("width", [0.003, 0.0005])
+@pytest.mark.parametrize("reaction", [0, 1])
+def test_a_bump_between_all_points_is_in_the_bound(width, reaction, comm):
+    text = bump(width, {}).text.replace("cells = 8", "cells = 4")
+    text = text.replace("reaction = 1", f"reaction = {reaction}")
+    text = text.replace("e*(1 +", f"e*({reaction} +")
+    posed = solved(text, comm)
+    assert comm.allreduce(np.abs(posed.problem.u.x.array).max(initial=0.0)) < 1e-3
+    error = math.sqrt(math.pi)  # the norm of the gradient of the bump, which is all of u
+    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    bound = bound_of_scene(posed)
+    assert error <= bound.total and bound.data >= error and not bound.sampled
+
+
+def kinked(cells, degree):
+    """A load that jumps inside of cells, along the line x + y/2 = 0.67."""
+    text = PLANE.format(
+        degree=degree, cells=cells, A="1", c="0",
+        f="where(x + 0.5*y > 0.67, -2.5, 0)", g="max(x - 0.67, 0)^2",
+        u="max(x + 0.5*y - 0.67, 0)^2 - 1.5*y", ux="2*max(x + 0.5*y - 0.67, 0)",
+    )  # fmt: skip
+    return text, lambda x: ufl.max_value(x[0] + 0.5 * x[1] - 0.67, 0) ** 2 - 1.5 * x[1]
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_data_that_jump_and_have_kinks_inside_cells(degree, comm):
+    checked(*kinked(10, degree), comm, 4.0)
+
+
+LAYERED = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = 8
+[equation]
+diffusion = "where(abs(x - 0.5) < 0.25, 100, 1)"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = "left"
+value = 0
+[[neumann]]
+sides = "right"
+flux = "exp(y)"
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_diffusion_that_jumps_along_mesh_lines(degree, comm):
+    posed = solved(LAYERED.format(degree=degree), comm)
+    bound = bound_of_scene(posed)
+    sampled = energy_bound(posed.problem, energy_terms(posed))
+    assert not bound.sampled and bound.total == pytest.approx(sampled.total, rel=0.01)
+
+
+def test_what_has_no_bounded_enclosure_is_called_sampled(comm):
+    text, _ = wave(4, 1, 1.0, 1.0)
+    text = text.replace('load = "', 'load = "abs(x - 0.31)^-0.4 + ')
+    bound = bound_of_scene(solved(text, comm))
+    assert bound.sampled and any("load" in note for note in bound.notes)
+
+
+def test_only_contact_and_neumann_sides(comm):
+    text = """
+[domain]
+shape = "square"
+cells = 6
+[equation]
+load = "-exp(x*y)"
+[contact]
+sides = "bottom"
+obstacle = 0
+"""
+    bound = bound_of_scene(solved(text, comm))
+    assert math.isfinite(bound.total) and bound.sampled and "mean" in bound.notes[-1]
