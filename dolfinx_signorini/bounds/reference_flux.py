@@ -75,7 +75,7 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, points: Arra
     kind = basix.PolynomialType.bernstein
     table = np.asarray(basix.tabulate_polynomials(kind, CELLS[1], degree, points))
     values = np.maximum(coefficients @ _on_parts(degree, count), 0.0) @ table
-    return np.asarray(values.transpose(1, 0, 2).reshape(len(coefficients), -1))
+    return np.asarray(values.transpose(1, 0, 2).reshape(-1, count * len(points)))
 
 
 def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
