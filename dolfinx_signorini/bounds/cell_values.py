@@ -28,6 +28,7 @@ Marks = npt.NDArray[np.bool_]
 # By how much rules for data that are no polynomials are better than for polynomials, by dimension,
 # and the best rules that there are.
 MORE = {2: 10, 3: 6}
+FILLING = 3  # by how much elements in space that stand for boundary data are of higher degree
 BEST = {2: 30, 3: 20}
 
 
@@ -257,6 +258,8 @@ def quadrature_degree(
         found["diffusion"], need = False, max(need, 2 * current + inverse)
     if rest.least_reaction is not None:
         found["reaction"] = c is None
+    if rest.obstacle_in_space is not None:
+        need = max(need, 2 * (degree + FILLING))
     if any(found.values()):
         need = max(need, 2 * degree + MORE[dimension])
     if need > BEST[dimension]:

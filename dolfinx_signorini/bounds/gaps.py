@@ -1,7 +1,10 @@
 """The gap between a feasible function and the obstacle, and what contact forces do on the way."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
+from dolfinx import mesh
 
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_parts
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
@@ -11,6 +14,7 @@ from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
 
 
 def gaps(
@@ -31,7 +35,10 @@ def gaps(
     degree, domain = problem.space.element.basix_element.degree, problem.space.mesh
     if near.gap is not None:
         series, missed = near.gap
-        points, gap = on_parts(domain, frames, kinds >= OPEN, series)
+        if frames.dimension == 2:
+            points, gap = on_parts(domain, frames, kinds >= OPEN, series)
+        else:
+            points, gap = _in_space(domain, frames, kinds >= OPEN, series)
         gap += missed[:, None]
     else:
         points = facet_points(domain, frames, kinds >= OPEN, 2 * degree + 8)
@@ -41,6 +48,15 @@ def gaps(
     if near.meets:
         gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
     return points, gap
+
+
+def _in_space(
+    domain: mesh.Mesh, frames: Frames, marked: Marks, series: Array
+) -> tuple[FacetPoints, Array]:
+    """Polynomials on facets at points of a rule for their products with polynomials."""
+    order = round((math.sqrt(8.0 * series.shape[1] + 1.0) - 3.0) / 2.0)
+    points = facet_points(domain, frames, marked, 2 * order)
+    return points, np.einsum("nj,njq->nq", series, points.polynomials(order))
 
 
 def gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:

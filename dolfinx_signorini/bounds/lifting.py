@@ -6,13 +6,14 @@ The discrete solution is feasible at its nodes. Where that is not enough,
   the least that makes the Bernstein coefficients of the gap non-negative;
 - in the plane: the solution is set to the obstacle on closed contact facets and to the
   larger of both on the others, and to the data on Dirichlet facets, see `cones`;
-- otherwise in space: the same is done at the nodes of elements of higher degree, and the obstacle
-  and the data are met at these nodes only.
+- otherwise in space: the same is done at the nodes of elements of higher degree, and the data are
+  met at these nodes only; where polynomials for the obstacle are known, hat functions raise the
+  function above the obstacle everywhere.
 
 An upper obstacle is a lower one for -u.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import basix
 import numpy as np
@@ -22,7 +23,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.assembly import dofs_on_facets, evaluator
 from dolfinx_signorini.bounds.boundary_facets import contact_closures
-from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
+from dolfinx_signorini.bounds.cell_values import FILLING
+from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import (
     MORE,
     Cones,
@@ -45,7 +47,6 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 ROUNDING = 1e-12  # of the largest |u|: defects that are none
-FILLING = 3  # by how much elements in space that stand for data are of higher degree
 OBSTACLE = "the obstacle is known at points of facets only"
 BELOW = "what is below the obstacle is known at points of facets only"
 DATA = "Dirichlet data are known at points of facets only"
@@ -63,9 +64,9 @@ class Feasible:
     Attributes:
         change: A function.
         cones: What comes on top in the plane; None for nothing.
-        gap: In the plane, polynomials on contact facets whose positive parts are the gap, in terms
-            of `FacetPoints.polynomials`, with what they miss; None where the gap is that of u plus
-            the change.
+        gap: Polynomials on contact facets with what they miss of the gap, or in the plane of a
+            function whose positive part is the gap, in terms of `FacetPoints.polynomials`; None
+            where the gap is that of u plus the change.
         meets: Whether the feasible function is the obstacle on closed contact facets.
         missing: Why there is no feasible function; "" where there is one.
         notes: What is known at points only.
@@ -102,6 +103,7 @@ def feasible(
     exact = _within(problem.obstacle_data, degree)
     more = degree + MORE if d == 2 else degree  # polynomials that are met exactly
     unknown = rest.obstacle is None and not _within(problem.obstacle_data, more)
+    unknown &= rest.obstacle_in_space is None
     unmet = not all(_within(data, more) for data, _ in terms.dirichlet)
     unmet &= rest.dirichlet is None
     notes = (OBSTACLE,) * unknown + (DATA,) * unmet
@@ -118,7 +120,10 @@ def feasible(
         return Feasible(change, missing=missing, notes=notes)
     if d == 3:
         notes = (BELOW,) * exact + notes
-        return Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
+        near = Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
+        return (
+            near if rest.obstacle_in_space is None else _raised(problem, frames, kinds, near, rest)
+        )
     below = [*[(*defect, rest.dirichlet) for defect in defects], (touching, -gap, rest.obstacle)]
     cones = cones_on(frames, below, kinds, degree + MORE, tiny)
     missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
@@ -175,6 +180,41 @@ def _raise_edges(
     held = bool((raised.x.array[problem.fixed_dofs] > tiny).any())
     found = problem.comm.allreduce(held, op=MPI.LOR)
     return "the obstacle is above the solution where Dirichlet data hold the solution" * found
+
+
+def _raised(
+    problem: SignoriniProblem, frames: Frames, kinds: Indices, near: Feasible, rest: Remainders
+) -> Feasible:
+    """Raise a function in space by hat functions until nothing is below the obstacle."""
+    assert rest.obstacle_in_space is not None
+    obstacle, missed = rest.obstacle_in_space
+    change = near.change
+    order = max(change.function_space.element.basix_element.degree, obstacle.degree)
+    points, unseen = lattice(problem, frames, kinds >= OPEN, order), missed[kinds >= OPEN]
+    own = points.function(problem.space, problem.u.x.array) - points.values(obstacle)
+
+    def series() -> Array:
+        more = points.function(change.function_space, change.x.array)
+        return fitted(points, problem.sign * own + more, order)
+
+    lack = np.maximum(unseen - lowest(2, order, series()), 0.0)
+    hats = fem.Function(fem.functionspace(problem.space.mesh, ("Lagrange", 1)))
+    others = np.array([[j for j in range(4) if j != k] for k in range(4)])[points.facets]
+    local = np.take_along_axis(frames.order[points.cells], others, axis=1)
+    dofs = np.take_along_axis(hats.function_space.dofmap.list[points.cells], local, axis=1)
+    np.add.at(hats.x.array, dofs, lack[:, None])  # at least the largest of the facets at a vertex
+    hats.x.scatter_reverse(la.InsertMode.add)
+    hats.x.scatter_forward()
+    fixed = dofs_on_facets(
+        hats.function_space, frames.local_facets[kinds == DIRICHLET].astype(np.int32)
+    )
+    held = problem.comm.allreduce(bool((hats.x.array[fixed] > 0.0).any()), op=MPI.LOR)
+    if held:
+        return replace(near, notes=(OBSTACLE, *near.notes))
+    more = fem.Function(change.function_space)
+    more.interpolate(hats)
+    change.x.array[:] += more.x.array
+    return replace(near, gap=(series(), unseen))
 
 
 def _filled(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.bounds.strong_form import Scalar
+from dolfinx_signorini.bounds.strong_form import FacetPolynomials, Scalar
 
 Array = npt.NDArray[np.float64]
 Bounds = Array | float  # on cells or facets; a number stands for all of them
@@ -39,6 +39,8 @@ class Remainders:
             solution misses of the values, of their derivatives from end to end of a facet, and
             the root mean squares of the latter, shape (3, cells, d + 1); None where that is not
             known.
+        obstacle_in_space: Polynomials on contact facets of tetrahedra for the obstacle, and the
+            largest difference on each facet, shape (cells, d + 1); None where that is not known.
         sampled: What is known at points only, in words.
     """
 
@@ -57,6 +59,7 @@ class Remainders:
     flux_mean: Bounds = 0.0
     obstacle: Array | None = None
     dirichlet: Array | None = None
+    obstacle_in_space: tuple[FacetPolynomials, Array] | None = None
     sampled: tuple[str, ...] = ()
 
 

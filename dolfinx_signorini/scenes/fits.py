@@ -32,6 +32,8 @@ REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 DEEPEST = 30  # divisions of a simplex
 MOST_PIECES = 20_000  # on all ranks that are divided once more
+KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
+DIVISIONS = 4  # of a simplex into such parts
 ROUNDING = 1.0 + 1e-9
 
 
@@ -140,6 +142,41 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
     finite = flat & np.isfinite(low) & np.isfinite(high)
     coefficients[finite, 0] = 0.5 * (low + high)[finite]
     bounds[finite] = 0.5 * (high - low)[finite] * ROUNDING
+    return coefficients, bounds
+
+
+def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
+    """Return the same as `followed`, with less beside polynomials where a formula has kinks.
+
+    There, the polynomials follow the formula in the mean, and their differences from those that
+    follow the formula on small parts are bounded by Bernstein coefficients.
+
+    Args:
+        formula, corners, degree: See `followed`.
+    """
+    dimension = corners.shape[1] - 1
+    coefficients, bounds = followed(formula, corners, degree)
+    height = np.abs(coefficients).max(axis=1, initial=0.0)
+    rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
+    ones = np.ones((2, len(rough)))
+    whole = fit(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
+    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    reference = np.broadcast_to(unit, (len(rough), *unit.shape))
+    parts, owners = np.concatenate((reference, corners[rough]), axis=2), np.arange(len(rough))
+    for _ in range(DIVISIONS):
+        parts, owners = divided(parts, owners)
+    own, apart = followed(formula, parts[..., dimension:], degree)
+    points, weights = rule(dimension, 2 * degree)
+    places = inside(parts[..., :dimension], points).transpose(1, 0, 2)
+    table = polynomials(dimension, degree, places.reshape(-1, dimension))
+    table = table.reshape(len(table), len(parts), len(points)).transpose(1, 0, 2)
+    values = np.einsum("ni,niq->nq", whole[owners], table)
+    there = (values * weights) @ polynomials(dimension, degree, points).T
+    apart += largest(dimension, degree, own - there) * ROUNDING
+    found = np.zeros(len(rough))
+    np.maximum.at(found, owners, apart)
+    better = found < bounds[rough]
+    coefficients[rough[better]], bounds[rough[better]] = whole[better], found[better]
     return coefficients, bounds
 
 

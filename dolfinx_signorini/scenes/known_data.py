@@ -17,7 +17,7 @@ from ufl import SpatialCoordinate, as_matrix
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.bounds.boundary_facets import on_frames
-from dolfinx_signorini.bounds.cell_values import BEST
+from dolfinx_signorini.bounds.cell_values import BEST, FILLING
 from dolfinx_signorini.bounds.cones import MORE
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.reference_flux import polynomials
@@ -26,7 +26,7 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, 
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
-from dolfinx_signorini.scenes.fits import ORDERS, fit, followed
+from dolfinx_signorini.scenes.fits import ORDERS, fit, followed, followed_in_parts
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
 from dolfinx_signorini.scenes.posing import PosedScene
@@ -79,7 +79,10 @@ class KnownData:
         terms, rest = self._load(terms, rest, tolerance)
         terms, rest = self._fluxes(terms, rest, tolerance)
         return terms, replace(
-            rest, obstacle=self._on_boundary(Contact), dirichlet=self._on_boundary(Dirichlet)
+            rest,
+            obstacle=self._on_boundary(Contact),
+            dirichlet=self._on_boundary(Dirichlet),
+            obstacle_in_space=self._obstacle_in_space(),
         )
 
     def _load_on_cells(self) -> float:
@@ -193,6 +196,25 @@ class KnownData:
                 return None
             result[:, cells, facets], found = missed, True
         return result if found else None
+
+    def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
+        """Polynomials for the obstacle on facets in space, and what they miss."""
+        contact = self.scene.contact
+        if (
+            self.d == 2
+            or contact.value is None
+            or _polynomial(contact.value, self.domain, self.degree)
+        ):
+            return None
+        degree = min(self.degree + FILLING, ORDERS[2] // 2)
+        cells, facets, corners = self._facets(contact)
+        shape = self.frames.facets.shape
+        coefficients, missed = np.zeros((*shape, math.comb(degree + 2, 2))), np.zeros(shape)
+        found = followed_in_parts(contact.value, corners, degree)
+        coefficients[cells, facets], missed[cells, facets] = found
+        if self._any(np.isinf(missed)):
+            return None
+        return FacetPolynomials(degree, coefficients), missed
 
     def _facets(self, condition: BoundaryCondition) -> tuple[Indices, Indices, Array]:
         """The facets of a condition as facets of frames, with their vertices."""

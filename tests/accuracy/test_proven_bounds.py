@@ -198,3 +198,40 @@ obstacle = 0
 """
     bound = bound_of_scene(solved(text, comm))
     assert math.isfinite(bound.total) and bound.sampled and "mean" in bound.notes[-1]
+
+
+CUBE = """
+degree = {degree}
+[domain]
+shape = "cube"
+cells = 4
+[define]
+s = "sin(2*x + 1)*cos(y)"
+e = "exp(z)"
+q = "2 + cos(x)"
+ux = "2*cos(2*x + 1)*cos(y) + (e - 1)*sin(x)"
+uy = "0 - sin(2*x + 1)*sin(y)"
+[equation]
+reaction = 1
+load = "5*s - (e - 1)*cos(x) + e*q + s - (e - 1)*q"
+[contact]
+sides = "bottom"
+obstacle = "s"
+"""
+FLUXES = {
+    "right": "ux", "left": "0 - (ux)", "back": "uy", "front": "0 - (uy)", "top": "0 - e*q",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_formulas_in_space(degree, comm):
+    text = CUBE.format(degree=degree)
+    for side, flux in FLUXES.items():
+        text += f'[[neumann]]\nsides = "{side}"\nflux = "{flux}"\n'
+
+    def exact(x):
+        s = ufl.sin(2 * x[0] + 1) * ufl.cos(x[1])
+        return s - (ufl.exp(x[2]) - 1) * (2 + ufl.cos(x[0]))
+
+    bound = checked(text, exact, comm, 2.0, c="1")
+    assert bound.lifting > 0.0
