@@ -162,7 +162,8 @@ def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Ar
     whole = fit(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
     unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
     reference = np.broadcast_to(unit, (len(rough), *unit.shape))
-    parts, owners = np.concatenate((reference, corners[rough]), axis=2), np.arange(len(rough))
+    parts: Array = np.concatenate((reference, corners[rough]), axis=2)
+    owners: Indices = np.arange(len(rough))
     for _ in range(DIVISIONS):
         parts, owners = divided(parts, owners)
     own, apart = followed(formula, parts[..., dimension:], degree)

@@ -27,8 +27,9 @@ from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.fits import ORDERS, fit, followed, followed_in_parts
-from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
+from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
+from dolfinx_signorini.scenes.matrices import inverse_entries
 from dolfinx_signorini.scenes.posing import PosedScene
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +104,7 @@ class KnownData:
             return terms, rest
         n = len(rows)
         data, missed = self._polynomials(entries)
-        inverses, inverse_missed = self._polynomials(_inverse(rows))
+        inverses, inverse_missed = self._polynomials(inverse_entries(rows))
         ends = np.stack([enclosed_on_simplices(entry, self.corners) for entry in entries], axis=2)
         middle, radius = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
         rough = ~np.isfinite(radius + missed + inverse_missed).all(axis=1)
@@ -287,28 +288,3 @@ def _polynomial(formula: Formula | None, domain: mesh.Mesh, most: int | None = N
         return True
     degree = polynomial_degree(formula.ufl(SpatialCoordinate(domain)))
     return degree is not None and (most is None or degree <= most)
-
-
-def _inverse(rows: Sequence[Sequence[Formula]]) -> list[Formula]:
-    """The entries of the inverse of a matrix of formulas, by cofactors."""
-    n, one = len(rows), number(1.0).root
-    matrix = [[entry.root for entry in row] for row in rows]
-
-    def difference(a: Node, b: Node, c: Node, d: Node) -> Node:
-        return Node("-", (Node("*", (a, b)), Node("*", (c, d))))
-
-    def cofactor(i: int, j: int) -> Node:
-        if n == 1:
-            return one
-        if n == 2:
-            entry = matrix[1 - i][1 - j]
-            return entry if i == j else Node("negative", (entry,))
-        i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-        return difference(matrix[i][j], matrix[k][m], matrix[i][m], matrix[k][j])
-
-    terms = [Node("*", (matrix[0][j], cofactor(0, j))) for j in range(n)]
-    determinant = terms[0]
-    for term in terms[1:]:
-        determinant = Node("+", (determinant, term))
-    entries = [Node("/", (cofactor(j, i), determinant)) for i in range(n) for j in range(n)]
-    return [Formula("an entry of the inverse of the diffusion", entry) for entry in entries]

@@ -16,6 +16,7 @@ from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.fits import fit, followed
 from dolfinx_signorini.scenes.formulas import evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
+from dolfinx_signorini.scenes.matrices import inverse_entries
 from dolfinx_signorini.scenes.parsing import parse
 from dolfinx_signorini.scenes.pieces import divided, inside
 
@@ -194,3 +195,11 @@ def test_interpolations_of_smooth_formulas_miss_little():
     assert smooth.max() < 1e-6
     kink = missed_by_interpolation(parse("max(x - 0.46, 0)"), corners, 7)
     assert kink[:, 0].max() < 1e-12 and 0.01 < kink[2, 1] < 0.1
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_inverses_of_matrices(n):
+    matrix = np.random.default_rng(n).random((n, n)) + 4.0 * np.eye(n)
+    entries = inverse_entries([[parse(repr(float(v)), 3) for v in row] for row in matrix])
+    values = [entry.value((0.0, 0.0, 0.0)) for entry in entries]
+    assert np.array(values).reshape(n, n) == pytest.approx(np.linalg.inv(matrix))

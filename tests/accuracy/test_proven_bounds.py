@@ -10,6 +10,7 @@ from dolfinx import fem
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known import bump
+from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.scenes import pose
@@ -107,6 +108,7 @@ def test_a_matrix_of_formulas(comm):
     assert sampled.total <= bound.total <= 1.05 * sampled.total
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(
     st.integers(1, 2),
@@ -116,8 +118,6 @@ def test_a_matrix_of_formulas(comm):
     st.sampled_from(["0", "1", "exp(y)", "100*x"]),
 )
 def test_waves(degree, cells, k, m, c):
-    from mpi4py import MPI
-
     text, exact = wave(cells, degree, k, m, c=c)
     checked(text, exact, MPI.COMM_WORLD, 2.0, c=c)
 
@@ -223,7 +223,7 @@ FLUXES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_formulas_in_space(degree, comm):
     text = CUBE.format(degree=degree)
     for side, flux in FLUXES.items():
