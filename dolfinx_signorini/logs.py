@@ -11,6 +11,7 @@ On the command line `-v` tells more, and `-q` tells warnings only.
 
 import logging
 import sys
+import time
 
 from mpi4py import MPI
 
@@ -34,3 +35,24 @@ def listen(level: int) -> logging.Handler:
     log.setLevel(level)
     log.addHandler(handler)
     return handler
+
+
+class Progress:
+    """How far a long task is, told every two seconds:
+
+        progress = Progress("errors")
+        for k in range(count):
+            progress.at(k / count)
+
+    Args:
+        task: The name of the task.
+    """
+
+    def __init__(self, task: str):
+        self._task, self._told = task, time.monotonic()
+
+    def at(self, share: float) -> None:
+        """Tell the share that is done, from 0 to 1, if nothing was told for long."""
+        if time.monotonic() - self._told > PATIENCE:
+            self._told = time.monotonic()
+            log.info("  %s %.0f %%", self._task, 100.0 * share)

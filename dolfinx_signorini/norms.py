@@ -34,6 +34,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
+from dolfinx_signorini.logs import Progress
 from dolfinx_signorini.maxima import Maxima
 from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, owned_cells
 from dolfinx_signorini.points import Array, Indices, Points
@@ -318,7 +319,10 @@ def _integrated(
     result: dict[Norm, Array] = {norm: np.empty(len(places)) for norm in norms}
     for rule, same in rules.items():
         components = {(n.p, k) for n in same for k in range(1 + int(n.derivatives))}
+        progress, done = Progress("errors"), 0
         for rows, points, weights in _blocks(error.domain, places, rule):
+            progress.at(done / len(places))
+            done += len(rows)
             errors = error(points)
             if tops is not None:
                 sizes = np.abs(np.stack(errors)).max(axis=2)

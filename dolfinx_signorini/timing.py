@@ -1,12 +1,13 @@
 """Wall-clock seconds of the phases of a computation, the same on all ranks."""
 
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mpi4py import MPI
 
-from dolfinx_signorini.logs import log
+from dolfinx_signorini.logs import PATIENCE, log
 
 
 class Phases:
@@ -20,6 +21,11 @@ class Phases:
             domain = friedrichs_keller(comm, 100)
         print(phases.seconds["mesh"], phases.total)
 
+    Where the phases are those of a whole computation, each ends where the next one begins:
+
+        phases.lap("mesh")
+        phases.lap("assembly")
+
     Args:
         comm: The communicator; a phase ends when the last rank has reached its end.
 
@@ -30,6 +36,18 @@ class Phases:
     def __init__(self, comm: MPI.Comm):
         self.comm = comm
         self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """End a phase that began at the lap before, or when the stopwatch was made; collective.
+
+        A phase that took long is told.
+        """
+        now = self._now()
+        seconds = self.comm.bcast(now - self._last)
+        self._last = now
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        log.log(logging.INFO if seconds > PATIENCE else logging.DEBUG, "  %s %.2f s", name, seconds)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:

@@ -19,10 +19,11 @@ from dolfinx_signorini.records import folder_name
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
-from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise
+from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
+from dolfinx_signorini.timing import Phases
 
 NOT_REACHED = 3  # exit code: the accuracy was not reached; the best solution is written
 
@@ -90,15 +91,16 @@ def run(args: argparse.Namespace) -> int:
         InputError: The scene is refused, or the folder cannot be written.
         NotConvergedError: It could not be solved.
     """
-    comm = MPI.COMM_WORLD
+    comm, phases = MPI.COMM_WORLD, Phases(MPI.COMM_WORLD)
     adapted = args.accuracy is not None or args.budget is not None
     scene = load_scene(args.scene, comm, args.overrides, adapted)
     asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:
+        phases.lap("reading")
         with naming_the_file(args.scene, scene):
-            result = solve_scene(scene, comm, **asked, on_step=_progress)
+            result = solve_scene(scene, comm, **asked, on_step=_progress, phases=phases)
         try:
             boundary = scene_boundary(result)
             summary = summarise(result, boundary, args.bound)
@@ -111,8 +113,12 @@ def run(args: argparse.Namespace) -> int:
                 write_results(result, summary, boundary, outputs, part)
         finally:
             result.destroy()
-    if outputs and comm.rank == 0:
-        print(f"results: {folder}/")
+    if outputs:
+        phases.lap("files")
+    if comm.rank == 0:
+        print(listing([time_line(phases.seconds)]), end="")
+        if outputs:
+            print(f"results: {folder}/")
     return 0 if result.found is None or result.found.reached else NOT_REACHED
 
 

@@ -29,6 +29,7 @@ from dolfinx_signorini.scenes.posing import PosedScene, pose
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.timing import Phases
 
 if TYPE_CHECKING:
     from dolfinx_signorini.picture import Picture
@@ -76,7 +77,7 @@ class SceneResult:
             pressure is never negative, and pushes u up from a lower obstacle and down from an upper
             one.
         solve: The diagnostics of the last solve.
-        seconds: Wall-clock seconds of everything.
+        phases: The wall-clock seconds of the phases so far.
         expectation: What was to be expected.
         levels: The meshes, coarsest first, of a scene on its own mesh.
         found: What the adaptive loop did; None for a solution on the mesh of the scene.
@@ -87,7 +88,7 @@ class SceneResult:
     gap: fem.Function
     pressure: fem.Function
     solve: SolveResult
-    seconds: float
+    phases: Phases
     expectation: Expectation
     levels: tuple[Level, ...] = ()
     found: AdaptiveSolution | None = None
@@ -112,6 +113,11 @@ class SceneResult:
             figure.savefig(path, dpi=150)
         return figure
 
+    @property
+    def seconds(self) -> float:
+        """The wall-clock seconds of all phases so far."""
+        return self.phases.total
+
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.posed.problem.destroy()
@@ -127,6 +133,7 @@ def solve_scene(
     max_unknowns: int = MAX_UNKNOWNS,
     degree: int | None = None,
     on_step: Callable[[Step], None] = lambda step: None,
+    phases: Phases | None = None,
 ) -> SceneResult:
     """Solve a scene.
 
@@ -143,6 +150,7 @@ def solve_scene(
         degree: The degree of the elements on adapted meshes. By default the loop chooses: in the
             plane from 2 to 4, in space 2, and in any case not below that of the scene.
         on_step: Is told of every step of the adaptive loop when the step is done.
+        phases: A stopwatch that runs already; a new one by default.
 
     Raises:
         InputError: The problem has no or more than one solution, or some data make no sense.
@@ -150,8 +158,9 @@ def solve_scene(
     """
     if accuracy is None and budget is None:
         accuracy = scene.accuracy
+    phases = Phases(comm) if phases is None else phases
     if accuracy is None and budget is None:
-        return _solve_on_its_mesh(scene, comm)
+        return _solve_on_its_mesh(scene, comm, phases)
     norm = scene.norm if norm is None else norm
     degrees = _degrees(scene) if degree is None else (degree,)
     scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
@@ -159,6 +168,7 @@ def solve_scene(
     began = time.perf_counter()
     first = _first_mesh(scene, comm, max_unknowns)
     expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
+    phases.lap("first mesh")
     posed: list[PosedScene] = []
 
     def pose_on(degree: int, sided: SidedMesh) -> SignoriniProblem:
@@ -177,8 +187,8 @@ def solve_scene(
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
-    seconds = comm.bcast(time.perf_counter() - began)
-    return _result(posed[0], expectation, seconds, found=found)
+    phases.lap("adaptive loop")
+    return _result(posed[0], expectation, phases, found=found)
 
 
 def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
@@ -216,11 +226,10 @@ def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     return any(integrable(entry, sided.mesh, 0) != entry.ufl(x) for entry in entries)
 
 
-def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm) -> SceneResult:
-    ascent = _Ascent(scene, comm)
+def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:
+    ascent = _Ascent(scene, comm, phases)
     solve_cascade(ascent.pose, scene.levels(), rtol=scene.rtol, on_level=ascent.note)
-    seconds = sum(level.seconds for level in ascent.levels)
-    return _result(ascent.posed, ascent.expectation, seconds, levels=tuple(ascent.levels))
+    return _result(ascent.posed, ascent.expectation, phases, levels=tuple(ascent.levels))
 
 
 class _Ascent:
@@ -229,6 +238,7 @@ class _Ascent:
     Args:
         scene: The scene.
         comm: The communicator that shares the meshes.
+        phases: The stopwatch.
 
     Attributes:
         posed: The scene on the last mesh.
@@ -239,38 +249,40 @@ class _Ascent:
     posed: PosedScene
     expectation: Expectation
 
-    def __init__(self, scene: Scene, comm: MPI.Comm):
-        self.scene, self.comm = scene, comm
+    def __init__(self, scene: Scene, comm: MPI.Comm, phases: Phases):
+        self.scene, self.comm, self.phases = scene, comm, phases
         self.levels: list[Level] = []
-        self.began = time.perf_counter()
+        self.began = phases.total
 
     def pose(self, level: Scene, coarser: SignoriniProblem | None) -> SignoriniProblem:
         if coarser is None:
             sided = level.domain.make(self.comm)
         else:
             sided = level.domain.make_after(self.posed.scene.domain, self.posed.sided)
+        self.phases.lap("meshes")
         self.posed = pose(level, self.comm, sided)
         if coarser is None:
             self.expectation = expect(self.scene, self.posed.sided)
             if self.scene.solution is not None:
                 check_norms(self.scene.norms, self.expectation, "norms")
             check_solution(self.posed, self.scene.norms)
+        self.phases.lap("assembly")
         return self.posed.problem
 
     def note(self, problem: SignoriniProblem) -> None:
         assert problem.result is not None
         counts = problem.result.linear_solves, problem.result.linear_iterations
-        now = time.perf_counter()
-        level = Level(problem.unknowns, *counts, now - self.began)
+        self.phases.lap("solve")
+        level = Level(problem.unknowns, *counts, self.phases.total - self.began)
         self.levels.append(level)
-        self.began = now
+        self.began = self.phases.total
         told = logging.INFO if level.seconds > PATIENCE else logging.DEBUG
         text = "%8d unknowns, %d linear solves, %.2f s"
         log.log(told, text, level.unknowns, level.linear_solves, level.seconds)
 
 
 def _result(
-    posed: PosedScene, expectation: Expectation, seconds: float, **more: Any
+    posed: PosedScene, expectation: Expectation, phases: Phases, **more: Any
 ) -> SceneResult:
     problem = posed.problem
     assert problem.result is not None
@@ -280,7 +292,7 @@ def _result(
         gap=problem.gap,
         pressure=problem.pressure,
         solve=problem.result,
-        seconds=seconds,
+        phases=phases,
         expectation=expectation,
         **more,
     )

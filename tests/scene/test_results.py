@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import time
 from html.parser import HTMLParser
 
 import dolfinx
@@ -281,3 +282,19 @@ def test_costs_name_the_terms_of_the_scene_and_no_others(run, comm):
     _, printed = run(UPPER, "--outputs", "boundary")
     if comm.rank == 0:
         assert "diffusion on cells" not in printed
+
+
+@pytest.mark.parametrize("arguments", [[], ["--accuracy", "0.3", "--norm", "H1"]])
+def test_the_phases_add_up_to_the_time_on_the_wall(arguments, comm, demos, capsys):
+    command = ["solve", str(demos / "obstacle.toml"), "--set", "outputs=[]"]
+    began = time.perf_counter()
+    assert main([*command, *arguments]) == 0
+    seconds = time.perf_counter() - began
+    printed = capsys.readouterr().out
+    if comm.rank == 0:
+        total, phases = re.search(r"\n  time +(.+) s: (.+)\n", printed).groups()
+        parts = dict(part.rsplit(" ", 1) for part in phases.split(", "))
+        expected = {"adaptive loop"} if arguments else {"meshes", "assembly", "solve"}
+        assert expected < set(parts)
+        assert sum(map(float, parts.values())) == pytest.approx(float(total), abs=0.03)
+        assert seconds - 0.3 < float(total) <= seconds + 0.01

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from string import Template
 from typing import Any
 
-from dolfinx_signorini.scenes.output.summary import Summary, lines
+from dolfinx_signorini.scenes.output.summary import Summary, lines, time_line
 
 PAGE = Template(
     """<!DOCTYPE html>
@@ -64,7 +64,7 @@ def write_report(record: Mapping[str, Any], summary: Summary, pictures: Mapping[
     return PAGE.substitute(
         title=html.escape(record["title"]),
         notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in record["notes"]),
-        summary=_table(lines(summary)),
+        summary=_table([*lines(summary), time_line(summary.phases)]),
         pictures="".join(_picture(name, image) for name, image in pictures.items()),
         meshes=_meshes(record["meshes"]),
         scene=html.escape(record["scene"]),

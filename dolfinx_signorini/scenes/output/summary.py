@@ -1,7 +1,7 @@
 """The numbers of a solved scene: size, contact set, forces and their balance, accuracy, time."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from dolfinx_signorini.scenes.solving import SceneResult
 ROUNDING = 1e-12  # of coordinates
 MAX_DIGITS = 8  # of a coordinate
 MAX_POINTS = 8  # detachment points that are listed
+SHORT = 0.005  # seconds of a phase that is not listed
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Summary:
         errors: Norms of the error where the solution is known, by name.
         bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
-        seconds: Wall-clock seconds of everything.
+        seconds: Wall-clock seconds of everything so far.
+        phases: The seconds of the phases, which add up to these.
     """
 
     cells: int
@@ -63,6 +65,7 @@ class Summary:
     bound: dict[str, str]
     choice: dict[str, str]
     seconds: float
+    phases: dict[str, float]
 
 
 def summarise(
@@ -83,6 +86,10 @@ def summarise(
     points.sort(key=lambda point: point.position)
     forces = _forces(result)
     total = sum(abs(force) for force in forces.values())
+    proven = _bound(result) if bound else {}
+    result.phases.lap("summary")
+    errors = {} if exact is None else _errors(result.u, exact, scene.norms)
+    result.phases.lap("errors")
     return Summary(
         cells=domain.topology.index_map(domain.topology.dim).size_global,
         unknowns=problem.unknowns,
@@ -94,10 +101,11 @@ def summarise(
         forces=forces,
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
-        errors={} if exact is None else _errors(result.u, exact, scene.norms),
-        bound=_bound(result) if bound else {},
+        errors=errors,
+        bound=proven,
         choice={} if result.found is None else dict(found_lines(result.found)),
         seconds=result.seconds,
+        phases=dict(result.phases.seconds),
     )
 
 
@@ -120,7 +128,13 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
-    return [*s.choice.items(), *rows, *s.bound.items(), ("time", f"{s.seconds:.2f} s")]
+    return [*s.choice.items(), *rows, *s.bound.items()]
+
+
+def time_line(phases: Mapping[str, float]) -> tuple[str, str]:
+    """Return the seconds of everything and of the phases as a pair of name and text."""
+    parts = (f"{name} {seconds:.2f}" for name, seconds in phases.items() if seconds >= SHORT)
+    return "time", f"{sum(phases.values()):.2f} s: {', '.join(parts)}"
 
 
 def listing(rows: Iterable[tuple[str, str]]) -> str:
