@@ -23,7 +23,8 @@ from dolfinx_signorini.pointwise import ErrorAtPoints
 BLOCK = 65_536  # points whose values are held at a time
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
 SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or samples in boxes
-SCREENED = 0.1  # cells that are sampled where values in all cells are known: share of all
+# Where values in all cells are known: cells that are sampled, share of all; cells looked at closely.
+SCREENED, MOST = 0.03, 2000
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
 SETTLED = 1e-8  # relative change of the maximum in four steps
@@ -119,6 +120,7 @@ class Maxima:
         kind = int(derivatives)
         tops, holes = (array[kind] for array in self._samples)
         limit = max(BOXED // SIDE**self._dim, int(SHARE * self._comm.allreduce(len(tops))))
+        limit = limit if self._known is None else min(limit, MOST)
         chosen = self._places[_largest(self._comm, tops, limit)]
         values = self._values(chosen, self._lattice)[kind]
         row, point = np.nonzero(self._peaks(values))

@@ -45,7 +45,7 @@ from dolfinx_signorini.references import Reference
 
 BLOCK = 131_072  # points whose values are held at a time
 HIGHEST = {1: 63, 2: 32, 3: 20}  # degree of a rule that is chosen here, by dimension
-LARGE = 4.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
+LARGE = 16.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
 SAMPLE, CLOSE = 2_000, 2e-3  # cells where both rules are compared; p-th powers may differ so much
 
 
