@@ -23,7 +23,7 @@ from dolfinx_signorini.pointwise import ErrorAtPoints
 BLOCK = 65_536  # points whose values are held at a time
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
 SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or samples in boxes
-# Where values in all cells are known: cells that are sampled, share of all; cells looked at closely.
+# Where values in all cells are known: share of cells that are sampled, cells looked at closely.
 SCREENED, MOST = 0.03, 2000
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most

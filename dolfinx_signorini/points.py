@@ -108,7 +108,13 @@ class Points:
 
     def gradients(self, function: fem.Function) -> list[list[Array]]:
         """Return for each component its derivatives in each direction, each of shape (n, m)."""
-        tables = _tabulated(basix_element(function), 1, self._reference)[1:]
+        element = basix_element(function)
+        affine = self.jacobian.shape[1] == 1
+        if affine and element.embedded_superdegree == 1:  # the same at all points of a cell
+            at, repeats = self._reference[..., :1, :], self._reference.shape[-2]
+        else:
+            at, repeats = self._reference, 1
+        tables = _tabulated(element, 1, at)[1:]
         inverse, result = _inverse(self.jacobian), []
         for nodal in self._nodal(function):
             slopes = [_at_points(table, nodal) for table in tables]
@@ -116,7 +122,7 @@ class Points:
             for t, slope in enumerate(slopes[1:], start=1):
                 for i, component in enumerate(gradient):
                     component += slope * inverse[:, :, t, i]
-            result.append(gradient)
+            result.append([np.repeat(component, repeats, axis=1) for component in gradient])
         return result
 
     def tangential(self, vector: Sequence[Array]) -> list[Array]:
@@ -279,6 +285,9 @@ def _size(columns: Array) -> Array:
     if columns.shape[-2:] == (2, 2):
         (a, b), (c, d) = np.moveaxis(columns, (-2, -1), (0, 1))
         return np.asarray(np.abs(a * d - b * c))
+    if columns.shape[-2:] == (3, 3):
+        u, v, w = np.moveaxis(columns, -1, 0)
+        return np.asarray(np.abs((u * np.cross(v, w)).sum(axis=-1)))
     if columns.shape[-1] == columns.shape[-2]:
         return np.asarray(np.abs(np.linalg.det(columns)))
     return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))

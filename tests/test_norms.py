@@ -412,18 +412,18 @@ def test_what_no_norm_is_known_of_is_refused():
         error_norms(cube, None, ["H1_2_boundary_spectral"])
 
 
-KINDS = {
+SMOOTHNESS = {
     "smooth": lambda x, r: ufl.sin(3.0 * x[0]) * ufl.exp(x[1]),
     "singular": lambda x, r: r**0.3,
     "rough everywhere": lambda x, r: ufl.cos(60.0 * x[0]) * ufl.cos(47.0 * x[1]),
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SMOOTHNESS)
 def test_on_many_cells_a_smaller_rule_serves_where_it_is_good_enough(kind, monkeypatch):
     domain = friedrichs_keller(MPI.COMM_WORLD, 24)
     x = ufl.SpatialCoordinate(domain)
-    u = KINDS[kind](x, ufl.sqrt((x[0] - 0.503) ** 2 + (x[1] - 0.2) ** 2))
+    u = SMOOTHNESS[kind](x, ufl.sqrt((x[0] - 0.503) ** 2 + (x[1] - 0.2) ** 2))
     exact = Reference(domain, u, tuple(ufl.grad(u)[i] for i in range(2)))
     u_h = interpolant(fem.functionspace(domain, ("Lagrange", 1)), u)
     names = ("L2", "H1", "Linf", "W1_inf") if kind != "singular" else ("L2", "H1", "Linf")
@@ -439,12 +439,12 @@ def test_on_many_cells_a_smaller_rule_serves_where_it_is_good_enough(kind, monke
     monkeypatch.setattr(norms_module, "SAMPLE", 100)
     on_many = error_norms(u_h, exact, names)
     for name in names:
-        assert on_many[name] == pytest.approx(on_few[name], rel=1e-4), name
+        assert on_many[name] == pytest.approx(on_few[name], rel=1e-3), name
     if kind != "singular":
         fine = error_norms(u_h, exact, ("L2", "H1"), QuadratureRule("Gauss-Jacobi", 21))
         for name, norm in fine.items():
             assert on_many[name] == pytest.approx(norm, rel=2e-3), name
     monkeypatch.setattr(ErrorAtPoints, "__call__", counted)
-    assert error_norms(u_h, exact, ["L2"])["L2"] == pytest.approx(on_few["L2"], rel=2e-4)
+    assert error_norms(u_h, exact, ["L2"])["L2"] == pytest.approx(on_few["L2"], rel=1e-3)
     points = MPI.COMM_WORLD.allreduce(sum(counts)) / (2 * 24**2)
     assert points > 16.0 if kind == "rough everywhere" else points < 12.0

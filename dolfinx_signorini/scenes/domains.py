@@ -3,16 +3,15 @@
 A new shape is a subclass of `Domain` in the list `DOMAINS`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
+from dolfinx_signorini.meshes import Indices, SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.mesh_files import MeshFile
 from dolfinx_signorini.scenes.polygons import Polygon
@@ -99,10 +98,12 @@ def read_domain(
 
 def _with_sides(domain: mesh.Mesh, names: Sequence[str]) -> SidedMesh:
     """Return a mesh of the unit square or cube with its sides: for each axis that at 0 and at 1."""
+    dim, facets = domain.topology.dim - 1, boundary_facets(domain)
+    nodes = mesh.entities_to_geometry(domain, dim, facets).reshape(len(facets), dim + 1)
+    x = domain.geometry.x[nodes]
 
-    def on(k: int) -> Callable[[Any], Any]:
-        return lambda x: np.abs(x[k // 2] - k % 2) < 1e-12
+    def on(k: int) -> Indices:
+        return facets[(np.abs(x[:, :, k // 2] - k % 2) < 1e-12).all(axis=1)]
 
-    dim = domain.topology.dim - 1
-    sides = {n: mesh.locate_entities_boundary(domain, dim, on(k)) for k, n in enumerate(names)}
+    sides = {name: on(k) for k, name in enumerate(names)}
     return SidedMesh(domain, sides)
