@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_signorini.norms import Norm, parse_norm
+from dolfinx_signorini.norm_names import Norm, parse_norm
 
 DETACHMENT_EXPONENT = 1.5  # a, of the solution at a detachment point inside a straight side
 SMOOTH = math.inf  # in place of a, for a smooth function and for meshes that are graded as it takes
@@ -56,7 +56,7 @@ def approximation_order(norm: str, degree: int = 1, exponent: float = DETACHMENT
     """Return the order in h up to which elements approximate r^exponent at a point in a norm.
 
     Args:
-        norm: Name of a norm, see `norms.parse_norm`.
+        norm: Name of a norm, see `norm_names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The exponent of r; `SMOOTH` for a mesh that is graded as the norm asks for.
     """
@@ -75,7 +75,7 @@ def expected_order(
     paper's theorems.
 
     Args:
-        norm: Name of a norm, see `norms.parse_norm`.
+        norm: Name of a norm, see `norm_names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The solution is like r^exponent at its worst point.
 
@@ -111,7 +111,7 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     of samples says.
 
     Args:
-        norm: Name of a norm, see `norms.parse_norm`. The interpolation estimate H1_2_boundary is
+        norm: Name of a norm, see `norm_names.parse_norm`. The interpolation estimate H1_2_boundary is
             as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
         exponent: The exponent a of r at the worst point.
         dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
@@ -137,7 +137,7 @@ def grading_exponent(degree: int, norm: str = "W1_inf") -> float:
 
     Args:
         degree: Polynomial degree k of the elements.
-        norm: Name of a norm, see `norms.parse_norm`.
+        norm: Name of a norm, see `norm_names.parse_norm`.
 
     Returns:
         mu, at most 1, which stands for no grading.

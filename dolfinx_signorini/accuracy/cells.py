@@ -9,7 +9,7 @@ from dolfinx import fem, la, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import cell_edges, owned_cells
-from dolfinx_signorini.norms import Norm
+from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.quadrature import QuadratureRule
 
 Array = npt.NDArray[np.float64]

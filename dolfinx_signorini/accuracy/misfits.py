@@ -17,7 +17,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets
 from dolfinx_signorini.meshes import facet_cells, facet_scale, owned_cells
-from dolfinx_signorini.norms import Norm
+from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import FormulaAtPoints, Points
 from dolfinx_signorini.problem import SignoriniProblem
 

@@ -8,7 +8,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.norms import Norm, parse_norm
+from dolfinx_signorini.norm_names import Norm, parse_norm
 
 Functional = Callable[[Expr], ufl.Form]
 

@@ -11,7 +11,7 @@ from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.costs import Cost, cost_text
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
-from dolfinx_signorini.norms import listed_norms
+from dolfinx_signorini.norm_names import listed_norms
 from dolfinx_signorini.paper import pictures
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study

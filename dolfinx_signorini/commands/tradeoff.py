@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.norms import listed_norms
+from dolfinx_signorini.norm_names import listed_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.norms import Norm, error_norms, parse_norm, sampled_norms
+from dolfinx_signorini.norm_names import Norm, parse_norm
+from dolfinx_signorini.norms import error_norms, sampled_norms
 from dolfinx_signorini.quadrature import FACET_RULE, QuadratureRule
 from dolfinx_signorini.references import Reference
 
@@ -51,7 +52,7 @@ def paper_errors(
     Args:
         u_h: The discrete solution on triangles.
         exact: The known solution; None for the norms of u_h itself.
-        names: Names of norms, see `norms.parse_norm`, and "Linf_sampled" and "W1_inf_sampled".
+        names: Names of norms, see `norm_names.parse_norm`, and "Linf_sampled" and "W1_inf_sampled".
         rule: Quadrature rule on cells.
 
     Returns:

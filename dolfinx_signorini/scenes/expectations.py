@@ -9,7 +9,8 @@ import numpy as np
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norms import error_norms, parse_norm
+from dolfinx_signorini.norm_names import parse_norm
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
 from dolfinx_signorini.scenes.conditions import CONDITIONS
 from dolfinx_signorini.scenes.jumps import jumps

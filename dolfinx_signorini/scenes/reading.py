@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.scenes.conditions import CONDITIONS, read_conditions
 from dolfinx_signorini.scenes.domains import read_domain
 from dolfinx_signorini.scenes.formulas import CONSTANTS, COORDINATES, FUNCTIONS

@@ -41,7 +41,7 @@ class Scene:
         manufactured: Whether load, Dirichlet data and fluxes follow from the solution, and the
             obstacle, too, where the contact boundary has none.
         norms: The norms of the error that are measured where the solution is known, see
-            `norms.parse_norm`.
+            `norm_names.parse_norm`.
         degree: The degree of the elements, from 1 to 4.
         rtol: The natural residual to reach, relative to the data.
         accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None for

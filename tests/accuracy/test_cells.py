@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.accuracy.cells import cell_norms, collected, total, volumes
 from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
-from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.norm_names import parse_norm
 
 
 def function(domain, degree, values):

@@ -16,7 +16,8 @@ from dolfinx_signorini import (
 )
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
-from dolfinx_signorini.norms import error_norms, parse_norm
+from dolfinx_signorini.norm_names import parse_norm
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import (
     DETACHMENT_EXPONENT,
     SMOOTH,

@@ -22,7 +22,7 @@ def expression_norms(
     Args:
         space: Any space on the expression's mesh.
         expression: The expression.
-        norms: Names of norms, see `norms.parse_norm`.
+        norms: Names of norms, see `norm_names.parse_norm`.
         grad: The gradient of the expression, where a norm needs it.
     """
     zero = ufl.as_ufl(0.0)
@@ -49,7 +49,7 @@ def near_and_far(
 
     Args:
         discretisation: The discretisation.
-        norms: Names of norms, see `norms.parse_norm`.
+        norms: Names of norms, see `norm_names.parse_norm`.
     """
     exact, u_h = discretisation.exact, discretisation.u_h
     grad = ufl.as_vector(exact.grad) - ufl.grad(u_h)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dolfinx_signorini.norms import Norm, parse_norm
+from dolfinx_signorini.norm_names import Norm, parse_norm
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, approximation_order, expected_order
 
 
@@ -40,7 +40,7 @@ def allowed_order(p: float, norm: str) -> float:
 
     Args:
         p: The exponent: the solution is like r^{2-2/p} at the point, or like r^{3/2}.
-        norm: Name of a norm, see `norms.parse_norm`.
+        norm: Name of a norm, see `norm_names.parse_norm`.
     """
     return approximation_order(norm, exponent=min(DETACHMENT_EXPONENT, 2.0 - 2.0 / p))
 
@@ -69,7 +69,7 @@ def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder
 
     Args:
         p: The exponent of the solution.
-        norm: Name of a norm on the domain, or H1_2_boundary, see `norms.parse_norm`.
+        norm: Name of a norm on the domain, or H1_2_boundary, see `norm_names.parse_norm`.
         contact_sets: Whether conditions (A) and (A_h) hold and the load is bounded.
 
     Raises:
