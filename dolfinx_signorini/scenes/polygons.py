@@ -67,7 +67,7 @@ class Polygon(RefinedDomain):
         count = min(across * across * 2.0 / math.sqrt(3.0), 1e18)
         vertices = math.ceil(count) + len(self.corners)
         coarsest = min(self.size / COARSE, _shortest(self.corners))
-        times = max(0, math.floor(math.log2(coarsest / self.width) + ROUNDING))
+        times = max(0, math.floor(math.log2(min(coarsest / self.width, 1e18)) + ROUNDING))
         object.__setattr__(self, "refinements", times)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "side_names", tuple(str(k + 1) for k in range(len(self.corners))))
