@@ -111,8 +111,8 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     of samples says.
 
     Args:
-        norm: Name of a norm, see `norm_names.parse_norm`. The interpolation estimate H1_2_boundary is
-            as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
+        norm: Name of a norm, see `norm_names.parse_norm`. The interpolation estimate H1_2_boundary
+            is as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
         exponent: The exponent a of r at the worst point.
         dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
             and for the distance to an edge in space, 3 for the distance to a corner in space.

@@ -144,8 +144,8 @@ def solve_adaptively(
             function for each degree of elements that the loop may choose: the first step is done
             with the lowest degree, and tells which degree is going to take the least time.
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
-        norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution, given
-            as a function that returns the UFL form of its argument.
+        norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution,
+            given as a function that returns the UFL form of its argument.
         accuracy: The largest error allowed, in the unit of the norm.
         budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
