@@ -2,14 +2,18 @@
 
     python3 -m pip install --target benchmarks/peers --python-version 3.13 \
         --only-binary=:all: --no-deps -r benchmarks/requirements.txt
-    PYTHONPATH=benchmarks/peers ./with-dolfinx python3 benchmarks/peers.py [--cells 1001]
+    PYTHONPATH=benchmarks/peers ./with-dolfinx python3 benchmarks/peers.py [--cells 1024]
+    ... benchmarks/peers.py --only cascade "active sets, grid sequence, BoomerAMG"
 
+With --only the figures of all other solvers stay as an earlier run with as many cells left them.
 Every solver runs in a process of its own, which assembles the paper's problem; the time is that of
 the solver alone: its set-up, and for the cascade all coarse levels from their meshes on. It starts
 cold and is asked for the relative natural residual of the cascade; what it reached is measured and
-printed. A solver that has not finished after --limit seconds is stopped, and the table says so.
-Whoever needs less than a fifth of the limit runs --repeats times more, and the table shows the
-median of these runs: the first one also pays for memory that the process gets from the machine.
+printed. Those that go through a sequence of grids, see `grid_sequence.py`, need a number of cells
+that can be halved down to 8, for example 1024. A solver that has not finished after --limit seconds
+is stopped, and the table says so. Whoever needs less than a fifth of the limit runs --repeats times
+more, and the table shows the median of these runs: the first one also pays for memory that the
+process gets from the machine.
 """
 
 import argparse
@@ -23,7 +27,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from common import child, contact_solve, paper, parser, report, write_json
+from common import RESULTS, child, contact_solve, paper, parser, report, write_json
+from grid_sequence import GRID_SEQUENCES, can_be_halved
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -160,6 +165,7 @@ def scikit_fem(problem: SignoriniProblem) -> Any:
 
 PEERS: dict[str, Peer] = {
     "cascade": cascade,
+    **GRID_SEQUENCES,
     "TAO bntr": tao("bntr"),
     "SNES vinewtonrsls": snes("vinewtonrsls"),
     "SNES vinewtonrsls, CG": snes("vinewtonrsls", "cg"),
@@ -175,7 +181,7 @@ PEERS: dict[str, Peer] = {
 
 def measure(name: str, n: int, limit: float, repeats: int) -> dict[str, Any]:
     """Run one peer in this process, which the alarm clock ends after the limit."""
-    PEERS[name](paper(MPI.COMM_SELF, 21))  # compiles the forms
+    PEERS[name](paper(MPI.COMM_SELF, 16))  # compiles the forms
     problem = paper(MPI.COMM_SELF, n)
     seconds: list[float] = []
     while len(seconds) <= repeats:
@@ -193,11 +199,23 @@ def measure(name: str, n: int, limit: float, repeats: int) -> dict[str, Any]:
     }
 
 
+def suits(name: str, n: int) -> bool:
+    """Return whether a peer can solve with n cells per side."""
+    return name not in GRID_SEQUENCES or can_be_halved(n)
+
+
+def earlier(n: int) -> dict[str, dict[str, Any] | None]:
+    """Return the runs with n cells per side in the results folder."""
+    file = RESULTS / "peers.json"
+    found = json.loads(file.read_text()) if file.exists() else {}
+    return dict(found["runs"]) if found.get("cells") == n else {}
+
+
 def main() -> None:
     """Measure all peers and print."""
-    options = parser(__doc__, 1001)
+    options = parser(__doc__, 1024)
     options.add_argument("--limit", type=float, default=600.0, help="seconds for one solve")
-    options.add_argument("--only", nargs="+", choices=list(PEERS), default=list(PEERS))
+    options.add_argument("--only", nargs="+", choices=list(PEERS))
     options.add_argument("--measure", choices=list(PEERS), help=argparse.SUPPRESS)
     args = options.parse_args()
     if args.measure:
@@ -205,8 +223,8 @@ def main() -> None:
         return
     script = str(Path(__file__))
     settings = [f"--cells={args.cells}", f"--limit={args.limit}", f"--repeats={args.repeats}"]
-    results: dict[str, dict[str, Any] | None] = {}
-    for name in args.only:
+    results = earlier(args.cells) if args.only else {}
+    for name in args.only or [name for name in PEERS if suits(name, args.cells)]:
         results[name] = child(script, "--measure", name, *settings)
         print(f"{name}: {results[name]}", flush=True)
         content = {"cells": args.cells, "limit": args.limit, "runs": results}
