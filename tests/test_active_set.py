@@ -65,6 +65,7 @@ def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pres
     assert largest(found - values) <= 1e-7 * largest(values)
     assert (solver.solves, solver.setups) == (1, 1)
     once = solver.iterations
+    assert once > 5
     # Release the dof that is pressed most.
     x = pressed.system.start(values)
     measure = NaturalResidual(pressed.system)
@@ -79,7 +80,7 @@ def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pres
     assert largest(found - values) <= 1e-7 * largest(values)
     assert ((found[pressed.contact_dofs] == pressed.obstacle) == held).all()
     assert (solver.solves, solver.setups) == (2, 1)
-    assert solver.iterations <= 1.6 * once + 2  # the set was mended before the end of a solve
+    assert solver.iterations < 1.4 * once  # the set was mended before the end of a solve
 
 
 def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
