@@ -39,7 +39,7 @@ def draw_problem(
         return None if boundary is None else draw_contact(boundary)
     if problem.space.mesh.topology.dim == 3:
         surface = gather_surface(problem.u)
-        return None if surface is None else draw_solid(surface)
+        return None if surface is None else draw_solid(surface, boundary)
     field = gather_plane_field(problem.u, {"contact boundary": problem.contact})
     if field is None or boundary is None:
         return None

@@ -22,16 +22,14 @@ def render(data: str, image: str) -> None:
     triangles = surface["triangles"]
     faces = np.column_stack((np.full(len(triangles), 3), triangles)).ravel()
     mesh = pyvista.PolyData(surface["points"], faces)
-    mesh["solution u"] = surface["values"]
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 900))
+    mesh["u"] = surface["values"]
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 1000))
     plotter.set_background("white")
-    bar = {"color": "black", "vertical": True, "position_x": 0.88, "position_y": 0.25}
-    plotter.add_mesh(mesh, cmap=COLOUR_MAP, scalar_bar_args=bar, lighting=False)
+    plotter.add_mesh(mesh, cmap=COLOUR_MAP, show_scalar_bar=False, lighting=False)
     plotter.add_mesh(mesh.extract_all_edges(), color="black", opacity=0.2, line_width=1)
     titles = {"xtitle": "x", "ytitle": "y", "ztitle": "z"}
-    plotter.show_bounds(color="black", location="outer", fmt="%.2g", font_size=14, **titles)
-    plotter.camera_position = "iso"
-    plotter.camera.zoom(0.8)
+    plotter.show_bounds(color="black", location="outer", fmt="%.2g", font_size=16, **titles)
+    plotter.view_vector(surface["view"], viewup=(0.0, 0.0, 1.0))
     plotter.enable_anti_aliasing("ssaa")
     np.save(image, plotter.screenshot(None, return_img=True))
 

@@ -1,5 +1,7 @@
 """Pictures: the names of sides, the facets in contact, peaks that are cut off, and solids."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import ufl
@@ -113,13 +115,40 @@ def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.linalg.norm(normals, axis=1).sum() / 2.0 == pytest.approx(6.0)
     assert np.allclose(surface.values, surface.points @ [1.0, 2.0, -1.0])
-    monkeypatch.setattr(solid_pictures, "_render", lambda _: None)
+    monkeypatch.setattr(solid_pictures, "_render", lambda *_: None)
     faces = solid_pictures.draw_solid(surface).axes[0].collections[0]
     assert len(faces.get_array()) == len(surface.triangles)
-    image = np.zeros((4, 5, 3), dtype=np.uint8)
-    monkeypatch.setattr(solid_pictures, "_render", lambda _: image)
+    image = np.full((6, 9, 3), 255, dtype=np.uint8)
+    image[1:5, 2:7] = 0
+    monkeypatch.setattr(solid_pictures, "_render", lambda *_: image)
     drawn = solid_pictures.draw_solid(surface).axes[0].images[0]
-    assert np.array_equal(drawn.get_array(), image)
+    assert np.array_equal(drawn.get_array(), np.zeros((4, 5, 3)))  # without the margins
+
+
+def test_a_solid_is_seen_from_where_contact_is():
+    corners = np.array(list(product([1.0, 3.0], [-2.0, 0.0], [0.0, 1e-3])))
+    surface = solid_pictures.Surface(corners, np.zeros(8), np.array([[0, 1, 2]]))
+    for axis, end in product(range(3), (0, 1)):
+        side = corners[corners[:, axis] == np.unique(corners[:, axis])[end]]
+        nothing = np.zeros(4, dtype=bool)
+        pieces = np.array([[0, 1, 2], [1, 2, 3]])
+        boundary = ContactBoundary(side, np.zeros((4, 3)), pieces, nothing, nothing, False)
+        view = solid_pictures.view_of(surface, boundary)
+        assert view[axis] == 2 * end - 1 and np.delete(view, axis).tolist() == [1.0, 1.0]
+
+
+def test_pyvista_draws_a_solid(serial):
+    pytest.importorskip("pyvista")
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+    surface = solid_pictures.Surface(points, np.zeros(4), triangles)
+    image = solid_pictures._render(surface, np.ones(3))
+    if image is None:
+        pytest.skip("PyVista finds neither a display nor a library that draws without one")
+    # Where the function is constant the surface has the lowest colour of the map, cividis.
+    colour = np.array([0, 34, 78])
+    near = (np.abs(image.astype(int) - colour) < 40).all(axis=2)
+    assert 0.1 < near.mean() < 0.6
 
 
 def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path, serial):
@@ -130,13 +159,13 @@ def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path,
     monkeypatch.setattr(solid_pictures, "which", lambda _: None)
     for text in ("import os; os.abort()", "raise SystemExit(1)", "pass"):
         program.write_text(text)
-        assert solid_pictures._render(surface) is None
+        assert solid_pictures._render(surface, np.ones(3)) is None
     for shade, shown in ((255, False), (10, True)):
         program.write_text(
             "import sys, numpy\n"
             f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
         )
-        assert (solid_pictures._render(surface) is not None) == shown
+        assert (solid_pictures._render(surface, np.ones(3)) is not None) == shown
 
 
 @pytest.mark.parametrize(

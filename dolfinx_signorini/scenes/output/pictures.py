@@ -65,7 +65,7 @@ def draw_solution(
     posed = result.posed
     if posed.scene.domain.dimension == 3:
         surface = gather_surface(result.u)
-        return None if surface is None else draw_solid(surface, posed.scene.title)
+        return None if surface is None else draw_solid(surface, boundary, posed.scene.title)
     parts = boundary_parts(posed.scene, posed.sided)
     field = gather_plane_field(result.u, {kind.name: parts[kind] for kind in parts})
     if field is None or boundary is None:
