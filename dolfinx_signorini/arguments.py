@@ -1,6 +1,5 @@
 """Checks of the arguments of a problem: each refusal names the argument, before any long work."""
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -145,7 +144,7 @@ def check_method(method: Any) -> None:
     Raises:
         InputError: The subject is "method".
     """
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise InputError(f"unknown {method!r}, known are {', '.join(METHODS)}", "method")
 
 
@@ -166,36 +165,22 @@ def check_limits(method: str, limits: Mapping[str, Any]) -> None:
             raise InputError(f"must be a positive integer, not {limit}", name)
 
 
-def checked_tolerance(rtol: Any, default: float) -> float:
+def checked_tolerance(rtol: Any, default: float, subject: str = "rtol") -> float:
     """Return a tolerance between 0 and 1, or the default where there is none.
 
     Args:
         rtol: The tolerance, or None.
         default: The default.
+        subject: The name of the argument.
 
     Raises:
-        InputError: The subject is "rtol".
+        InputError: The tolerance is no number between 0 and 1.
     """
     if rtol is None:
         return default
     if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
-        raise InputError(f"must lie between 0 and 1, not {rtol}", "rtol")
+        raise InputError(f"must lie between 0 and 1, not {rtol}", subject)
     return float(rtol)
-
-
-def check_positive(value: Any, subject: str) -> None:
-    """Refuse what is not a positive number.
-
-    Args:
-        value: The value.
-        subject: The subject of the error.
-
-    Raises:
-        InputError: The value is no finite positive number.
-    """
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not (number and math.isfinite(value) and value > 0.0):
-        raise InputError(f"must be a positive number, not {value}", subject)
 
 
 def check_coarse(method: str, coarse: Any) -> None:

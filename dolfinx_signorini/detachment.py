@@ -17,6 +17,8 @@ from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
+from dolfinx_signorini.errors import require
+from dolfinx_signorini.kinds import check, instance
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 
@@ -61,6 +63,9 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     Returns:
         The same points on all ranks.
     """
+    check(problem=(problem, instance(SignoriniProblem, "a solved problem")))
+    plane = problem.space.mesh.topology.dim == 2
+    require(problem.comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
     largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
     if min(largest) <= 0.0:

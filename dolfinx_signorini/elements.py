@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.kinds import LARGEST_DEGREE, check, integer, simplices
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
@@ -32,8 +34,12 @@ def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
 
     Args:
         domain: A mesh of triangles or tetrahedra.
-        degree: The polynomial degree; of degree 1 the basis is that of Lagrange elements.
+        degree: The polynomial degree, 1 to 8; of degree 1 the basis is that of Lagrange elements.
+
+    Raises:
+        InputError: The mesh has other cells, or the degree is another one.
     """
+    check(domain=(domain, simplices(2, 3)), degree=(degree, integer(1, LARGEST_DEGREE)))
     if degree == 1:
         return lagrange_space(domain, 1, basix.LagrangeVariant.gll_warped)
     return lagrange_space(domain, degree, basix.LagrangeVariant.bernstein)

@@ -21,6 +21,7 @@ from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import require
+from dolfinx_signorini.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
 from dolfinx_signorini.references import Reference, interpolant
 
@@ -50,6 +51,11 @@ class ManufacturedSolution(Reference):
 
     load: Expr
     flux: Expr | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        kind = on_mesh(self.mesh)
+        check(load=(self.load, kind), flux=(self.flux, optional(kind)))
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,14 @@ def manufacture(
         diffusion: K, a scalar or a tensor; None for 1.
         reaction: c; None for none.
     """
-    if extract_unique_domain(u) is None:  # a number, whose gradient UFL does not know
+    check(domain=(domain, MESH))
+    check(
+        u=(u, on_mesh(domain)),
+        diffusion=(diffusion, optional(on_mesh(domain, tensor=True))),
+        reaction=(reaction, optional(on_mesh(domain))),
+    )
+    if not isinstance(u, Expr) or extract_unique_domain(u) is None:
+        # A number, whose gradient UFL does not know.
         u = fem.Constant(domain, default_scalar_type(float(u)))
     gradient = ufl.grad(u)
     current = gradient if diffusion is None else diffusion * gradient

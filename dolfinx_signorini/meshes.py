@@ -14,6 +14,7 @@ from dolfinx import fem, graph, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
 
 Indices = npt.NDArray[np.int32]
 
@@ -30,12 +31,33 @@ class SidedMesh:
     mesh: mesh.Mesh
     sides: Mapping[str, npt.NDArray[np.int32]]
 
+    def __post_init__(self) -> None:
+        check(mesh=(self.mesh, MESH), sides=(self.sides, _sides_of(self.mesh)))
+
     def facets(self, names: tuple[str, ...]) -> npt.NDArray[np.int32]:
         """Return the facets of some sides; "all" stands for the whole boundary."""
         if names == ("all",):
             return boundary_facets(self.mesh)
         parts = [self.sides[name] for name in names]
         return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+
+
+def _sides_of(domain: mesh.Mesh) -> Kind:
+    """Return the kind of mappings from names to facets of a mesh."""
+
+    def kind(sides: Any) -> str:
+        if not isinstance(sides, Mapping):
+            return f"must be a mapping from names to facets, not {type(sides).__name__}"
+        count = facet_count(domain)
+        for name, facets in sides.items():
+            message = TEXT(name) or indices(facets)
+            if message:
+                return f"{name!r}: {message}"
+            if len(facets) and not 0 <= np.min(facets) <= np.max(facets) < count:
+                return f"{name!r}: has an index that is no facet of this mesh"
+        return ""
+
+    return kind
 
 
 def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
@@ -49,10 +71,9 @@ def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
         n: Cells per side; every one of the n * n squares is cut into two triangles.
 
     Raises:
-        ValueError: n is smaller than 1.
+        InputError: n is no integer, or smaller than 1.
     """
-    if n < 1:
-        raise ValueError(f"a mesh needs at least one cell per side, not {n}")
+    check(comm=(comm, COMMUNICATOR), n=(n, integer(1)))
     partitioner = _blocks(comm, n) if comm.size > 1 else None
     return mesh.create_unit_square(
         comm, n, n, diagonal=mesh.DiagonalType.right, partitioner=partitioner
@@ -79,6 +100,14 @@ def _blocks(comm: MPI.Comm, n: int) -> Callable[..., Any]:
         return compat.cpp_graph(graph.adjacencylist(targets[new], offsets))
 
     return partition
+
+
+def facet_count(domain: mesh.Mesh) -> int:
+    """Return how many facets this rank knows."""
+    dimension = domain.topology.dim - 1
+    domain.topology.create_entities(dimension)
+    index_map = domain.topology.index_map(dimension)
+    return int(index_map.size_local + index_map.num_ghosts)
 
 
 def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
@@ -131,6 +160,7 @@ def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np
 
 def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     """Return the facets on the boundary of the domain that this rank owns."""
+    check(domain=(domain, MESH))
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
     return mesh.exterior_facet_indices(domain.topology)

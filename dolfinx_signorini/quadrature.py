@@ -7,6 +7,9 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import check, integer
+
 
 @dataclass(frozen=True)
 class QuadratureRule:
@@ -23,6 +26,15 @@ class QuadratureRule:
 
     scheme: str
     degree: int
+
+    def __post_init__(self) -> None:
+        check(degree=(self.degree, integer(0, MAX_DEGREE)))
+        if not isinstance(self.scheme, str) or self.scheme not in (
+            "default",
+            "Gauss-Jacobi",
+            "vertex",
+        ):
+            raise InputError(f"unknown {self.scheme!r}", "scheme")
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -56,6 +68,8 @@ class QuadratureRule:
     def __str__(self) -> str:
         return f"{self.scheme} rule of degree {self.degree}"
 
+
+MAX_DEGREE = 400  # more points would fill the memory
 
 # The default on cells, for data that are no polynomials and for norms: 16 points of a triangle.
 CELL_RULE = QuadratureRule("Gauss-Jacobi", 7)

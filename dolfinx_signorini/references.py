@@ -14,6 +14,19 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import (
+    LARGEST_DEGREE,
+    MESH,
+    ball,
+    check,
+    coordinates,
+    instance,
+    integer,
+    on_mesh,
+    optional,
+    sequence,
+)
 from dolfinx_signorini.meshes import cells_near_ball, owned_cells
 
 CARRIED_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
@@ -44,6 +57,15 @@ class Reference:
     grad: tuple[Expr, ...]
     support: tuple[tuple[float, ...], float] | None = field(default=None, kw_only=True)
     singular: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        check(mesh=(self.mesh, MESH), u=(self.u, on_mesh(self.mesh)))
+        check(grad=(self.grad, sequence(on_mesh(self.mesh), "a tuple of the components")))
+        dimension = self.mesh.geometry.dim
+        if len(self.grad) != dimension:
+            raise InputError(f"has {len(self.grad)} components", "grad")
+        points = sequence(coordinates(dimension), "a tuple of points")
+        check(support=(self.support, optional(ball(dimension))), singular=(self.singular, points))
 
     def support_cells(self) -> npt.NDArray[np.int32]:
         """Return the owned cells on which u may be non-zero (all of them without a support)."""
@@ -81,8 +103,12 @@ def interpolated(reference: R, degree: int) -> R:
 
     Args:
         reference: The function to interpolate; whatever else belongs to it is kept.
-        degree: Polynomial degree, at least 1.
+        degree: Polynomial degree, 1 to 8.
     """
+    check(
+        reference=(reference, instance(Reference, "a known solution")),
+        degree=(degree, integer(1, LARGEST_DEGREE)),
+    )
     u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree)), reference.u)
     return replace(reference, u=u, grad=components(ufl.grad(u)))
 

@@ -29,6 +29,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import require
+from dolfinx_signorini.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE, QuadratureRule
@@ -108,9 +109,16 @@ def stress_intensity(
     Raises:
         InputError: No contact ends near the point, or the radius is too large.
     """
+    check(
+        problem=(problem, instance(SignoriniProblem, "a solved problem")),
+        point=(getattr(point, "position", point), coordinates(2)),
+        terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
+        radius=(radius, optional(positive)),
+    )
     domain, comm = problem.space.mesh, problem.comm
     plane = domain.topology.cell_name() == "triangle" and domain.geometry.dim == 2
     require(comm, plane, "triangles in the plane are needed", "mesh")
+    terms.check_on(domain)
     scalar = terms.diffusion is None or isinstance(terms.diffusion, int | float)
     require(comm, scalar, "a number is needed", "terms.diffusion")
     position = point.position if isinstance(point, DetachmentPoint) else point

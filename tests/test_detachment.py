@@ -85,14 +85,15 @@ def made_up_table(gap, density):
 
 
 def test_ends_that_belong_to_one_point_are_one(monkeypatch):
+    problem = paper_problem(christof_haubner(friedrichs_keller(COMM, 2)))
     # One dof short of the end of contact has lost contact by rounding: three ends in three edges.
     x = NODES[:, 0]
     gap, density = np.maximum(x - 0.4, 0.0) ** 1.5, np.sqrt(np.maximum(0.4 - x, 0.0))
     gap[x < 0.401], gap[39], density[39] = 0.0, 1e-12, 0.0
     monkeypatch.setattr(detachment, "_boundary_table", lambda problem: made_up_table(gap, density))
-    (point,) = detachment_points(None)
+    (point,) = detachment_points(problem)
     assert abs(point.position[0] - 0.4) <= 0.02
     # Two ends far from each other are two.
     gap[70:], density[70:] = 0.0, np.sqrt(x[70:] - 0.695)
-    places = sorted(point.position[0] for point in detachment_points(None))
+    places = sorted(point.position[0] for point in detachment_points(problem))
     assert len(places) == 2 and abs(places[1] - 0.695) <= 0.006

@@ -125,7 +125,7 @@ def test_the_load_near_the_point_counts():
         ((0.8, 0.0), None, "no contact ends here"),
         ((0.3, 0.0), None, "no contact ends here"),
         (POINT, 0.6, "at most 0.5"),
-        (POINT, -1.0, "must be positive"),
+        (POINT, -1.0, "must be a positive number"),
     ],
 )
 def test_points_that_make_no_sense(point, radius, message):

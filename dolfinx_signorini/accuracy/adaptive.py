@@ -22,8 +22,8 @@ from dolfinx_signorini.accuracy.marking import GROWTH, Divided, Outlook, mark, m
 from dolfinx_signorini.accuracy.misfits import obstacle_misfits
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Functional, Target, target
-from dolfinx_signorini.arguments import check_positive
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import callable_, check, instance, optional, positive
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, carried_across, refined
@@ -162,10 +162,15 @@ def solve_adaptively(
     """
     if accuracy is None and budget is None:
         raise InputError("give an accuracy or a budget", "accuracy")
-    limits = {"accuracy": accuracy, "budget": budget, "max_unknowns": max_unknowns}
-    for name, limit in limits.items():
-        if limit is not None:
-            check_positive(limit, name)
+    check(
+        pose=(pose, callable_),
+        sided=(sided, instance(SidedMesh, "a SidedMesh")),
+        accuracy=(accuracy, optional(positive)),
+        budget=(budget, optional(positive)),
+        max_unknowns=(max_unknowns, positive),
+        on_step=(on_step, callable_),
+        began=(began, optional(instance(float, "a time of time.perf_counter"))),
+    )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     if not poses:

@@ -70,9 +70,15 @@ def target(norm: str | Functional) -> Target:
     Raises:
         InputError: The name is that of no norm.
     """
-    if callable(norm):
-        return Target(getattr(norm, "__name__", "functional"), functional=norm)
-    try:
-        return Target(norm, parse_norm(norm))
-    except (TypeError, ValueError) as error:
-        raise InputError(str(error), "norm") from None
+    if callable(norm) and not isinstance(norm, Expr):
+
+        def form(u: Expr) -> ufl.Form:
+            found = norm(u)
+            if not isinstance(found, ufl.Form):
+                raise InputError(f"must return a form, not {type(found).__name__}", "norm")
+            return found
+
+        return Target(getattr(norm, "__name__", "functional"), functional=form)
+    if not isinstance(norm, str):
+        raise InputError(f"must be a name or a function, not {type(norm).__name__}", "norm")
+    return Target(norm, parse_norm(norm))

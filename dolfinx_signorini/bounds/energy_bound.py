@@ -38,6 +38,7 @@ from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.errors import require
+from dolfinx_signorini.kinds import check, instance
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -104,8 +105,13 @@ def energy_bound(
     Raises:
         InputError: The terms contradict each other, or the mesh has curved or other cells.
     """
+    check(
+        problem=(problem, instance(SignoriniProblem, "a solved problem")),
+        terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
+    )
     domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
     _check_mesh(problem)
+    terms.check_on(domain)
     reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
     kinds, touching = facet_kinds(problem, terms, frames)
     quadrature, notes = quadrature_degree(terms, frames.dimension, degree, rest)

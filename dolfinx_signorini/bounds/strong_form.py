@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import (
@@ -27,6 +27,9 @@ from ufl.classes import (
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import check, data, indices, on_mesh, optional, sequence
+from dolfinx_signorini.meshes import facet_count
 
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]
@@ -77,6 +80,32 @@ class EnergyTerms:
     robin: Sequence[tuple[Scalar, Facets]] = ()
     dirichlet: Sequence[tuple[Scalar | None, Facets]] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("diffusion", "reaction", "load"):
+            check(**{name: (getattr(self, name), optional(data))})
+        for name in ("neumann", "robin", "dirichlet"):
+            check(**{name: (getattr(self, name), sequence(_with_facets, "a list of pairs"))})
+
+    def check_on(self, domain: mesh.Mesh) -> None:
+        """Refuse expressions of another mesh or shape.
+
+        Args:
+            domain: The mesh.
+        """
+
+        def kind(value: Any) -> str:
+            return on_mesh(domain)(value) if isinstance(value, Expr) else ""
+
+        diffusion = on_mesh(domain, tensor=True) if isinstance(self.diffusion, Expr) else kind
+        check(diffusion=(self.diffusion, diffusion), reaction=(self.reaction, kind))
+        check(load=(self.load, kind))
+        count = facet_count(domain)
+        for name in ("neumann", "robin", "dirichlet"):
+            for value, facets in getattr(self, name):
+                check(**{name: (value, kind)})
+                if len(facets) and not 0 <= np.min(facets) <= np.max(facets) < count:
+                    raise InputError("has an index that is no facet of this mesh", name)
+
     def entries(self, dimension: int) -> list[Scalar]:
         """Return the entries of A, row by row, or one for a multiple of the identity.
 
@@ -89,6 +118,13 @@ class EnergyTerms:
         if isinstance(A, int | float) or A.ufl_shape == ():
             return [A]
         return [A[i, j] for i in range(dimension) for j in range(dimension)]
+
+
+def _with_facets(pair: Any) -> str:
+    """The kind of pairs of data and facets."""
+    if not (isinstance(pair, tuple | list) and len(pair) == 2):
+        return "must have pairs of data and facets"
+    return indices(pair[1]) or optional(data)(pair[0])
 
 
 def polynomial_degree(data: "Data | FacetPolynomials | None") -> int | None:

@@ -34,7 +34,7 @@ SAMPLING = (
 class VerticesAndMidpoints(QuadratureRule):
     """The points of the paper's samples of L^inf, without weights:
 
-    points, _ = VerticesAndMidpoints("lattice", 2).points(basix.CellType.triangle)
+    points, _ = VerticesAndMidpoints("default", 2).points(basix.CellType.triangle)
     """
 
     def points(self, cell: basix.CellType, reverse: bool = False) -> tuple[Array, Array]:
@@ -68,7 +68,7 @@ def paper_errors(
     values |= {name: found[norm] for name, norm in inside.items()}
     if LINF in names:
         sample = Norm(0.0, math.inf)
-        lattice = VerticesAndMidpoints("lattice", 2)
+        lattice = VerticesAndMidpoints("default", 2)
         values[LINF] = sampled_norms(u_h, exact, [sample], lattice)[sample]
     return {name: values[name] for name in names}
 

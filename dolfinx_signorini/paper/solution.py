@@ -4,6 +4,7 @@ import ufl
 from dolfinx import mesh
 
 from dolfinx_signorini.elements import bernstein_space
+from dolfinx_signorini.kinds import check, coordinates, positive, simplices
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
@@ -45,6 +46,11 @@ def christof_haubner(
 
     Source: Christof and Haubner, Section 7, equation (28).
     """
+    check(
+        domain=(domain, simplices(2)),
+        detachment=(detachment, coordinates(2)),
+        radius=(radius, positive),
+    )
     x = ufl.SpatialCoordinate(domain)
     x0, x1 = x[0] - detachment[0], x[1] - detachment[1]
     # Scaled like hypot, so that the squares of tiny distances do not underflow.

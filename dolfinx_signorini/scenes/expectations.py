@@ -107,8 +107,8 @@ def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) ->
     for norm in norms:
         try:
             parse_norm(norm)
-        except ValueError as error:
-            raise InputError(str(error), subject) from None
+        except InputError as error:
+            raise InputError(error.message, subject) from None
         if expectation.infinite(norm):
             message = f"{norm} of the solution is infinite near {expectation.worst}"
             raise InputError(message, subject)

@@ -11,7 +11,12 @@ from mpi4py import MPI
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
+<<<<<<< HEAD
 from dolfinx_signorini.norm_names import parse_norm
+=======
+from dolfinx_signorini.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
+from dolfinx_signorini.norms import parse_norm
+>>>>>>> dd8f0b8 (Every public function refuses arguments of the wrong kind by name; a table of them in the tests)
 from dolfinx_signorini.scenes.conditions import CONDITIONS, read_conditions
 from dolfinx_signorini.scenes.domains import read_domain
 from dolfinx_signorini.scenes.formulas import CONSTANTS, COORDINATES, FUNCTIONS
@@ -60,6 +65,8 @@ def load_scene(
         InputError: The file cannot be read, or says something that is no scene; the message names
             file, line and key.
     """
+    check(path=(path, instance((str, Path), "a path")), comm=(comm, COMMUNICATOR))
+    check(overrides=(overrides, sequence(TEXT, "a list of texts")), adapted=(adapted, TRUTH))
     path = Path(path)
     text, message = comm.bcast(_read(path) if comm.rank == 0 else None)
     if message:
@@ -226,8 +233,8 @@ def _norms(table: TomlTable) -> tuple[str, ...]:
 def _norm(table: TomlTable, key: str, name: str) -> str:
     try:
         parse_norm(name)
-    except ValueError as error:
-        raise table.error(key, str(error)) from None
+    except InputError as error:
+        raise table.error(key, error.message) from None
     return name
 
 

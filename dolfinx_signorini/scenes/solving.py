@@ -19,8 +19,19 @@ from dolfinx_signorini.accuracy.adaptive import (
     solve_adaptively,
 )
 from dolfinx_signorini.elements import HIGHEST_DEGREE
+from dolfinx_signorini.kinds import (
+    COMMUNICATOR,
+    TEXT,
+    callable_,
+    check,
+    instance,
+    integer,
+    optional,
+    positive,
+)
 from dolfinx_signorini.logs import PATIENCE, log
 from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.jumps import integrable
@@ -156,6 +167,18 @@ def solve_scene(
         InputError: The problem has no or more than one solution, or some data make no sense.
         NotConvergedError: A solve failed.
     """
+    check(
+        scene=(scene, instance(Scene, "a scene, see load_scene")),
+        comm=(comm, COMMUNICATOR),
+        accuracy=(accuracy, optional(positive)),
+        budget=(budget, optional(positive)),
+        norm=(norm, optional(TEXT)),
+        max_unknowns=(max_unknowns, positive),
+        degree=(degree, optional(integer(1, HIGHEST_DEGREE))),
+        on_step=(on_step, callable_),
+    )
+    if norm is not None:
+        parse_norm(norm)
     if accuracy is None and budget is None:
         accuracy = scene.accuracy
     phases = Phases(comm) if phases is None else phases

@@ -10,7 +10,9 @@ from typing import Any, Protocol, TypeVar
 
 from dolfinx import fem
 
+from dolfinx_signorini.arguments import check_method, checked_tolerance
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import callable_, check, integer, optional, sequence
 from dolfinx_signorini.solvers.pressure import ContactState
 
 COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch costs little
@@ -54,11 +56,15 @@ def coarse_levels(
     Returns:
         The numbers of cells across.
     """
+    check(n=(n, integer(1)), dimension=(dimension, integer(2, 3)))
+    check(coarsest=(coarsest, optional(integer(1))), ratio=(ratio, optional(integer(2))))
     coarsest = COARSEST[dimension] if coarsest is None else coarsest
     ratio = RATIO[dimension] if ratio is None else ratio
     levels: list[int] = []
     while n > coarsest:
         n = n // ratio + (n // ratio + n) % 2
+        if n == 0:
+            break
         levels.insert(0, n)
     return levels
 
@@ -86,7 +92,9 @@ def ascend(
     problem: Problem | None = None
     try:
         for level, keywords in levels:
-            coarser, problem = problem, make_problem(level, problem)
+            posed = make_problem(level, problem)
+            check(make_problem=(posed, _problem))
+            coarser, problem = problem, posed
             if coarser is not None:
                 coarse = coarser.contact_state()
                 coarser.destroy()
@@ -97,6 +105,12 @@ def ascend(
         if problem is not None:
             problem.destroy()
         raise
+
+
+def _problem(value: Any) -> str:
+    """The kind of problems."""
+    known = hasattr(value, "contact_state")
+    return "" if known else f"must return a problem, not {type(value).__name__}"
 
 
 def solve_cascade(
@@ -128,8 +142,16 @@ def solve_cascade(
         InputError: The cascade has no level, or a problem is refused.
         NotConvergedError: A level did not converge.
     """
-    if not levels:
+    check(
+        make_problem=(make_problem, callable_),
+        levels=(levels, sequence(lambda level: "", "a list of levels")),
+        on_level=(on_level, callable_),
+    )
+    if not len(levels):
         raise InputError("a cascade needs at least one", "levels")
+    check_method(method)
+    checked_tolerance(rtol, 1.0)
+    checked_tolerance(coarse_rtol, 1.0, "coarse_rtol")
     loose = {"rtol": rtol if coarse_rtol is None else coarse_rtol}
     steps: list[tuple[Level, dict[str, Any]]] = [(level, loose) for level in levels[:-1]]
     steps.append((levels[-1], {"method": method, "rtol": rtol}))

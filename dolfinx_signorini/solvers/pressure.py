@@ -7,6 +7,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import FUNCTION, check
 from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
@@ -27,6 +29,11 @@ class ContactState:
 
     u: fem.Function
     density: fem.Function
+
+    def __post_init__(self) -> None:
+        check(u=(self.u, FUNCTION), density=(self.density, FUNCTION))
+        if self.u.function_space.mesh != self.density.function_space.mesh:
+            raise InputError("lives on another mesh than u", "density")
 
 
 def contact_state(system: System, x: PETSc.Vec) -> ContactState:

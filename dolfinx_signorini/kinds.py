@@ -1,0 +1,194 @@
+"""Kinds of arguments that public functions take: what is of another kind is refused by name."""
+
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+import numpy as np
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from ufl.core.expr import Expr
+from ufl.domain import extract_domains
+
+from dolfinx_signorini.errors import InputError
+
+# What is wrong with a value, in words; "" where nothing is.
+Kind = Callable[[Any], str]
+
+
+def check(**arguments: tuple[Any, Kind]) -> None:
+    """Refuse arguments of the wrong kind, before any work.
+
+    A public function begins with the check of its arguments:
+
+        check(domain=(domain, MESH), degree=(degree, integer(1)))
+
+    Args:
+        arguments: Values by name, each with the kind that is needed.
+
+    Raises:
+        InputError: The subject is the name of the first argument that is of another kind.
+    """
+    for name, (value, kind) in arguments.items():
+        message = kind(value)
+        if message:
+            raise InputError(message, name)
+
+
+def instance(kinds: type | tuple[type, ...], words: str) -> Kind:
+    """Return the kind of objects of a class.
+
+    Args:
+        kinds: The class, or several.
+        words: Its name with an article, for messages.
+    """
+    return lambda value: "" if isinstance(value, kinds) else _not(words, value)
+
+
+def optional(kind: Kind) -> Kind:
+    """Return the kind of which None is, too."""
+    return lambda value: "" if value is None else kind(value)
+
+
+def integer(low: int, high: int | None = None) -> Kind:
+    """Return the kind of whole numbers between two others, both included.
+
+    Args:
+        low: The smallest.
+        high: The largest; None for no limit.
+    """
+    words = f"an integer of at least {low}" + ("" if high is None else f" and at most {high}")
+
+    def kind(value: Any) -> str:
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        fits = whole and low <= value and (high is None or value <= high)
+        return "" if fits else _not(words, value)
+
+    return kind
+
+
+def sequence(kind: Kind, words: str) -> Kind:
+    """Return the kind of lists and other collections whose items are of a kind.
+
+    Args:
+        kind: The kind of the items.
+        words: What the collection is, with an article.
+    """
+
+    def found(value: Any) -> str:
+        if isinstance(value, str | bytes) or not isinstance(value, Collection):
+            return _not(words, value)
+        return next((message for message in map(kind, value) if message), "")
+
+    return found
+
+
+def simplices(*dimensions: int) -> Kind:
+    """Return the kind of meshes of triangles or tetrahedra that fill the plane or space.
+
+    Args:
+        dimensions: The dimensions that are allowed, among 2 and 3.
+    """
+    words = " or ".join({2: "triangles", 3: "tetrahedra"}[d] for d in dimensions)
+
+    def kind(value: Any) -> str:
+        if not isinstance(value, mesh.Mesh):
+            return _not("a mesh", value)
+        name, dimension = value.topology.cell_name(), value.geometry.dim
+        fits = name in ("triangle", "tetrahedron") and value.topology.dim == dimension
+        return "" if fits and dimension in dimensions else f"must be a mesh of {words}"
+
+    return kind
+
+
+def on_mesh(domain: mesh.Mesh, tensor: bool = False) -> Kind:
+    """Return the kind of data on a mesh: finite numbers, and scalar UFL expressions.
+
+    Args:
+        domain: The mesh.
+        tensor: Whether square matrices of its dimension are data, too.
+    """
+    shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
+
+    def kind(value: Any) -> str:
+        if isinstance(value, Expr):
+            if value.ufl_shape not in shapes:
+                return f"must be scalar, has shape {value.ufl_shape}"
+            others = [other for other in extract_domains(value) if other != domain.ufl_domain()]
+            return "lives on another mesh" if others else ""
+        return "" if _is_number(value) else _not("a finite number or a UFL expression", value)
+
+    return kind
+
+
+def data(value: Any) -> str:
+    """The kind of finite numbers, UFL expressions and callables of the coordinates."""
+    if isinstance(value, Expr) or _is_number(value) or callable(value):
+        return ""
+    return _not("a finite number, a UFL expression or a callable", value)
+
+
+def coordinates(dimension: int) -> Kind:
+    """Return the kind of points in the plane or in space.
+
+    Args:
+        dimension: The number of coordinates.
+    """
+
+    def kind(value: Any) -> str:
+        good = isinstance(value, tuple | list | np.ndarray) and len(value) == dimension
+        good = good and all(_is_number(coordinate) for coordinate in value)
+        return "" if good else _not(f"{dimension} finite coordinates", value)
+
+    return kind
+
+
+def ball(dimension: int) -> Kind:
+    """Return the kind of pairs of a centre and a radius.
+
+    Args:
+        dimension: The number of coordinates.
+    """
+
+    def kind(value: Any) -> str:
+        if not (isinstance(value, tuple | list) and len(value) == 2):
+            return _not("a centre and a radius", value)
+        return coordinates(dimension)(value[0]) or positive(value[1])
+
+    return kind
+
+
+def indices(value: Any) -> str:
+    """The kind of arrays of indices."""
+    array = np.asarray(value)
+    integers = array.ndim == 1 and (not array.size or np.issubdtype(array.dtype, np.integer))
+    return "" if integers else "facets are given by an array of their indices"
+
+
+def positive(value: Any) -> str:
+    """The kind of finite positive numbers."""
+    return "" if _is_number(value) and value > 0.0 else _not("a positive number", value)
+
+
+def callable_(value: Any) -> str:
+    """The kind of functions of Python."""
+    return "" if callable(value) else _not("a function", value)
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return bool(number and math.isfinite(value))
+
+
+def _not(words: str, value: Any) -> str:
+    plain = isinstance(value, int | float | str | np.number)
+    return f"must be {words}, not {repr(value) if plain else type(value).__name__}"
+
+
+# Degrees beyond these are of no use, and their tables fill the memory.
+LARGEST_DEGREE = 8
+MESH = instance(mesh.Mesh, "a mesh")
+FUNCTION = instance(fem.Function, "a function")
+COMMUNICATOR = instance(MPI.Comm, "a communicator")
+TEXT = instance(str, "a text")
+TRUTH = instance(bool, "True or False")
