@@ -12,6 +12,9 @@ On the command line `-v` tells more, and `-q` tells warnings only.
 import logging
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Timer
 
 from mpi4py import MPI
 
@@ -19,6 +22,25 @@ log = logging.getLogger("dolfinx_signorini")
 log.addFilter(lambda record: MPI.COMM_WORLD.rank == 0)
 
 PATIENCE = 2.0  # seconds of silence after which a job tells how far it is
+
+
+@contextmanager
+def telling(what: str) -> Iterator[None]:
+    """Tell what is being done when that takes longer than `PATIENCE`, and in the end how long.
+
+    Args:
+        what: What is being done, in words.
+    """
+    began = time.perf_counter()
+    timer = Timer(PATIENCE, log.info, [f"{what} ..."])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+    seconds = time.perf_counter() - began
+    log.log(logging.INFO if seconds > PATIENCE else logging.DEBUG, f"{what}: {seconds:.1f} s")
 
 
 def listen(level: int) -> logging.Handler:

@@ -2,13 +2,15 @@
 
 import csv
 import json
+import logging
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini import __version__
+from dolfinx_signorini import __version__, logs
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.options import completion
 from dolfinx_signorini.commands.sweep import draw_sweep
@@ -132,3 +134,15 @@ def test_quiet_and_verbose(scene, capsys, option, told):
     assert "force of contact" in said.out
     assert all(word in said.err for word in told)
     assert bool(said.err) == bool(told)
+
+
+def test_what_takes_long_is_told_while_it_lasts_and_in_the_end(monkeypatch, caplog, serial):
+    with caplog.at_level(logging.INFO, logger="dolfinx_signorini"):
+        with logs.telling("a short step"):
+            pass
+        assert not caplog.records
+        monkeypatch.setattr(logs, "PATIENCE", 0.02)
+        with logs.telling("a long step"):
+            time.sleep(0.2)
+            assert [record.getMessage() for record in caplog.records] == ["a long step ..."]
+    assert caplog.records[1].getMessage().startswith("a long step: 0.")

@@ -124,7 +124,8 @@ def _with_facets(pair: Any) -> str:
     """The kind of pairs of data and facets."""
     if not (isinstance(pair, tuple | list) and len(pair) == 2):
         return "must have pairs of data and facets"
-    return indices(pair[1]) or optional(data)(pair[0])
+    given = "" if isinstance(pair[0], FacetPolynomials) else optional(data)(pair[0])
+    return indices(pair[1]) or given
 
 
 def polynomial_degree(data: "Data | FacetPolynomials | None") -> int | None:

@@ -5,6 +5,7 @@ import argparse
 from mpi4py import MPI
 
 from dolfinx_signorini.commands.options import add_scene
+from dolfinx_signorini.logs import telling
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
     check_norms,
@@ -32,16 +33,20 @@ def run(args: argparse.Namespace) -> int:
         InputError: The scene is refused.
     """
     comm = MPI.COMM_WORLD
-    scene = load_scene(args.scene, comm, args.overrides)
+    with telling("reading the scene"):
+        scene = load_scene(args.scene, comm, args.overrides)
     with naming_the_file(args.scene, scene):
-        posed = pose(scene.levels()[0], comm)
+        with telling("coarsest mesh and its matrix"):
+            posed = pose(scene.levels()[0], comm)
         try:
-            expectation = expect(scene, posed.sided)
+            with telling("orders to expect"):
+                expectation = expect(scene, posed.sided)
             if scene.accuracy is not None:
                 check_norms([scene.norm], expectation, "norm")
             if scene.solution is not None:
                 check_norms(scene.norms, expectation, "norms")
-            check_solution(posed, scene.norms)
+            with telling("values of the solution"):
+                check_solution(posed, scene.norms)
         finally:
             posed.problem.destroy()
     if comm.rank == 0:
