@@ -10,7 +10,6 @@ from pathlib import Path
 import gmsh
 import ufl
 from dolfinx import fem
-from dolfinx.io import gmshio
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
@@ -21,8 +20,7 @@ comm = MPI.COMM_WORLD
 # ## The mesh
 #
 # Each side is a physical group: a number, with which DOLFINx tags the facets. The model lives on
-# rank 0, and `model_to_mesh` hands the mesh out to all ranks. (From DOLFINx 0.10 on its module is
-# called `dolfinx.io.gmsh`, and it returns an object with `mesh` and `facet_tags`.)
+# rank 0, and `ds.gmsh_mesh` hands the mesh out to all ranks.
 
 # %%
 GROUND, TOP, PLATE = 1, 2, 10
@@ -39,7 +37,7 @@ if comm.rank == 0:
     gmsh.model.addPhysicalGroup(2, [s for _, s in gmsh.model.getEntities(2)], PLATE)
     gmsh.option.setNumber("Mesh.MeshSizeMax", 0.06)
     gmsh.model.mesh.generate(2)
-mesh, _, tags = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=2)
+mesh, tags = ds.gmsh_mesh(gmsh.model, comm, 2)
 gmsh.finalize()
 
 # %% [markdown]

@@ -13,7 +13,7 @@ from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, gmsh_mesh
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
@@ -54,6 +54,7 @@ __all__ = [
     "energy_bound",
     "error_norms",
     "friedrichs_keller",
+    "gmsh_mesh",
     "interpolated",
     "load_scene",
     "manufacture",

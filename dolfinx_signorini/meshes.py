@@ -42,6 +42,29 @@ class SidedMesh:
         return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
+def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
+    """Return the mesh of a gmsh model, with the physical groups of its boundary as facet tags.
+
+    The call is the same for all versions of DOLFINx; `dolfinx.io.gmshio` has other names and
+    results from 0.10 on.
+
+    Args:
+        model: `gmsh.model`, with a mesh on rank 0.
+        comm: The communicator that shares the mesh; the call is collective.
+        dimension: The dimension of space, 2 or 3.
+
+    Raises:
+        InputError: An argument is of another kind.
+    """
+    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
+    check(
+        model=(model, lambda _: words),
+        comm=(comm, COMMUNICATOR),
+        dimension=(dimension, integer(2, 3)),
+    )
+    return compat.gmsh_mesh(model, comm, dimension)
+
+
 def _sides_of(domain: mesh.Mesh) -> Kind:
     """Return the kind of mappings from names to facets of a mesh."""
 
