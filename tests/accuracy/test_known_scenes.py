@@ -1,5 +1,6 @@
 """The promise of an accuracy, on scenes whose solutions the adaptive loop is not told."""
 
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,18 @@ REQUESTS = [
     for norm, accuracies in known.accuracies.items()
     for accuracy in accuracies
 ]
+# One norm for each scene, in turn; the slow test has all of them.
 QUICK = [
-    (name, norm, known.accuracies[norm][1])
-    for name, known in SCENES.items()
-    for norm in ("Linf", "H1")
-    if name not in ("layer", "jump of the diffusion", "edge of a cube")
+    (name, norm, SCENES[name].accuracies[norm][1])
+    for name, norm in zip(
+        [
+            name
+            for name in SCENES
+            if name not in ("layer", "jump of the diffusion", "edge of a cube")
+        ],
+        cycle(("Linf", "H1")),
+        strict=False,
+    )
 ]
 
 
