@@ -167,7 +167,7 @@ TABLE = {
             "began": None,
         },
         lambda t: {
-            "pose": (None, t.problem, lambda sided: None, lambda sided: t.problem.u),
+            "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
             "sided": (None, t.mesh, {"floor": t.facets}),
             "norm": (None, 2, "junk", "L0.5", lambda u: u),
             "accuracy": ("1", 0.0, -1.0, NAN, True),

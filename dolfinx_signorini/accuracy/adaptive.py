@@ -126,6 +126,13 @@ class AdaptiveSolution:
         return self.steps[-1].seconds
 
 
+def _poses(value: Any) -> str:
+    """The kind of what poses problems: a function, or functions by degree."""
+    if isinstance(value, Mapping):
+        return next(filter(None, map(callable_, value.values())), "" if value else "is empty")
+    return callable_(value)
+
+
 def solve_adaptively(
     pose: Pose | Mapping[int, Pose],
     sided: SidedMesh,
@@ -163,7 +170,7 @@ def solve_adaptively(
     if accuracy is None and budget is None:
         raise InputError("give an accuracy or a budget", "accuracy")
     check(
-        pose=(pose, callable_),
+        pose=(pose, _poses),
         sided=(sided, instance(SidedMesh, "a SidedMesh")),
         accuracy=(accuracy, optional(positive)),
         budget=(budget, optional(positive)),
