@@ -41,7 +41,7 @@ def parse_norm(name: str) -> Norm:
     H1_2_boundary_spectral for the norm itself.
 
     Raises:
-        ValueError: The name is unknown or p is smaller than 1.
+        InputError: The name is unknown or p is smaller than 1.
     """
     if name in ("H1_2_boundary", "H1_2_boundary_spectral"):
         return Norm(0.5, 2.0, boundary=True, spectral=name.endswith("spectral"))
@@ -51,12 +51,13 @@ def parse_norm(name: str) -> Norm:
             raise ValueError
         p = 2.0 if match[3] else float(match[2])
     except ValueError:
-        raise ValueError(
+        message = (
             f"unknown norm {name!r}; known are Lp and W1_p with 1 <= p <= inf (L4, Linf, W1_16, "
             "W1_inf), H1, each with or without _boundary, H1_2_boundary, H1_2_boundary_spectral"
-        ) from None
+        )
+        raise InputError(message, "norm") from None
     if not p >= 1.0:
-        raise ValueError(f"norm {name!r}: p must be at least 1")
+        raise InputError(f"{name!r}: p must be at least 1", "norm")
     return Norm(0.0 if match[1] == "L" else 1.0, p, boundary=match[4] is not None)
 
 
@@ -74,6 +75,6 @@ def listed_norms(text: str, others: Collection[str] = ()) -> tuple[str, ...]:
     for name in [name for name in names if name not in others]:
         try:
             parse_norm(name)
-        except ValueError as error:
-            raise InputError(str(error), "--norms") from None
+        except InputError as error:
+            raise InputError(error.message, "--norms") from None
     return names

@@ -11,12 +11,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
-<<<<<<< HEAD
-from dolfinx_signorini.norm_names import parse_norm
-=======
 from dolfinx_signorini.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
-from dolfinx_signorini.norms import parse_norm
->>>>>>> dd8f0b8 (Every public function refuses arguments of the wrong kind by name; a table of them in the tests)
+from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.scenes.conditions import CONDITIONS, read_conditions
 from dolfinx_signorini.scenes.domains import read_domain
 from dolfinx_signorini.scenes.formulas import CONSTANTS, COORDINATES, FUNCTIONS
