@@ -118,15 +118,15 @@ def discrete(u: fem.Function) -> Reference:
     return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
 
 
-def carried(u: fem.Function, domain: mesh.Mesh) -> Reference:
+def carried(u: fem.Function, domain: mesh.Mesh, degree: int = CARRIED_DEGREE) -> Reference:
     """Return a function on another mesh as a reference.
 
-    On each cell of the mesh the function and its gradient are interpolated by polynomials of
-    degree 4.
+    On each cell of the mesh the function and its gradient are interpolated by polynomials.
 
     Args:
         u: The function, much more accurate than what is to be measured.
         domain: The mesh to carry the function to.
+        degree: The degree of these polynomials.
     """
     source = u.function_space
     dim = source.mesh.geometry.dim
@@ -134,7 +134,7 @@ def carried(u: fem.Function, domain: mesh.Mesh) -> Reference:
     cells = owned_cells(domain)
     targets = []
     for function, shape in ((u, ()), (interpolant(slopes, ufl.grad(u)), (dim,))):
-        space = fem.functionspace(domain, ("DG", CARRIED_DEGREE, shape))
+        space = fem.functionspace(domain, ("DG", degree, shape))
         data = fem.create_interpolation_data(space, function.function_space, cells, padding=PADDING)
         target = fem.Function(space)
         target.interpolate_nonmatching(function, cells, data)

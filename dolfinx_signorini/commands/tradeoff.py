@@ -1,7 +1,7 @@
 """The job `tradeoff`: what accuracy costs, measured on a grid of configurations."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -14,9 +14,10 @@ from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
+from dolfinx_signorini.tradeoff.comparing import Row, accuracies, compared
 from dolfinx_signorini.tradeoff.family import Family, scene_family
-from dolfinx_signorini.tradeoff.grid import finer_configuration, grid
-from dolfinx_signorini.tradeoff.measuring import is_known, measure_grid
+from dolfinx_signorini.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
+from dolfinx_signorini.tradeoff.measuring import Meter, is_known
 from dolfinx_signorini.tradeoff.page import write_page
 from dolfinx_signorini.tradeoff.results import result_files, write_results
 
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
     items = grid(args.max_unknowns, family.dimension, sweeps=paper)
     if not items:
         raise InputError(f"no mesh has as few as {args.max_unknowns}", "--max-unknowns")
-    reference = None if paper or is_known(comm, family) else finer_configuration(items)
+    known = paper or is_known(comm, family)
+    reference = None if known else finer_configuration(args.max_unknowns, family.dimension)
     settings = {
         "scene": "paper" if scene is None else scene.text,
         "norms": norms,
@@ -83,8 +85,11 @@ def run(args: argparse.Namespace) -> int:
         "reference": "exact" if reference is None else str(reference),
     }
     check_outputs(comm, args.out, result_files(norms))
-    records = Records(comm, args.out / ROWS, settings)
-    rows = measure_grid(records, make_family, items, norms, args.repeats, reference)
+    records = Records(comm, args.out / ROWS, settings, keys=("mesh", "degree", "purpose", "ranks"))
+    meter = Meter(records, make_family, norms, args.repeats, reference)
+    rows = meter.measured(items)
+    rows += _adapted(meter, rows, args.max_unknowns, family.dimension)
+    meter.destroy()
     tables = on_first(comm, args.out, lambda: write_results(args.out, rows, settings))
     if comm.rank == 0:
         print(tables, end="", flush=True)
@@ -92,6 +97,18 @@ def run(args: argparse.Namespace) -> int:
         limit = args.max_unknowns
         on_first(comm, page.parent, lambda: write_page(page, records.rows, limit))
     return 0
+
+
+def _adapted(meter: Meter, rows: Sequence[Row], max_unknowns: int, dimension: int) -> list[Row]:
+    """Measure the adaptive loop, asked for the accuracies that other rows reach."""
+    return [
+        row
+        for norm in meter.norms
+        for kind in adapted_kinds(max_unknowns, dimension)
+        for row in meter.climbed(
+            ladder(kind, norm, accuracies(compared(rows, norm), norm), max_unknowns, dimension)
+        )
+    ]
 
 
 def _norms(args: argparse.Namespace) -> list[str]:

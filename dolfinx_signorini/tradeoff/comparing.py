@@ -1,6 +1,8 @@
 """Measured rows compared: the Pareto front, and the cheapest configuration for an error."""
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 from dolfinx_signorini.tables import text_table
@@ -12,12 +14,31 @@ Row = Mapping[str, Any]
 
 def kind_of(row: Row) -> Kind:
     """Return the kind of mesh and elements of a row."""
-    return Kind(row["graded"], row["degree"])
+    return Kind(row["mesh"], row["degree"])
 
 
 def describe(row: Row) -> str:
     """Return the configuration of a row in words."""
-    return str(Configuration(kind_of(row), row["n"]))
+    own = {field.name: row[field.name] for field in fields(Configuration) if field.name != "kind"}
+    return str(Configuration(kind_of(row), **own))
+
+
+def compared(rows: Sequence[Row], norm: str, ranks: int | None = None) -> list[Row]:
+    """Return the rows that are compared in a norm: no sweeps, no meshes adapted for other norms.
+
+    Args:
+        rows: All rows.
+        norm: The norm of the error.
+        ranks: The number of ranks; None for all.
+    """
+    return [
+        row
+        for row in rows
+        if row["purpose"] == "main"
+        and row["norm"] in (None, norm)
+        and ranks in (None, row["ranks"])
+        and not (row["accuracy"] and row["estimate"] > row["accuracy"])
+    ]
 
 
 def is_baseline(row: Row) -> bool:
@@ -25,11 +46,16 @@ def is_baseline(row: Row) -> bool:
     return kind_of(row) == UNIFORM_P1 and row["method"] == "cascade"
 
 
+def finest(rows: Sequence[Row]) -> Row:
+    """Return the row of the finest uniform P1 mesh."""
+    return max((row for row in rows if is_baseline(row)), key=lambda row: row["n"])
+
+
 def pareto_front(rows: Sequence[Row], norm: str, cost: str = "total") -> list[Row]:
     """Return the rows that no other row beats in both error and cost, cheapest first.
 
     Args:
-        rows: Rows of the main grid.
+        rows: Rows that are compared in the norm.
         norm: The norm of the error.
         cost: The entry of a row that is its cost, "total" for seconds or "unknowns".
     """
@@ -44,7 +70,7 @@ def cheapest(rows: Sequence[Row], norm: str, target: float) -> Row | None:
     """Return the row that reaches an error in the fewest seconds, or None.
 
     Args:
-        rows: Rows of the main grid.
+        rows: Rows that are compared in the norm.
         norm: The norm of the error.
         target: The largest error allowed, in the unit of the norm.
     """
@@ -56,24 +82,49 @@ def targets(rows: Sequence[Row], norm: str) -> list[float]:
     """Return errors to compare rows at, decreasing: powers of ten, and the best of uniform P1.
 
     Args:
-        rows: Rows of the main grid.
+        rows: Rows that are compared in the norm.
         norm: The norm of the error.
     """
+    return sorted({*_powers(rows, norm), *_best(rows, norm)}, reverse=True)
+
+
+def accuracies(rows: Sequence[Row], norm: str) -> list[float]:
+    """Return the errors to ask the adaptive loop for, decreasing.
+
+    These are the targets of other rows, that of uniform P1 with two digits and never larger, and
+    the next power of ten, which no other row has reached.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+    """
+    smallest = math.ceil(math.log10(min(row["errors"][norm] for row in rows))) - 1
+    rounded = [float(f"{0.95 * error:.1e}") for error in _best(rows, norm)]
+    return sorted({*_powers(rows, norm), *rounded, float(f"1e{smallest}")}, reverse=True)
+
+
+def _powers(rows: Sequence[Row], norm: str) -> list[float]:
+    """The powers of ten between the largest error and the smallest."""
     errors = [row["errors"][norm] for row in rows]
-    powers = [10.0**k for k in range(3, -13, -1) if min(errors) <= 10.0**k <= max(errors)]
-    baseline = [row["errors"][norm] for row in rows if is_baseline(row)]
-    return sorted({*powers, *([min(baseline)] if baseline else [])}, reverse=True)
+    powers = [float(f"1e{k}") for k in range(3, -13, -1)]
+    return [power for power in powers if min(errors) <= power <= max(errors)]
+
+
+def _best(rows: Sequence[Row], norm: str) -> list[float]:
+    """The smallest error of uniform P1, where there is one."""
+    errors = [row["errors"][norm] for row in rows if is_baseline(row)]
+    return [min(errors)] if errors else []
 
 
 def target_table(rows: Sequence[Row], norm: str) -> str:
     """Return a table of the cheapest configuration for each error, beside uniform P1.
 
     Args:
-        rows: Rows of the main grid.
+        rows: Rows that are compared in the norm.
         norm: The norm of the error.
     """
     baseline = [row for row in rows if is_baseline(row)]
-    best = min((row["errors"][norm] for row in baseline), default=float("nan"))
+    best = _best(rows, norm)
     lines = []
     for target in targets(rows, norm):
         row, base = cheapest(rows, norm, target), cheapest(baseline, norm, target)
@@ -83,7 +134,7 @@ def target_table(rows: Sequence[Row], norm: str) -> str:
         if base is not None:
             ratio = f"{base['total'] / row['total']:.1f}"
             against = (describe(base), f"{base['total']:.3g}", ratio)
-        mark = "*" if target == best else ""
+        mark = "*" if target in best else ""
         own = (describe(row), str(row["unknowns"]), f"{row['total']:.3g}")
         lines.append((f"{target:.3e}{mark}", *own, *against))
     columns = ("at most", "the cheapest", "unknowns", "seconds", "against", "seconds", "times")

@@ -1,31 +1,35 @@
-"""Kinds of discretisation, between which searches and comparisons choose."""
+"""Kinds of discretisation whose speed and accuracy are compared."""
 
 from dataclasses import dataclass
+
+from dolfinx_signorini.elements import HIGHEST_DEGREE
+
+MESHES = ("uniform", "graded", "adapted")
 
 
 @dataclass(frozen=True)
 class Kind:
     """A kind of mesh together with the degree of the elements:
 
-        print(Kind(graded=True, degree=2))  # graded P2
+        print(Kind("graded", 2))  # graded P2
 
     Attributes:
-        graded: Whether the cells are small at the detachment points, which solutions on coarser
-            meshes find; otherwise the mesh is uniform.
+        mesh: "uniform"; "graded", with small cells at the detachment points, which solutions on
+            coarser meshes find; or "adapted" by the adaptive loop.
         degree: Polynomial degree of the elements.
     """
 
-    graded: bool
+    mesh: str
     degree: int
 
     def __str__(self) -> str:
-        return f"{'graded' if self.graded else 'uniform'} P{self.degree}"
+        return f"{self.mesh} P{self.degree}"
 
     def suits(self, dimension: int) -> bool:
         """Return whether there are such meshes: graded ones exist in the plane only."""
-        return dimension == 2 or not self.graded
+        return dimension == 2 or self.mesh != "graded"
 
 
-UNIFORM_P1, UNIFORM_P2 = Kind(False, 1), Kind(False, 2)
-GRADED_P1, GRADED_P2 = Kind(True, 1), Kind(True, 2)
-KINDS = (UNIFORM_P1, UNIFORM_P2, GRADED_P1, GRADED_P2)
+KINDS = tuple(Kind(mesh, degree) for mesh in MESHES for degree in range(1, HIGHEST_DEGREE + 1))
+UNIFORM_P1, UNIFORM_P2 = Kind("uniform", 1), Kind("uniform", 2)
+GRADED_P2, GRADED_P4 = Kind("graded", 2), Kind("graded", 4)

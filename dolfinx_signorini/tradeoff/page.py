@@ -1,4 +1,4 @@
-"""The page on speed against accuracy: ten rules, each with the figures measured for it."""
+"""The page on speed against accuracy: rules, each with the figures measured for it."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -12,28 +12,28 @@ from dolfinx_signorini.orders import DETACHMENT_EXPONENT, SMOOTH, approximation_
 from dolfinx_signorini.records import versions, write_file
 from dolfinx_signorini.tables import markdown_table
 from dolfinx_signorini.tradeoff import plots
-from dolfinx_signorini.tradeoff.comparing import Row, kind_of
+from dolfinx_signorini.tradeoff.comparing import Row, compared, kind_of
+from dolfinx_signorini.tradeoff.grid import ADAPTED
 from dolfinx_signorini.tradeoff.kinds import KINDS
+from dolfinx_signorini.tradeoff.measuring import ENOUGH
 from dolfinx_signorini.tradeoff.rules import NORMS, RULES, shown, sweep
 
-P2 = [
-    "## What P2 guarantees",
+BERNSTEIN = [
+    "## What the Bernstein basis guarantees",
     "",
-    "P2 elements are in the Bernstein basis: on an edge the gap is a (1 - t)^2 + 2 c t (1 - t) + "
-    "b t^2 with coefficients a, c, b that are not negative, and so is the gap at every point. Each "
-    "coefficient has a bound of its own, as TAO needs it. The condition is sufficient: the gap of "
-    "degree 2 is not negative as soon as c >= -sqrt(a b). Nodal elements would hold the constraint "
-    "at vertices and midpoints only.",
+    "The elements are in the Bernstein basis: on an edge the gap is a sum of non-negative "
+    "functions with coefficients that are not negative, and so the gap is not negative at any "
+    "point. Each coefficient has a bound of its own, as TAO needs it. The condition is sufficient: "
+    "the gap a (1 - t)^2 + 2 c t (1 - t) + b t^2 of degree 2 is not negative as soon as "
+    "c >= -sqrt(a b). Nodal elements would hold the constraint at their nodes only.",
     "",
 ]
-
-
 POSITION = (
-    "Graded meshes have the full orders, because the detachment point is known much better than to "
-    "an edge: the gap behind it, to the power 2/3, is smooth, and its zero is extrapolated from "
-    "dofs where the discrete gap is accurate. In W1_inf a single cell decides, and cells are "
-    "halved, not scaled: the error jumps by up to 30 % from one N to the next, so that an order "
-    "over few meshes may come out 0.2 lower or higher."
+    "On adapted meshes the width is the number of unknowns to the power -1/2. Graded meshes have "
+    "the full orders as far as the detachment point is known: the gap behind it, to the power 2/3, "
+    "is smooth, and its zero is extrapolated from places where the discrete gap is accurate. In "
+    "W1_inf a single cell decides, and cells are halved, not scaled: the error jumps from one N to "
+    "the next. Orders of degrees 3 and 4 over few meshes say little more than that they are higher."
 )
 
 
@@ -59,12 +59,11 @@ def write_page(path: Path, rows: Sequence[Row], max_unknowns: int) -> None:
     folder = path.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     serial = [row for row in rows if row["ranks"] == 1]
-    main = [row for row in serial if row["purpose"] == "main"]
-    lines = _introduction(max_unknowns, max(row["repeats"] for row in main))
+    lines = _introduction(max_unknowns, max(row["repeats"] for row in serial))
     for number, (title, text) in enumerate(rules, start=1):
         lines += [f"## {number}. {title}", "", text, ""]
-    lines += [*_orders(main), *P2, "## The diagrams", ""]
-    for name, text, figure in _diagrams(main, serial):
+    lines += [*_orders(serial), *BERNSTEIN, "## The diagrams", ""]
+    for name, text, figure in _diagrams(serial):
         plotting.save(figure, folder / name)
         lines += [f"![{text}]({folder.name}/{name}.png)", ""]
     write_file(path, "\n".join(lines))
@@ -82,40 +81,48 @@ def _introduction(max_unknowns: int, repeats: int) -> list[str]:
         f"    dolfinx-signorini tradeoff --max-unknowns {max_unknowns} --page docs/tradeoff.md",
         "",
         "The problem is the paper's. Seconds are wall-clock seconds of everything from nothing to "
-        f"the solution: coarse levels, mesh, assembly and solve, the median of {repeats} repeats. "
+        "the solution: coarse levels, or all steps of the adaptive loop, mesh, assembly and solve; "
+        f"the median of {repeats} repeats of what takes less than {ENOUGH:g} s together. "
         "Compilation of the forms, once per form and machine, is left out. Graded meshes do not "
-        "know the detachment point: the coarse levels find it. Uniform P1 means the paper's meshes "
-        "with the cascade. All figures, tables and diagrams of this page are from the two commands "
-        "above.",
+        "know the detachment point: the coarse levels find it. Adapted meshes are made for one "
+        f"norm and accuracy each, with at most {ADAPTED} unknowns. Uniform P1 means the paper's "
+        "meshes with the cascade. Sup norms are maxima. All figures, tables and diagrams of this "
+        "page are from the two commands above.",
         "",
     ]
 
 
-def _orders(main: Sequence[Row]) -> list[str]:
+def _orders(rows: Sequence[Row]) -> list[str]:
     """The orders by regression over the finer meshes beside what approximation allows."""
     lines = []
     for kind in KINDS:
-        own = [row for row in main if kind_of(row) == kind]
-        finer = sorted(own, key=lambda row: row["n"])[len(own) // 2 :]
-        widths = [1.0 / row["n"] for row in finer]
+        adapted = kind.mesh == "adapted"
+        exponent = DETACHMENT_EXPONENT if kind.mesh == "uniform" else SMOOTH
         cells = []
         for norm in NORMS:
-            order = regression(widths, [row["errors"][norm] for row in finer])
-            exponent = SMOOTH if kind.graded else DETACHMENT_EXPONENT
-            allowed = approximation_order(norm, kind.degree, exponent)
-            cells.append(f"{order:.2f} ({allowed:g})")
-        lines.append((str(kind), f"{finer[0]['n']} to {finer[-1]['n']}", *cells))
-    table = markdown_table(("mesh and elements", "N", *NORMS), lines)
+            own = [row for row in compared(rows, norm) if kind_of(row) == kind]
+            own.sort(key=lambda row: row["unknowns"])
+            finer = own[len(own) // 2 :] if len(own) > 2 else own
+            widths = [row["unknowns"] ** -0.5 if adapted else 1.0 / row["n"] for row in finer]
+            errors = [row["errors"][norm] for row in finer]
+            order = f"{regression(widths, errors):.2f}" if len(errors) > 1 else "-"
+            cells.append(f"{order} ({approximation_order(norm, kind.degree, exponent):g})")
+        most = max(
+            row["unknowns"] for row in rows if row["purpose"] == "main" and kind_of(row) == kind
+        )
+        lines.append((str(kind), most, *cells))
+    table = markdown_table(("mesh and elements", "unknowns, at most", *NORMS), lines)
     return ["## Orders in h, measured (and allowed by approximation)", "", table, POSITION, ""]
 
 
-def _diagrams(main: Sequence[Row], serial: Sequence[Row]) -> Iterator[tuple[str, str, Figure]]:
+def _diagrams(rows: Sequence[Row]) -> Iterator[tuple[str, str, Figure]]:
     """Name, description and figure of each diagram."""
     for norm in NORMS:
         text = f"error in {norm} against seconds and unknowns"
-        yield f"work_precision_{norm}", text, plots.draw_work_precision(main, norm)
-    yield "tolerance", "algebraic error", plots.draw_tolerance(sweep(serial, "tolerance"), "L4")
-    yield "phases", "where the time goes", plots.draw_phases(shown(main))
+        figure = plots.draw_work_precision(compared(rows, norm), norm)
+        yield f"work_precision_{norm}", text, figure
+    yield "tolerance", "algebraic error", plots.draw_tolerance(sweep(rows, "tolerance"), "L4")
+    yield "phases", "where the time goes", plots.draw_phases(shown(rows))
 
 
 def _processor() -> str:

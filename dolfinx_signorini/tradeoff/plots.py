@@ -1,57 +1,60 @@
 """Work-precision diagrams."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front
-from dolfinx_signorini.tradeoff.kinds import KINDS
+from dolfinx_signorini.tradeoff.kinds import KINDS, MESHES, Kind
 
-STYLES = dict(zip(KINDS, zip("osD^", COLOURS, strict=False), strict=True))
+LINES = dict(zip(MESHES, (("o", "-"), ("s", "--"), ("^", ":")), strict=True))
+FRONT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 12}
+FRONT |= {"markerfacecolor": "none", "markeredgecolor": "0.45", "label": "Pareto front"}
 
 
 def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
     """Draw error against seconds and against unknowns, with a line per mesh and degree.
 
     Args:
-        rows: Rows of the main grid.
+        rows: Rows that are compared in the norm.
         norm: The norm of the error.
     """
-    figure, panels = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
+    figure, panels = plt.subplots(1, 2, figsize=(11, 6.2), sharey=True)
+    drawn: dict[Kind, Line2D] = {}
     for axes, cost, label in zip(
-        panels, ("total", "unknowns"), ("seconds, mesh to solution", "unknowns"), strict=True
+        panels, ("total", "unknowns"), ("seconds from nothing", "unknowns"), strict=True
     ):
-        for kind, (marker, colour) in STYLES.items():
-            line = sorted((row for row in rows if kind_of(row) == kind), key=lambda row: row["n"])
+        front = pareto_front(rows, norm, cost)
+        axes.loglog([row[cost] for row in front], [row["errors"][norm] for row in front], **FRONT)
+        for kind in KINDS:
+            line = [row for row in rows if kind_of(row) == kind]
+            line.sort(key=lambda row: (row["unknowns"], row["errors"][norm]))
+            marker, style = LINES[kind.mesh]
             if line:
-                axes.loglog(
+                (drawn[kind],) = axes.loglog(
                     [row[cost] for row in line],
                     [row["errors"][norm] for row in line],
+                    style,
                     marker=marker,
-                    color=colour,
-                    label=str(kind),
-                    markersize=5,
+                    color=COLOURS[kind.degree - 1],
+                    markersize=4.5,
                     linewidth=1.2,
                 )
-        front = pareto_front(rows, norm, cost)
-        axes.loglog(
-            [row[cost] for row in front],
-            [row["errors"][norm] for row in front],
-            linestyle="none",
-            marker="o",
-            markersize=12,
-            markerfacecolor="none",
-            markeredgecolor="0.45",
-            label="Pareto front",
-        )
         axes.set_xlabel(label)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel(f"error in {norm}")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.tight_layout(rect=(0, 0.08, 1, 1))
-    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False)
+    panels[0].legend(loc="lower left")
+    figure.tight_layout(rect=(0, 0.14, 1, 1))
+    # A column for each degree.
+    lines = sorted(drawn.items(), key=lambda item: (item[0].degree, KINDS.index(item[0])))
+    labels = [str(kind) for kind, _ in lines]
+    handles = [line for _, line in lines]
+    figure.legend(handles, labels, loc="lower center", ncols=HIGHEST_DEGREE, frameon=False)
     return figure
 
 

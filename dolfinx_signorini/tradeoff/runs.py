@@ -1,15 +1,17 @@
 """Configurations, and runs: solutions computed from nothing as a configuration says.
 
 A configuration names mesh, elements, method and tolerance. Its run comprises the coarse levels, the
-mesh, the assembly and the solve, each with its seconds.
+mesh, the assembly and the solve, each with its seconds; on adapted meshes the whole adaptive loop.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError
@@ -17,7 +19,7 @@ from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import grading_exponent
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.references import Reference, carried
+from dolfinx_signorini.references import CARRIED_DEGREE, Reference, carried
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
@@ -26,31 +28,42 @@ from dolfinx_signorini.tradeoff.family import Family, Posed
 from dolfinx_signorini.tradeoff.grading import graded_mesh, transferred_sides
 from dolfinx_signorini.tradeoff.kinds import Kind
 
-COARSEST = 8  # cells across on the coarsest level of a graded mesh, at least
+COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
 COARSE_RTOL = 1e-5  # tolerance of the coarse levels: enough for contact set and detachment points
 TIGHT = 1e-10  # tolerance of the solutions that algebraic errors are measured against
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """How a solution is computed:
+    """How a solution is computed; on adapted meshes, how accurate it is to be:
 
         Configuration(GRADED_P2, n=48, rtol=1e-6)
+        Configuration(Kind("adapted", 3), n=4, norm="L4", accuracy=1e-5)
 
     Attributes:
         kind: The kind of mesh and elements.
-        n: Cells across the domain, away from the detachment points.
-        method: See `SignoriniProblem.solve`.
+        n: Cells across the domain, away from the detachment points; on the first adapted mesh.
+        method: See `SignoriniProblem.solve`; the adaptive loop knows the cascade only.
         rtol: Relative natural residual; None for the default of the method.
+        norm: The norm of the error that the adaptive loop is asked for.
+        accuracy: The largest error allowed; None for as many unknowns as are allowed.
+        max_unknowns: The largest number of unknowns on adapted meshes.
     """
 
     kind: Kind
     n: int
     method: str = "cascade"
     rtol: float | None = None
+    norm: str | None = None
+    accuracy: float | None = None
+    max_unknowns: int | None = None
 
     def __str__(self) -> str:
-        return f"{self.kind}, N = {self.n}"
+        if self.norm is None:
+            return f"{self.kind}, N = {self.n}"
+        if self.accuracy is None:
+            return f"{self.kind} for {self.norm}, at most {self.max_unknowns} unknowns"
+        return f"{self.kind} for {self.norm} = {self.accuracy:.2g}"
 
 
 @dataclass(frozen=True)
@@ -65,13 +78,16 @@ class Run:
         posed: The problem on the mesh, solved.
         points: The detachment points that the mesh is graded towards.
         seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (to
-            look up the compiled forms and to find the contact dofs), "assembly" and "solve".
+            look up the compiled forms and to find the contact dofs), "assembly" and "solve". The
+            adaptive loop has no "mesh": its meshes and estimates belong to "coarse".
+        found: What the adaptive loop did; None on other meshes.
     """
 
     configuration: Configuration
     posed: Posed
     points: tuple[DetachmentPoint, ...]
     seconds: dict[str, float]
+    found: AdaptiveSolution | None = None
 
     @property
     def u(self) -> fem.Function:
@@ -111,7 +127,7 @@ def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
         dimension: The dimension of space.
     """
     n = configuration.n
-    if configuration.kind.graded:
+    if configuration.kind.mesh == "graded":
         half = max(n // 2, min(n, COARSEST // 2))
         return [*coarse_levels(half, coarsest=2 * COARSEST - 1, ratio=2), half]
     return coarse_levels(n, dimension) if configuration.method == "cascade" else []
@@ -131,26 +147,20 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
     """
     _check(family, configuration)
     clock, ascent = Phases(comm), _Ascent(comm, family, configuration.kind)
+    found: AdaptiveSolution | None = None
     with clock("all"):
-        problem = solve_cascade(
-            ascent.problem,
-            [*levels(configuration, family.dimension), configuration.n],
-            method=configuration.method,
-            rtol=configuration.rtol,
-            coarse_rtol=COARSE_RTOL,
-        )
-    assert problem.result is not None
-    own = sum(problem.result.seconds.values())
-    solve, forms = comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
-    last = ascent.phases
-    seconds = {
-        "coarse": clock.total - last.total - solve,
-        "mesh": last.seconds["mesh"],
-        "forms": forms,
-        "assembly": last.seconds["assembly"] - forms,
-        "solve": solve,
-    }
-    return Run(configuration, ascent.posed, tuple(ascent.points), seconds)
+        if configuration.kind.mesh == "adapted":
+            found = _adapted(ascent, configuration)
+        else:
+            solve_cascade(
+                ascent.problem,
+                [*levels(configuration, family.dimension), configuration.n],
+                method=configuration.method,
+                rtol=configuration.rtol,
+                coarse_rtol=COARSE_RTOL,
+            )
+    seconds = _phases(clock.total, ascent)
+    return Run(configuration, ascent.posed, tuple(ascent.points), seconds, found)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:
@@ -165,7 +175,8 @@ def exact_solution(run: Run, reference: Run | None) -> Reference:
         InputError: The exact solution is not known.
     """
     if reference is not None:
-        return carried(reference.u, run.u.function_space.mesh)
+        degree = max(CARRIED_DEGREE, run.configuration.kind.degree + 2)
+        return carried(reference.u, run.u.function_space.mesh, degree)
     if run.posed.exact is None:
         raise InputError("the solution is not known; errors need a reference", "solution")
     return run.posed.exact
@@ -195,6 +206,36 @@ def _check(family: Family, configuration: Configuration) -> None:
         raise InputError(f"unknown {configuration.method!r}", "method")
     if not configuration.kind.suits(family.dimension):
         raise InputError("only in the plane", "graded")
+    if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
+        raise InputError("for adapted meshes, and only for these", "norm")
+
+
+def _adapted(ascent: "_Ascent", configuration: Configuration) -> AdaptiveSolution:
+    """Solve on adapted meshes."""
+    c, make = configuration, ascent.family.make
+    assert c.norm is not None
+    return solve_adaptively(
+        ascent.on,
+        make(ascent.comm, c.n),
+        norm=c.norm,
+        accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
+        max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
+    )
+
+
+def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:
+    """The seconds of a run by phase."""
+    problem, last = ascent.posed.problem, ascent.phases
+    assert problem.result is not None
+    own = sum(problem.result.seconds.values())
+    solve, forms = ascent.comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
+    return {
+        "coarse": total - last.total - solve,
+        "mesh": last.seconds.get("mesh", 0.0),
+        "forms": forms,
+        "assembly": last.seconds["assembly"] - forms,
+        "solve": solve,
+    }
 
 
 class _Ascent:
@@ -215,11 +256,19 @@ class _Ascent:
 
     def problem(self, n: int, coarser: SignoriniProblem | None) -> SignoriniProblem:
         """The problem with n cells across; a coarser problem tells where to grade the mesh."""
-        if self.kind.graded and coarser is not None:
+        if self.kind.mesh == "graded" and coarser is not None:
             self.points = detachment_points(coarser)
         self.phases = Phases(self.comm)
         with self.phases("mesh"):
             sided = self._mesh(n)
+        return self._posed(sided)
+
+    def on(self, sided: SidedMesh) -> SignoriniProblem:
+        """The problem on a mesh."""
+        self.phases = Phases(self.comm)
+        return self._posed(sided)
+
+    def _posed(self, sided: SidedMesh) -> SignoriniProblem:
         with self.phases("assembly"):
             self.posed = self.family.pose(sided, self.kind.degree)
         return self.posed.problem

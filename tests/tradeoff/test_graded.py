@@ -225,7 +225,7 @@ def test_graded_meshes_have_the_full_orders(
     errors = []
     for n in sizes:
         run = solve_configuration(
-            comm, paper_family((0.47123, 0.0)), Configuration(Kind(True, degree), n)
+            comm, paper_family((0.47123, 0.0)), Configuration(Kind("graded", degree), n)
         )
         errors.append(error_norms(run.u, run.posed.exact, [norm])[norm])
         run.destroy()
