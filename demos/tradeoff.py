@@ -1,8 +1,7 @@
 # %% [markdown]
 # # How much accuracy does this much time buy?
 #
-# The paper's problem on uniform and graded meshes, with P1 and P2 elements, and the dial that
-# chooses between them.
+# The paper's problem on uniform, graded and adapted meshes, with elements of degrees 1 to 4.
 #
 # Run it with `python3 demos/tradeoff.py`, or on two processes with `mpirun -n 2`.
 
@@ -13,7 +12,7 @@ from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.report import found_lines, step_line
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import paper_family
-from dolfinx_signorini.tradeoff.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2
+from dolfinx_signorini.tradeoff.kinds import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2
 from dolfinx_signorini.tradeoff.runs import Configuration, levels, solve_configuration
 
 comm = MPI.COMM_WORLD
@@ -64,8 +63,9 @@ for n in (26, 52):
 # %%
 if comm.rank == 0:
     print("cells across on the coarse levels for N = 48:", levels(Configuration(GRADED_P2, 48)))
-for n in (24, 48):
-    show(Configuration(GRADED_P2, n))
+for kind in (GRADED_P2, GRADED_P4):
+    for n in (24, 48):
+        show(Configuration(kind, n))
 
 # %% [markdown]
 # ## One dial
