@@ -1,11 +1,11 @@
-"""What degree pays: the paper's scene in degrees 1 to 4, on uniform and on adapted meshes.
+"""What degree pays: the paper's scene in degrees 2 to 4 on adapted meshes.
 
-    ./with-dolfinx python3 benchmarks/high_order.py orders   # uniform meshes, and a picture
     ./with-dolfinx python3 benchmarks/high_order.py equal    # against P1 with N = 1001, in turn
     ./with-dolfinx python3 benchmarks/high_order.py reach    # how small errors can be made
 
 All times are from nothing to the solution, after a run that compiles the forms. True errors are
-those of the exact solution, which the adaptive loop is not told; sup norms are maxima.
+those of the exact solution, which the adaptive loop is not told; sup norms are maxima. Orders by
+degree and mesh, with diagrams: `dolfinx-signorini tradeoff`.
 """
 
 import argparse
@@ -13,9 +13,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-from common import RESULTS, write_json
-from matplotlib.figure import Figure
+from common import write_json
 from mpi4py import MPI
 
 from dolfinx_signorini import (
@@ -29,9 +27,7 @@ from dolfinx_signorini import (
     solve_adaptively,
     solve_cascade,
 )
-from dolfinx_signorini.palette import COLOURS
 from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.plotting import save
 from dolfinx_signorini.tables import text_table
 
 COMM = MPI.COMM_WORLD
@@ -40,8 +36,6 @@ N = 1001
 # Errors of uniform P1 with N = 1001; the largest error of the derivatives is the true maximum.
 EQUAL = {"L4": 6.0e-6, "Linf": 6.7e-5, "W1_4": 1.34e-2, "W1_inf": 0.344}
 REACH = {"L4": (1e-6, 1e-7, 1e-8, 1e-9), "Linf": (1e-6, 1e-7, 1e-8), "W1_inf": (1e-2, 1e-3)}
-ORDERS = ("L4", "W1_4")
-SIZES = {1: (32, 64, 128, 256), 2: (16, 32, 64, 128), 3: (10, 20, 40, 80), 4: (8, 16, 32, 64)}
 
 Solved = tuple[SignoriniProblem, ManufacturedSolution]
 
@@ -83,32 +77,6 @@ def timed(solve: Callable[[], Solved], norm: str) -> tuple[int, float, float]:
     return result
 
 
-def orders() -> list[list[object]]:
-    """Errors on uniform meshes by degree, and their slopes against unknowns."""
-    rows: list[list[object]] = []
-    figure = Figure(figsize=(8.4, 4.6), layout="constrained")
-    for axes, norm in zip(figure.subplots(1, 2), ORDERS, strict=True):
-        for degree, sizes in SIZES.items():
-            found = [timed(partial(uniform, degree, n), norm)[:2] for n in sizes]
-            unknowns, errors = np.array(found).T
-            slope = np.polyfit(np.log(unknowns[-2:]), np.log(errors[-2:]), 1)[0]
-            rows.append([norm, f"uniform P{degree}", int(unknowns[-1]), errors[-1], slope])
-            axes.loglog(unknowns, errors, "o-", color=COLOURS[degree], label=f"uniform P{degree}")
-            goals = errors[0] * np.array([0.3, 0.03, 0.003])
-            found = [timed(partial(adapted, degree, norm, e), norm)[:2] for e in goals]
-            unknowns, errors = np.array(found).T
-            slope = np.polyfit(np.log(unknowns), np.log(errors), 1)[0]
-            rows.append([norm, f"adapted P{degree}", int(unknowns[-1]), errors[-1], slope])
-            axes.loglog(unknowns, errors, "s--", color=COLOURS[degree], label=f"adapted P{degree}")
-        axes.set(xlabel="unknowns", ylabel=f"error in {norm}")
-        axes.grid(alpha=0.3)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    if COMM.rank == 0:
-        RESULTS.mkdir(exist_ok=True)
-        save(figure, RESULTS / "high_order.png")
-    return rows
-
-
 def equal() -> list[list[object]]:
     """Seconds for the errors of uniform P1 with N = 1001, beside its own."""
     rows: list[list[object]] = []
@@ -132,7 +100,6 @@ def reach() -> list[list[object]]:
 
 
 PARTS = {
-    "orders": (orders, ["norm", "kind", "unknowns", "error", "slope in unknowns"]),
     "equal": (
         equal,
         ["norm", "error of P1", "adapted", "unknowns", "true error", "s", "times as fast"],

@@ -5,11 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
+from dolfinx_signorini.orders import regression
 from dolfinx_signorini.tables import text_table
 from dolfinx_signorini.tradeoff.kinds import UNIFORM_P1, Kind
 from dolfinx_signorini.tradeoff.runs import Configuration
 
 Row = Mapping[str, Any]
+
+FEWEST = 4  # rows of which the slope is taken
 
 
 def kind_of(row: Row) -> Kind:
@@ -114,6 +117,26 @@ def _best(rows: Sequence[Row], norm: str) -> list[float]:
     """The smallest error of uniform P1, where there is one."""
     errors = [row["errors"][norm] for row in rows if is_baseline(row)]
     return [min(errors)] if errors else []
+
+
+def slope(rows: Sequence[Row], norm: str) -> float | None:
+    """Return s for an error like unknowns^-s, by regression over the finer half of some rows.
+
+    At least four rows count where there are as many.
+
+    Args:
+        rows: Rows of one kind that are compared in the norm.
+        norm: The norm of the error.
+
+    Returns:
+        s, which is the order in h over the dimension; None for less than two numbers of unknowns.
+    """
+    rows = sorted(rows, key=lambda row: row["unknowns"])
+    finer = rows[-max(FEWEST, (len(rows) + 1) // 2) :]
+    unknowns = [row["unknowns"] for row in finer]
+    if len(set(unknowns)) < 2:
+        return None
+    return -regression(unknowns, [row["errors"][norm] for row in finer])
 
 
 def target_table(rows: Sequence[Row], norm: str) -> str:

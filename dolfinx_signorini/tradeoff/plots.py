@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.palette import COLOURS, MARKERS
-from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front
+from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front, slope
 from dolfinx_signorini.tradeoff.kinds import KINDS, MESHES, Kind
 
 LINES = dict(zip(MESHES, (("o", "-"), ("s", "--"), ("^", ":")), strict=True))
@@ -24,7 +24,7 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
         rows: Rows that are compared in the norm.
         norm: The norm of the error.
     """
-    figure, panels = plt.subplots(1, 2, figsize=(11, 6.2), sharey=True)
+    figure, panels = plt.subplots(1, 2, figsize=(11, 6.4), sharey=True)
     drawn: dict[Kind, Line2D] = {}
     for axes, cost, label in zip(
         panels, ("total", "unknowns"), ("seconds from nothing", "unknowns"), strict=True
@@ -49,13 +49,24 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
         axes.grid(alpha=0.3)
     panels[0].set_ylabel(f"error in {norm}")
     panels[0].legend(loc="lower left")
-    figure.tight_layout(rect=(0, 0.14, 1, 1))
+    figure.tight_layout(rect=(0, 0.17, 1, 1))
     # A column for each degree.
     lines = sorted(drawn.items(), key=lambda item: (item[0].degree, KINDS.index(item[0])))
-    labels = [str(kind) for kind, _ in lines]
-    handles = [line for _, line in lines]
-    figure.legend(handles, labels, loc="lower center", ncols=HIGHEST_DEGREE, frameon=False)
+    figure.legend(
+        [line for _, line in lines],
+        [_label(kind, rows, norm) for kind, _ in lines],
+        title="mesh and elements: order in unknowns",
+        loc="lower center",
+        ncols=HIGHEST_DEGREE,
+        frameon=False,
+    )
     return figure
+
+
+def _label(kind: Kind, rows: Sequence[Row], norm: str) -> str:
+    """The kind with its order in unknowns."""
+    order = slope([row for row in rows if kind_of(row) == kind], norm)
+    return str(kind) if order is None else f"{kind}: {order:.2f}"
 
 
 def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Figure:

@@ -17,7 +17,8 @@ from dolfinx_signorini.tradeoff.kinds import GRADED_P2, GRADED_P4, MESHES, UNIFO
 
 NORMS = ("L4", "Linf", "W1_4", "W1_inf")
 DEGREES = range(1, HIGHEST_DEGREE + 1)
-SMALL = 0.01  # an error that does not count
+SMALL = 0.01  # of the error of the discretisation: does not count
+ROUGH = 0.05  # by so much a rule may change this error
 
 Rule = tuple[str, str]
 
@@ -165,7 +166,7 @@ def _quadrature(rows: Sequence[Row]) -> Rule:
         def excess(row: Row, best: Mapping[str, float] = best) -> float:
             return max(abs(row["errors"][norm] / best[norm] - 1.0) for norm in NORMS)
 
-        enough = next(row for row in line if excess(row) <= 0.1 * SMALL)
+        enough = next(row for row in line if excess(row) <= ROUGH)
         degrees.append(f"{enough['rule']} for P{enough['degree']}")
         seconds = [row["seconds"]["assembly"] for row in (enough, line[-1])]
         parts.append(

@@ -24,6 +24,7 @@ from dolfinx_signorini.tradeoff.comparing import (
     cheapest,
     compared,
     pareto_front,
+    slope,
     targets,
 )
 from dolfinx_signorini.tradeoff.grid import FIRST, Item, adapted_kinds, grid, ladder
@@ -79,6 +80,14 @@ def test_the_loop_is_asked_for_what_others_reach_and_for_a_digit_more() -> None:
     rows = [row(0.5, 1.0), row(0.0206, 2.0), row(0.003, 1.0, degree=2)]
     assert accuracies(rows, "L2") == [0.1, 0.02, 0.01, 0.001]
     assert accuracies([row(0.1, 1.0)], "L2") == [0.1, 0.095, 0.01]
+
+
+def test_the_slope_is_that_of_the_finer_rows() -> None:
+    rows = [row(n**-1.5, 1.0, unknowns=n) for n in (1000, 10, 100, 10_000)]
+    coarse = [row(7.0, 1.0, unknowns=n) for n in (2, 4, 6, 8)]
+    assert slope([*rows, *coarse], "L2") == pytest.approx(1.5)
+    assert slope(rows[:2], "L2") == pytest.approx(1.5)
+    assert slope(rows[:1], "L2") is None
 
 
 def test_rows_are_compared_in_the_norm_that_they_were_adapted_for() -> None:
