@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SMALL = 512  # bytes per rank: shorter calls are not shown
 LOGGED = {
     "MPI Msg Count": "messages",
-    "MPI Msg Len (bytes)": "bytes",
+    "MPI Msg Len (bytes)": "bytes per message",
     "MPI Reductions": "reductions",
 }
 NORMS = ["L4", "Linf", "W1_4", "W1_inf"]
@@ -130,7 +130,14 @@ def main() -> None:
             rows += table(part, ranks, *runs)
             print(f"{part} on {ranks} ranks", file=sys.stderr, flush=True)
     columns = ["part", "ranks", "what", "times", "unknowns", "", "unknowns", "", "order"]
-    report(MPI.COMM_WORLD, "messages", "bytes per rank", columns, rows, {"results": results})
+    report(
+        MPI.COMM_WORLD,
+        "messages",
+        "messages of PETSc, and bytes of the longest collective call",
+        columns,
+        rows,
+        {"results": results},
+    )
 
 
 def table(part: str, ranks: int, small: dict[str, Any], large: dict[str, Any]) -> list[list[Any]]:

@@ -27,6 +27,7 @@ SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or 
 SCREENED, MOST = 0.03, 2000
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
+THRESHOLDS, ROUNDING = 64, 1e-12  # that values are counted above; of the range of the values
 SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: that of an unbounded function
@@ -216,7 +217,21 @@ class Maxima:
 
 
 def _largest(comm: MPI.Comm, values: Array, limit: int) -> Rows:
-    """The rows of the values of this rank that are among the largest ones of all ranks."""
+    """The rows of the values of this rank that are among the largest ones of all ranks.
+
+    The ranks count values above some thresholds between the smallest and the largest value; none
+    needs the values of the others. Values that differ by rounding count as the same.
+    """
     rows = np.argsort(-values, kind="stable")[:limit]
-    everywhere = np.sort(np.concatenate(comm.allgather(values[rows])))
-    return rows[values[rows] >= everywhere[-limit:].min(initial=np.inf)]
+    own = np.sort(np.minimum(values[rows], np.finfo(float).max))
+    if not limit or comm.allreduce(len(own)) <= limit:
+        return rows
+    low = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
+    high = comm.allreduce(float(own.max(initial=-np.inf)), op=MPI.MAX)
+    rounding, enough = ROUNDING * (high - low), False
+    while high - low > rounding and not enough:  # at least `limit` values reach `low`
+        steps = np.linspace(low, high, THRESHOLDS)
+        counts = comm.allreduce(len(own) - np.searchsorted(own, steps))
+        k = int(np.flatnonzero(counts >= limit)[-1])
+        low, high, enough = steps[k], steps[min(k + 1, THRESHOLDS - 1)], counts[k] == limit
+    return rows[values[rows] >= low]

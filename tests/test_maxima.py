@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini import refinement
+from dolfinx_signorini.maxima import _largest
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
@@ -423,3 +424,20 @@ def test_rounding_moves_no_point_out_of_the_box_around_its_cell(comm):
         for x in Points(domain, owned_cells(domain), points).x:
             assert x.min(initial=0.0) >= 0.0
             assert x.max(initial=1.0) <= 1.0
+
+
+@pytest.mark.parametrize("limit", [0, 1, 30, 200])
+@pytest.mark.parametrize("spread", [0.0, 1.0, 9.0])
+def test_the_largest_values_of_all_ranks_are_found_without_gathering(limit, spread):
+    comm, draw = MPI.COMM_WORLD, np.random.default_rng(5)
+    everywhere = draw.standard_normal(400) * 10.0 ** (spread * draw.standard_normal(400))
+    everywhere[::7] = everywhere.min()  # several are the same
+    mine = np.flatnonzero(draw.integers(0, comm.size + 1, 400) == comm.rank)  # an uneven share
+    shared = np.sort(np.concatenate(comm.allgather(everywhere[mine])))
+    found = everywhere[mine[_largest(comm, everywhere[mine], limit)]]
+    found = np.sort(np.concatenate(comm.allgather(found)))
+    expected = shared[max(0, len(shared) - limit) :] if limit else shared[:0]
+    rounding = 1e-12 * float(np.ptp(shared))
+    if limit and len(shared) > limit:
+        assert found.min() >= expected.min() - rounding
+    assert (found[len(found) - len(expected) :] == expected).all()
