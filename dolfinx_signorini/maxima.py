@@ -27,7 +27,7 @@ SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or 
 SCREENED, MOST = 0.03, 2000
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
-THRESHOLDS, ROUNDING = 64, 1e-12  # that values are counted above; of the range of the values
+THRESHOLDS, ROUNDING = 64, 1e-12  # that values are counted above; of the largest value
 SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: that of an unbounded function
@@ -228,7 +228,7 @@ def _largest(comm: MPI.Comm, values: Array, limit: int) -> Rows:
         return rows
     low = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
     high = comm.allreduce(float(own.max(initial=-np.inf)), op=MPI.MAX)
-    rounding, enough = ROUNDING * (high - low), False
+    rounding, enough = ROUNDING * max(-low, high), False
     while high - low > rounding and not enough:  # at least `limit` values reach `low`
         steps = np.linspace(low, high, THRESHOLDS)
         counts = comm.allreduce(len(own) - np.searchsorted(own, steps))
