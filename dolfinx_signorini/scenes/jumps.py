@@ -42,13 +42,13 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
         of the degree.
     """
     smooth = formula.ufl(ufl.SpatialCoordinate(domain))
-    switches = list(_switches(formula.root, set()))
-    if not switches:
+    parts = switches(formula)
+    if not parts:
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = space.element.basix_element
-    cells, values = _Projection(formula, switches, domain, element, corners).coefficients()
+    cells, values = _Projection(formula, parts, domain, element, corners).coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
     marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
@@ -75,8 +75,8 @@ def integrable_on_facets(
         degree: The degree of the polynomials with which the formula is going to be integrated.
     """
     result = formula.ufl(ufl.SpatialCoordinate(domain))
-    switches = list(_switches(formula.root, set()))
-    if not switches:
+    parts = switches(formula)
+    if not parts:
         return result
     dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
     owned = facets < domain.topology.index_map(dimension - 1).size_local
@@ -85,7 +85,7 @@ def integrable_on_facets(
     corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
     kind = basix.cell.subentity_types(cell)[dimension - 1][0]
     element = basix.create_element(basix.ElementFamily.P, kind, degree)
-    found, values = _Projection(formula, switches, domain, element, corners).coefficients()
+    found, values = _Projection(formula, parts, domain, element, corners).coefficients()
     space = fem.functionspace(domain, ("DG", degree))
     marks = fem.functionspace(domain, ("DG", dimension))
     for local in range(len(vertices)):
@@ -235,11 +235,18 @@ class _Projection:
 
 def jumps(formula: Formula) -> bool:
     """Return whether a formula may jump or have a kink."""
-    return any(True for _ in _switches(formula.root, set()))
+    return bool(switches(formula))
+
+
+def switches(formula: Formula) -> list[Node]:
+    """Return the parts of a formula at whose zeros the formula may jump or have a kink.
+
+    What is inside of another part comes after that part.
+    """
+    return list(_switches(formula.root, set()))
 
 
 def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
-    """The parts of a formula at whose zeros the formula may jump or have a kink."""
     if id(node) in seen:
         return
     seen.add(id(node))

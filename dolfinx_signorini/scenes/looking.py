@@ -35,6 +35,7 @@ MASS = 0.1  # in all cells
 BULK = 0.3  # of the largest deviation of a cell: such cells are refined where the sum is too large
 HEIGHT = 0.05
 JUMP = 1.0 / 32.0  # of the domain: where the values of a datum jump, cells are not made smaller
+INWARD = 1e-9  # how far nodes on facets are moved into their cell: data may jump across the facet
 NOTABLE = 0.1  # what one piece may hide of the norm of a datum, and no note tells
 
 
@@ -196,6 +197,7 @@ class _Look:
     def _fit(self, cells: "_Cells", rows: npt.NDArray[np.int64]) -> None:
         """Find the deviations of samples from the interpolation of the datum on their cells."""
         samples, nodes = self.samples, np.asarray(self.element.points, dtype=np.float64)
+        nodes = nodes + INWARD * (nodes.mean(axis=0) - nodes)
         chosen, place = np.unique(samples.owners[rows], return_inverse=True)
         values = evaluated(self.datum.formula.root, inside(cells.corners[chosen], nodes)).T
         values = np.where(np.isfinite(values), values, 0.0)

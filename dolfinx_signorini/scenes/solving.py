@@ -34,6 +34,7 @@ from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
+from dolfinx_signorini.scenes.fitting import fitted_mesh
 from dolfinx_signorini.scenes.jumps import integrable
 from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
@@ -239,7 +240,10 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
-    return resolved_mesh(scene, scene.domain.make(comm), min(MOST_CELLS, max_unknowns // per_cell))
+    entries = [entry for row in scene.diffusion for entry in row]
+    sided = fitted_mesh(scene.domain.make(comm), entries)
+    resolved = resolved_mesh(scene, sided, min(MOST_CELLS, max_unknowns // per_cell))
+    return replace(resolved, sided=fitted_mesh(resolved.sided, entries))  # to narrow layers, too
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
