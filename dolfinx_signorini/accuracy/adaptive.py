@@ -47,6 +47,7 @@ CORRECTION = 5.0  # at most
 ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
 
 Pose = Callable[[SidedMesh], SignoriniProblem]
+Hidden = Callable[[SignoriniProblem, Target], Array]
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,8 @@ def solve_adaptively(
     max_unknowns: int = MAX_UNKNOWNS,
     on_step: Callable[[Step], None] = lambda step: None,
     began: float | None = None,
+    hidden: Hidden | None = None,
+    fit: Callable[[SidedMesh], None] = lambda sided: None,
 ) -> AdaptiveSolution:
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
@@ -158,6 +161,10 @@ def solve_adaptively(
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
         on_step: Is told of each step when the step has been done.
         began: When the seconds began, by `time.perf_counter`; now by default.
+        hidden: Returns for each owned cell what the data add to the error inside of the cell, which
+            no comparison of solutions shows; its arguments are the solved problem and what is to be
+            accurate.
+        fit: Moves vertices of a refined mesh onto what the mesh is to follow.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
@@ -184,6 +191,7 @@ def solve_adaptively(
         raise InputError("give a function that poses the problem", "pose")
     began = time.perf_counter() if began is None else began
     loop = _Loop(poses, sided, request, on_step, began)
+    loop.hidden, loop.fit = hidden, fit
     for problem in ascend(lambda level, _: loop.pose(level), loop.levels()):
         loop.problem = problem
     return AdaptiveSolution(
@@ -220,6 +228,8 @@ class _Loop:
     division: Refinement
     outlook: Outlook
     last: tuple[fem.Function, Indices, float]
+    hidden: Hidden | None
+    fit: Callable[[SidedMesh], None]
 
     def __init__(
         self,
@@ -303,7 +313,7 @@ class _Loop:
         whole = total(found.cells, power, self.comm)
         share = total(self.outlook.remaining, power, self.comm) / whole if whole > 0.0 else 1.0
         estimate = found.difference * share
-        estimate = self._with_misfits(estimate)
+        estimate = self._with_hidden(self._with_misfits(estimate))
         if self.rounds:
             u, parents, before = self.last
             cells = self.owners[self.division.parents]
@@ -332,6 +342,20 @@ class _Loop:
             remaining = joined(self.outlook.remaining, hidden, norm.p)
         self.outlook = replace(self.outlook, remaining=remaining)
         return float(joined(np.array(estimate), np.array(whole), norm.p))
+
+    def _with_hidden(self, estimate: float) -> float:
+        """Add to an estimate, and to the outlook, what the data hide inside of cells."""
+        if self.hidden is None:
+            return estimate
+        values = self.hidden(self.problem, self.request.target)
+        power, remaining = self.rates.power, self.outlook.remaining
+        hidden = collected(values, self.division.parents, len(remaining), power)
+        whole = total(remaining, power, self.comm)
+        if total(hidden, power, self.comm) == 0.0:
+            return estimate
+        remaining = np.maximum(remaining * (estimate / whole if whole > 0.0 else 1.0), hidden)
+        self.outlook = replace(self.outlook, remaining=remaining)
+        return max(estimate, total(remaining, power, self.comm))
 
     def _note(self) -> None:
         """Note the step."""
@@ -365,6 +389,7 @@ class _Loop:
             marks = mark(self.sided, self.outlook, goal, min(growth, GROWTH))
             divided = marks.apply(self.sided)
             self.predicted = marks.factor * estimate
+        self.fit(divided.sided)
         division = refined(divided.sided)
         if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"

@@ -25,6 +25,7 @@ NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
 SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
 BISECTIONS = 60  # of an edge: to the last digit
 ON = 1e-9  # of an edge: zeros that are nearer to a vertex are at the vertex
+THIN = 0.1  # of a cell: what a curve may cut off
 SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
 ROUNDING = 1e-7  # of the largest value in a cell
 FLAT = 1e-12  # of the boundary at a vertex
@@ -52,38 +53,51 @@ class Simplices:
 
 
 def fitted(whole: Simplices, node: Node) -> Simplices:
-    """Return a mesh in which a function does not change its sign inside cells.
+    """Return a mesh in which a function changes its sign along facets, and next to them if curved.
 
     Args:
         whole: The mesh.
         node: The root of the function's tree.
 
     Returns:
-        The mesh itself where the function changes its sign in no cell, and where the zeros are so
-        curved that no straight cells follow them.
+        The mesh itself where the function changes its sign in no cell, and where cells are so large
+        that the zeros are too curved for them.
     """
-    if not _crossed(whole, node).any():
+    if not depths(whole, node).any():
         return whole
     on = np.zeros(len(whole.x), dtype=bool)
     edges, places = _cuts(whole, node, on)
     moved, onto = _moved(whole, edges, places)
     on = (on & (moved.x == whole.x).all(axis=1)) | onto
     edges, places = _cuts(moved, node, on)
+    if not (onto.any() or len(edges)):
+        return whole
     result = _split(moved, edges, places)
     fixed = np.concatenate((moved.fixed | on, np.ones(len(edges), dtype=bool)))
-    return whole if _crossed(result, node).any() else replace(result, fixed=fixed)
+    thin = (depths(result, node) < THIN).all()
+    return replace(result, fixed=fixed) if thin else whole
 
 
-def _crossed(whole: Simplices, node: Node) -> Flags:
-    """Whether the function changes its sign inside of each cell."""
+def depths(whole: Simplices, node: Node) -> Array:
+    """Return how far a function changes its sign inside of each cell.
+
+    Args:
+        whole: The mesh.
+        node: The root of the function's tree.
+
+    Returns:
+        The largest value of the sign that is less strong, over the largest value; 0 where rounding
+        may have made this sign.
+    """
     kind = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}[whole.x.shape[1]]
-    lattice = np.asarray(
-        basix.create_lattice(kind, SAMPLES, basix.LatticeType.equispaced, exterior=True)
-    )
-    lattice += 1e-6 * (lattice.mean(axis=0) - lattice)  # signs on the facets are not known
+    kinds = basix.LatticeType.equispaced
+    lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
+    lattice = lattice + 1e-6 * (lattice.mean(axis=0) - lattice)  # signs on the facets are not known
     values = evaluated(node, inside(whole.x[whole.cells], lattice))
-    rounding = ROUNDING * np.abs(values).max(axis=0)
-    return np.asarray((values.min(axis=0) < -rounding) & (values.max(axis=0) > rounding))
+    low, high = -values.min(axis=0), values.max(axis=0)
+    with np.errstate(all="ignore"):
+        shares = np.minimum(low, high) / np.maximum(low, high)
+    return np.where(shares > ROUNDING, shares, 0.0)
 
 
 def _cuts(whole: Simplices, node: Node, on: Flags) -> tuple[Ids, Array]:

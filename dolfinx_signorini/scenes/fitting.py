@@ -15,31 +15,57 @@ import basix.ufl
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets
-from dolfinx_signorini.scenes.cutting import Simplices, fitted
-from dolfinx_signorini.scenes.formulas import Formula
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, owned_cells
+from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.scenes.cutting import THIN, Array, Flags, Ids, Simplices, depths, fitted
+from dolfinx_signorini.scenes.formulas import Formula, Node
 from dolfinx_signorini.scenes.jumps import switches
 from dolfinx_signorini.scenes.mesh_defects import all_cells
 
+ROUNDS = 8  # of refinements along curves
+CHILDREN = 6  # about how many cells the refinement of a cell adds
 
-def fitted_mesh(sided: SidedMesh, formulas: Sequence[Formula]) -> SidedMesh:
-    """Return a mesh in which formulas jump across facets only, where jumps are straight.
+
+def fitted_mesh(sided: SidedMesh, formulas: Sequence[Formula], max_cells: int) -> SidedMesh:
+    """Return a mesh in which formulas jump across facets only, or next to them along curves.
 
     Args:
         sided: The mesh with its sides; the call is collective.
         formulas: The formulas.
+        max_cells: The limit on the number of cells where the mesh is refined along curves.
 
     Returns:
-        The mesh itself where no straight jump crosses a cell. Jumps along curves stay inside cells.
+        The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
+        that the cells follow a curve, this curve is left inside of cells.
     """
-    nodes = [node for formula in formulas for node in switches(formula)]
-    if not nodes:
-        return sided
-    whole = before = _gathered(sided)
-    if whole is not None:
-        for node in reversed(nodes):  # what is inside of a formula comes first
-            whole = fitted(whole, node)
-    return _shared(sided, whole) if sided.mesh.comm.bcast(whole is not before) else sided
+    nodes = [node for formula in formulas for node in reversed(switches(formula))]
+    comm, best = sided.mesh.comm, sided
+    for attempt in range(ROUNDS if nodes else 0):
+        whole, marks = _fitted(_gathered(sided), nodes)
+        changed, marks = comm.bcast((whole is not None, marks))
+        if attempt == 0 or not marks.any():
+            best = _shared(sided, whole) if changed else sided
+        if not marks.any() or len(marks) + CHILDREN * marks.sum() > max_cells:
+            break
+        count = len(owned_cells(sided.mesh))
+        first = comm.exscan(count) or 0  # None on rank 0
+        mine = np.flatnonzero(marks[first : first + count])
+        sided = refined(sided, mine.astype(np.int32)).sided
+    return best
+
+
+def _fitted(gathered: Simplices | None, nodes: list[Node]) -> tuple[Simplices | None, Flags]:
+    """Fit a mesh on rank 0: the mesh, None if unchanged, and the cells too large for a curve."""
+    if gathered is None:
+        return None, np.empty(0, dtype=bool)
+    whole = gathered
+    for node in nodes:  # what is inside of a formula comes first
+        whole = fitted(whole, node)
+    failing = [node for node in nodes if (depths(whole, node) >= THIN).any()]
+    marks = np.zeros(len(gathered.cells), dtype=bool)
+    for node in failing:
+        marks |= depths(gathered, node) > 0.0
+    return (None if whole is gathered else whole), marks
 
 
 def _gathered(sided: SidedMesh) -> Simplices | None:
@@ -67,7 +93,8 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     """A mesh that is whole on rank 0 as a mesh that the ranks share."""
     domain, comm = sided.mesh, sided.mesh.comm
     dim = domain.topology.dim
-    x, cells = np.empty((0, dim)), np.empty((0, dim + 1), dtype=np.int64)
+    x: Array = np.empty((0, dim))
+    cells: Ids = np.empty((0, dim + 1), dtype=np.int64)
     if whole is not None:
         x, cells = whole.x, whole.cells
     element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))

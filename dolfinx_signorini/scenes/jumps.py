@@ -6,7 +6,7 @@ the same integrals with the basis functions. The integrals of the projection are
 cell, which are divided again and again where the formula is not smooth. The same goes for facets.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import basix
 import numpy as np
@@ -58,6 +58,28 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
     for function in (marks, projection):
         function.x.scatter_forward()
     return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
+
+
+def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tuple[Array, Indices]:
+    """Return pieces of the cells inside of which formulas jump or have a kink.
+
+    Args:
+        formulas: The formulas.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        degree: The degree of polynomials on the mesh; the pieces are small enough for them.
+
+    Returns:
+        The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
+        the reference cell and in space side by side, and the cells of the pieces.
+    """
+    parts = [node for formula in formulas for node in switches(formula)]
+    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    element = fem.functionspace(domain, ("DG", degree)).element.basix_element
+    projection = _Projection(formulas[0], parts, domain, element, corners)
+    cells = projection.candidates()
+    cells = cells[projection.broken(projection.whole[cells])]
+    found = list(projection.pieces(cells))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
 def integrable_on_facets(
@@ -148,14 +170,14 @@ class _Projection:
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
-        cells = self._candidates()
-        cells = cells[self._broken(self.whole[cells])]
+        cells = self.candidates()
+        cells = cells[self.broken(self.whole[cells])]
         coarse = self._moments(self.whole[cells], cells)
         finer = self._moments(*divided(self.whole[cells], cells))
         defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
         cells = cells[defect > SMOOTH * self._mean() * self.weights.sum()]
         moments = np.zeros_like(coarse)
-        for pieces, owners in self._pieces(cells):
+        for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)
         basis = self._basis(self.points)
         mass = basis.T @ (self.weights[:, None] * basis)
@@ -163,7 +185,7 @@ class _Projection:
         finite = np.isfinite(values).all(axis=1)
         return cells[finite], values[finite]
 
-    def _pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
+    def pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
         """Divide cells into pieces in which the formula is smooth, and small ones."""
         pieces = self.whole[cells]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
@@ -172,12 +194,12 @@ class _Projection:
         target = self.size * min(WIDTH, (width / self.size) ** order)
         while width > target and len(cells) <= MOST_PIECES:
             pieces, cells = divided(pieces, cells)
-            broken = self._broken(pieces)
+            broken = self.broken(pieces)
             yield pieces[~broken], cells[~broken]
             pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
         yield pieces, cells
 
-    def _candidates(self) -> Indices:
+    def candidates(self) -> Indices:
         """Cells in which a switch may change its sign; of many cells those that are near a zero.
 
         In the other cells the values of each switch at the vertices have the same sign, and are
@@ -212,7 +234,7 @@ class _Projection:
         owners, count = np.tile(cells, len(self.weights)), len(self.whole)
         return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
 
-    def _broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
+    def broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
         """Whether one of the switches changes its sign in a piece."""
         points = inside(pieces, self.lattice)
         broken = np.zeros(len(pieces), dtype=bool)

@@ -33,8 +33,10 @@ from dolfinx_signorini.logs import PATIENCE, log
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.fitting import fitted_mesh
+from dolfinx_signorini.scenes.following import follow
 from dolfinx_signorini.scenes.jumps import integrable
 from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
@@ -208,6 +210,8 @@ def solve_scene(
         max_unknowns=max_unknowns,
         on_step=on_step,
         began=began,
+        hidden=lambda problem, target: cut_errors(posed[0], target),
+        fit=lambda refined: follow(refined, [entry for row in scene.diffusion for entry in row]),
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
@@ -241,9 +245,11 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
     entries = [entry for row in scene.diffusion for entry in row]
-    sided = fitted_mesh(scene.domain.make(comm), entries)
-    resolved = resolved_mesh(scene, sided, min(MOST_CELLS, max_unknowns // per_cell))
-    return replace(resolved, sided=fitted_mesh(resolved.sided, entries))  # to narrow layers, too
+    most = min(MOST_CELLS, max_unknowns // per_cell)
+    sided = fitted_mesh(scene.domain.make(comm), entries, most)
+    resolved = resolved_mesh(scene, sided, most)
+    # Narrow layers are found by `resolved_mesh` only.
+    return replace(resolved, sided=fitted_mesh(resolved.sided, entries, most))
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:

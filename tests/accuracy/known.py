@@ -280,6 +280,44 @@ flux = "x - 1/3"
     )
 
 
+def circle(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """The diffusion jumps from 1 to 1000 across a circle: u = s (1 + sin(2 y)/2)/k, s = 0 there."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "(x - 0.5)^2 + (y - 0.45)^2 - 0.09"
+p = "1 + 0.5*sin(2*y)"
+k = "where(s < 0, 1, 1000)"
+w = "s*p/k"
+[equation]
+diffusion = "k"
+load = "0 - 4*p - 4*(y - 0.45)*cos(2*y) + 2*s*sin(2*y)"
+[contact]
+sides = "bottom"
+obstacle = "w"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def parts(x: Array, y: Array) -> tuple[Array, Array, Array]:
+        s = (x - 0.5) ** 2 + (y - 0.45) ** 2 - 0.09
+        return s, 1.0 + 0.5 * np.sin(2.0 * y), np.where(s < 0.0, 1.0, 1000.0)
+
+    def u(x: Array, y: Array) -> Array:
+        s, p, k = parts(x, y)
+        return s * p / k
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        s, p, k = parts(x, y)
+        return 2.0 * (x - 0.5) * p / k, (2.0 * (y - 0.45) * p + s * np.cos(2.0 * y)) / k
+
+    return Known(text, u, gradient, accuracies)
+
+
 def kink(accuracies: dict[str, tuple[float, ...]]) -> Known:
     """Contact everywhere with an obstacle that has a kink: u = Im(z log z) - 2 y."""
     text = """
@@ -461,11 +499,20 @@ SCENES = {
     ),
     "jump of the diffusion": jump(
         {
-            "L2": (1e-3, 1e-4, 1e-5),
-            "L4": (1e-3, 1e-4, 1e-5),
-            "Linf": (1e-2, 1e-3, 3e-4),
-            "H1": (1e-1, 3e-2, 2e-2),
-            "W1_4": (3e-1, 2e-1, 1e-1),
+            "L2": (1e-6, 1e-7, 1e-8),
+            "L4": (1e-6, 1e-7, 1e-8),
+            "Linf": (1e-5, 1e-6, 1e-7),
+            "H1": (1e-4, 3e-5, 1e-5),
+            "W1_4": (2e-4, 1e-4, 3e-5),
+        }
+    ),
+    "jump across a circle": circle(
+        {
+            "L2": (3e-4, 1e-4, 3e-5),
+            "L4": (3e-4, 1e-4, 3e-5),
+            "Linf": (1e-3, 3e-4, 1e-4),
+            "H1": (3e-2, 1e-2, 3e-3),
+            "W1_4": (1e-1, 5e-2, 3e-2),
         }
     ),
     "kink of the obstacle": kink(

@@ -1,0 +1,238 @@
+"""What a jump of the diffusion inside cells adds to the error, and no comparison of solutions shows.
+
+Across a jump the normal flux of the solution u is continuous, and the normal derivative jumps. No
+polynomial w follows: in a cell that is cut, the derivative along the normal n is wrong on both
+sides. The flux is in equilibrium on average, so that sigma, the projection of n.A grad w on
+polynomials of the degree of grad w, is close to n.A grad u, and
+
+    (sigma - n.A grad w) / (n.A n) n    is close to    grad (u - w).
+
+Where the cell is much stiffer than its neighbours, the flux of the neighbours stands for sigma. On
+both sides of the cell the solutions are apart by the integral of this error along the normal. What
+that means elsewhere, the solution for cells that are strained by this error tells.
+"""
+
+import math
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from dolfinx_signorini.accuracy.cells import Array, summed_at_vertices, total
+from dolfinx_signorini.accuracy.indicators import size
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.meshes import cell_edges, owned_cells
+from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.scenes.formulas import Node, evaluated
+from dolfinx_signorini.scenes.jumps import cut_cells, switches
+from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.scenes.posing import PosedScene
+
+Indices = npt.NDArray[np.int64]
+
+STEP = 1e-5  # of a cell, in differences
+RTOL = 1e-8  # the diffusion may jump by many powers of ten
+NOISE = 0.5  # of the flux next to a cell: what the mean flux of the cell may be away from it
+
+
+def cut_errors(posed: PosedScene, target: Target) -> Array:
+    """Return what the cells that are cut by jumps of the diffusion add to the error.
+
+    Args:
+        posed: The scene whose problem has been solved; the call is collective.
+        target: What is to be accurate.
+
+    Returns:
+        One value for each owned cell, 0 for cells that are not cut.
+    """
+    domain, rows = posed.sided.mesh, posed.scene.diffusion
+    errors, comm = np.zeros(len(owned_cells(domain))), domain.comm
+    if not any(switches(entry) for row in rows for entry in row):
+        return errors
+    cuts = _Cuts(posed)
+    if not comm.allreduce(len(cuts.cells)):
+        return errors
+    slopes, norm = cuts.errors(), target.norm
+    if norm is None or norm.boundary or norm.derivatives == 0:
+        strains = cuts.integrals(slopes[..., None] * cuts.normals) / cuts.volumes[:, None]
+        steps = np.linalg.norm(strains, axis=1) * cuts.widths()
+        if target.weighted:
+            parts = np.linalg.norm(strains, axis=1) * cuts.volumes
+            whole = total(parts, 1.0, comm) or 1.0
+            found = parts / whole * cuts.distance(strains, steps, target)
+        else:
+            found = np.maximum(
+                steps, 0.5 * cuts.integrals(np.abs(slopes)) / cuts.volumes * cuts.widths()
+            )
+    else:
+        sizes = np.abs(slopes[..., None] * cuts.normals)
+        if math.isinf(norm.p):
+            found = cuts.largest(sizes.max(axis=2))
+        else:
+            found = cuts.integrals((sizes**norm.p).sum(axis=2)) ** (1.0 / norm.p)
+    errors[cuts.cells] = found
+    return errors
+
+
+class _Cuts:
+    """The points of the cells that are cut, shape (points of a piece, pieces), and functions there.
+
+    Attributes:
+        cells: The cells that are cut.
+        normals: The normals of the jump at the points, shape (points, pieces, dimension).
+        across: n.A n.
+    """
+
+    def __init__(self, posed: PosedScene):
+        self.domain, self.problem = posed.sided.mesh, posed.problem
+        self.u, self.space, self.rows = posed.problem.u, posed.problem.space, posed.scene.diffusion
+        element = self.space.element.basix_element
+        dim, self.degree = self.domain.topology.dim, element.degree
+        entries = [entry for row in self.rows for entry in row]
+        pieces, owners = cut_cells(entries, self.domain, self.degree)
+        self.cells, self.owners = np.unique(owners, return_inverse=True)
+        points, weights = QuadratureRule("default", 2 * self.degree).points(element.cell_type)
+        places = inside(pieces, points)
+        self.reference, self.x = places[..., :dim], places[..., dim:]
+        edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
+        self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
+        self.edges = cell_edges(self.domain, self.cells.astype(np.int32))
+        self.normals = self._normals([node for entry in entries for node in switches(entry)])
+        self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
+        self.across = (self.fluxes * self.normals).sum(axis=2)
+        self.volumes = self.integrals(np.ones_like(self.across))
+
+    def _normals(self, nodes: list[Node]) -> Array:
+        """The normals of the jumps; zero where none is found."""
+        size = np.abs(np.linalg.det(self.edges)) ** (1.0 / self.edges.shape[1])
+        step = STEP * size[self.owners]
+        result = np.zeros_like(self.x)
+        for node in nodes:  # what is inside of a formula comes last
+            signs = np.sign(evaluated(node, self.x))
+            low, high = (np.full(len(self.cells), s) for s in (1.0, -1.0))
+            np.minimum.at(low, self.owners, signs.min(axis=0))
+            np.maximum.at(high, self.owners, signs.max(axis=0))
+            slope = np.empty_like(self.x)
+            for k, e in enumerate(np.eye(self.x.shape[2])):
+                way = step[:, None] * e
+                slope[..., k] = evaluated(node, self.x + way) - evaluated(node, self.x - way)
+            length = np.linalg.norm(slope, axis=2)
+            there = ((low < 0.0) & (high > 0.0))[self.owners] & (length > 0.0)
+            result[there] = (slope / np.where(length > 0.0, length, 1.0)[..., None])[there]
+        return result
+
+    def errors(self) -> Array:
+        """The errors of the derivative of the solution along the normals."""
+        dofs = self.space.dofmap.list[self.cells]
+        table = self._tabulated(self.space.element.basix_element, 1)[1:]
+        slopes = np.einsum("jqpd,pd->qpj", table, self.u.x.array[dofs][self.owners])
+        slopes = np.einsum("qpj,pji->qpi", slopes, np.linalg.inv(self.edges)[self.owners])
+        flux = (slopes * self.fluxes).sum(axis=2)
+        beside = np.einsum("qpi,pi->qp", self.normals, self._beside()[self.owners])
+        means, known = (self.integrals(f) / self.volumes for f in (flux, beside))
+        noisy = np.abs(means - known) > NOISE * np.abs(known)
+        sigma = np.where(noisy[self.owners], beside, self._projected(flux))
+        with np.errstate(all="ignore"):
+            errors = (sigma - flux) / self.across
+        return np.where(self.across > 0.0, errors, 0.0)
+
+    def _projected(self, values: Array) -> Array:
+        """The projection on polynomials of the degree of the derivatives, cell by cell."""
+        kind, variant = self.space.element.basix_element.cell_type, basix.LagrangeVariant.legendre
+        basis = self._tabulated(  # orthonormal on the reference cell
+            basix.create_element(
+                basix.ElementFamily.P, kind, self.degree - 1, variant, discontinuous=True
+            ),
+            0,
+        )[0].transpose(2, 0, 1)
+        scale = np.abs(np.linalg.det(self.edges))
+        moments = np.array([self.integrals(values * f) / scale for f in basis])
+        return np.asarray((moments[:, None, self.owners] * basis).sum(axis=0))
+
+    def _tabulated(self, element: basix.finite_element.FiniteElement, order: int) -> Array:
+        """A basis with its derivatives at the points."""
+        shape = self.reference.shape
+        flat = np.ascontiguousarray(self.reference.reshape(-1, shape[2]))
+        table = np.asarray(element.tabulate(order, flat))[..., 0]
+        return table.reshape(len(table), *shape[:2], -1)
+
+    def widths(self) -> Array:
+        """The widths of the cells along their normals."""
+        means = self.integrals(self.normals)
+        means /= np.maximum(np.linalg.norm(means, axis=1), 1e-300)[:, None]
+        along = np.einsum("cij,ci->cj", self.edges, means)
+        return along.max(axis=1, initial=0.0) - along.min(axis=1, initial=0.0)
+
+    def largest(self, values: Array) -> Array:
+        """The largest values on the cells."""
+        result = np.zeros(len(self.cells))
+        np.maximum.at(result, self.owners, values.max(axis=0))
+        return result
+
+    def integrals(self, values: Array) -> Array:
+        """The integrals over the cells of a function, or of several side by side."""
+        sums = np.einsum("qp,qp...->p...", self.weights, values)
+        result = np.zeros((len(self.cells), *sums.shape[1:]))
+        np.add.at(result, self.owners, sums)
+        return result
+
+    def distance(self, strains: Array, steps: Array, target: Target) -> float:
+        """The size of what the solution moves by when the cells that are cut are strained.
+
+        Args:
+            strains: The mean error of the gradient in each of the cells.
+            steps: The step of the solution across each of them. Far from the cells the solution
+                moves by about the mean step, and near one of them by its step.
+            target: The norm or functional.
+        """
+        stiff = self.integrals(self.across) / self.volumes
+        dim, cells, norm = strains.shape[1], self.cells, target.norm
+        forces = fem.Function(fem.functionspace(self.domain, ("DG", 0, (dim,))))
+        dofs = forces.function_space.dofmap.list[cells, 0]
+        forces.x.array.reshape(-1, dim)[dofs] = stiff[:, None] * strains
+        forces.x.scatter_forward()
+        v = ufl.TestFunction(self.space)
+        rule = QuadratureRule("default", self.degree - 1)
+        load = ufl.inner(forces, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
+        moved = size(self.problem.solve_linearised(load, RTOL), target)
+        if norm is None or norm.boundary:
+            return moved
+        comm, areas = self.domain.comm, self.volumes / np.maximum(self.widths(), 1e-300)
+        edges = cell_edges(self.domain, owned_cells(self.domain))
+        sizes = np.abs(np.linalg.det(edges)) / math.factorial(dim)
+        mean = total(areas * steps, 1.0, comm) / (total(areas, 1.0, comm) or 1.0)
+        far = mean * total(sizes, 1.0, comm) ** (1.0 / norm.p)
+        near = total(steps * self.volumes ** (1.0 / norm.p), norm.p, comm)
+        return min(moved, math.hypot(far, near))
+
+    def _beside(self) -> Array:
+        """The flux next to the cells that are cut: a mean over cells that are not."""
+        count = len(owned_cells(self.domain))
+        whole = np.ones(count, dtype=bool)
+        whole[self.cells] = False
+        cells = np.flatnonzero(whole).astype(np.int32)
+        x = self.domain.geometry.x[self.domain.geometry.dofmap[cells]]
+        dim = self.domain.topology.dim
+        middles, edges = x[..., :dim].mean(axis=1), cell_edges(self.domain, cells)
+        centre = np.full((1, dim), 1.0 / (dim + 1.0))
+        table = self.space.element.basix_element.tabulate(1, centre)[1:, 0, :, 0]
+        slopes = self.u.x.array[self.space.dofmap.list[cells]] @ table.T
+        slopes = np.einsum("cj,cji->ci", slopes, np.linalg.inv(edges))
+        A = self._diffusion(middles)
+        fluxes = np.einsum("ijc,cj->ci", A, slopes)
+        # Errors of the flux are smallest where A is small.
+        weights = np.abs(np.linalg.det(edges)) / np.trace(A)
+        space = fem.functionspace(self.domain, ("Lagrange", 1))
+        sums = [summed_at_vertices(space, f, cells) for f in (weights, *(weights * fluxes.T))]
+        around = np.array(sums)[:, space.dofmap.list[self.cells]].sum(axis=2)
+        return np.asarray((around[1:] / np.where(around[0] > 0.0, around[0], np.inf)).T)
+
+    def _diffusion(self, x: Array) -> Array:
+        """The matrix A at points, with the indices of the matrix first."""
+        rows, dim = self.rows, x.shape[-1]
+        values = [[evaluated(entry.root, x) for entry in row] for row in rows]
+        if len(rows) == 1:
+            values = [[values[0][0] * (i == j) for j in range(dim)] for i in range(dim)]
+        return np.array(values)

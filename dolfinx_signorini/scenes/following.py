@@ -1,0 +1,140 @@
+"""Refined meshes that go on following curves and curved surfaces where a coefficient jumps.
+
+A bisected facet on a curve has its new vertex on the chord. The vertex is moved onto the curve, by
+Newton's method along the gradient of the function whose zeros are the curve; on the boundary of the
+domain, along the boundary.
+"""
+
+from collections.abc import Sequence
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    owned_cells,
+)
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
+from dolfinx_signorini.scenes.jumps import switches
+
+Array = npt.NDArray[np.float64]
+
+NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
+STEPS = 4  # of Newton's method
+STEP = 1e-5  # of the altitudes, in differences
+ON = 1e-9  # of the altitudes: vertices so near are on the curve
+SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
+FLAT = 1e-9  # of the boundary at a vertex
+
+
+def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
+    """Move vertices onto the curves next to them; the call is collective.
+
+    Args:
+        sided: The mesh with its sides, whose vertices are moved.
+        formulas: The formulas that jump at the curves.
+    """
+    nodes = [node for formula in formulas for node in switches(formula)]
+    if not nodes:
+        return
+    vertices = _Vertices(sided)
+    for node in nodes:
+        vertices.move(node)
+    vertices.store()
+
+
+class _Vertices:
+    """The vertices of a mesh as dofs of the linear elements.
+
+    Attributes:
+        x: Their coordinates, shape (vertices, dimension).
+        altitudes: About the smallest altitude of the cells around each.
+        normals: The mean of n n^T over the boundary facets around, 0 inside.
+        free: Whether these are in a plane and on the same sides.
+    """
+
+    def __init__(self, sided: SidedMesh):
+        self.domain = sided.mesh
+        self.dimension = self.domain.topology.dim
+        self.space = fem.functionspace(self.domain, ("Lagrange", 1))
+        self.x = self.space.tabulate_dof_coordinates()[:, : self.dimension].copy()
+        cells = owned_cells(self.domain)
+        dofs = self.space.dofmap.list
+        # The gradients of the barycentric coordinates are as long as altitudes are short.
+        inverse = np.linalg.inv(cell_edges(self.domain, cells))
+        steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
+        largest = self._largest(steep)
+        powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
+        self.altitudes = powers ** (-1.0 / SHARP) / largest
+        self._look_at_boundary(sided)
+
+    def _look_at_boundary(self, sided: SidedMesh) -> None:
+        dim, facets = self.dimension, boundary_facets(self.domain)
+        pairs = facet_cells(self.domain, facets)
+        corners = np.array(
+            basix.topology(basix.CellType[self.domain.topology.cell_name()])[dim - 1]
+        )
+        dofs = self.space.dofmap.list[pairs[:, :1], corners[pairs[:, 1]]]
+        ends = self.x[dofs]
+        normals = np.linalg.svd(ends[:, 1:] - ends[:, :1], full_matrices=True)[2][:, -1]
+        sides = np.zeros(len(facets))
+        for k, on in enumerate(sided.sides.values()):
+            sides += 2.0**k * np.isin(facets, on)
+
+        def mean(values: Array) -> Array:
+            sums = self._summed(dofs, np.repeat(values[:, None], dim, axis=1))
+            return np.asarray(sums / np.maximum(numbers, 1.0))
+
+        numbers = self._summed(dofs, np.ones(dofs.shape))
+        self.normals = np.empty((len(self.x), dim, dim))
+        for i, j in np.ndindex(dim, dim):
+            self.normals[:, i, j] = mean(normals[:, i] * normals[:, j])
+        flat = (self.normals**2).sum(axis=(1, 2)) > 1.0 - FLAT
+        same = mean(sides**2) - mean(sides) ** 2 <= FLAT * mean(sides**2)
+        self.free = (numbers == 0.0) | (flat & same)
+
+    def move(self, node: Node) -> None:
+        """Move the vertices near the zeros of a function onto the zeros."""
+        x = self.x.copy()
+        for _ in range(STEPS):
+            values, slopes = evaluated(node, x), self._slopes(node, x)
+            slopes -= np.einsum("vij,vj->vi", self.normals, slopes)
+            with np.errstate(all="ignore"):
+                x = x - (values / (slopes**2).sum(axis=1))[:, None] * slopes
+        with np.errstate(all="ignore"):
+            ways = np.linalg.norm(x - self.x, axis=1) / self.altitudes
+        chosen = self.free & (ways > ON) & (ways < NEAR)
+        self.x[chosen] = x[chosen]
+
+    def _slopes(self, node: Node, x: Array) -> Array:
+        steps = STEP * self.altitudes[:, None] * np.eye(self.dimension)[:, None]
+        differences = [evaluated(node, x + way) - evaluated(node, x - way) for way in steps]
+        return np.asarray(np.array(differences).T / (2.0 * STEP * self.altitudes[:, None]))
+
+    def store(self) -> None:
+        """Give the mesh the vertices, those of the ranks that own them."""
+        nodes = np.empty(len(self.x), dtype=np.int64)
+        nodes[self.space.dofmap.list] = self.domain.geometry.dofmap
+        for k in range(self.dimension):
+            f = fem.Function(self.space)
+            f.x.array[:] = self.x[:, k]
+            f.x.scatter_forward()
+            self.domain.geometry.x[nodes, k] = f.x.array
+
+    def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
+        """The sums of values at vertices over the cells or facets of all ranks."""
+        f = fem.Function(self.space)
+        np.add.at(f.x.array, dofs, values)
+        f.x.scatter_reverse(la.InsertMode.add)
+        f.x.scatter_forward()
+        return np.asarray(f.x.array)
+
+    def _largest(self, values: Array) -> float:
+        largest = float(values.max(initial=0.0))
+        return float(self.domain.comm.allreduce(largest, op=MPI.MAX))
