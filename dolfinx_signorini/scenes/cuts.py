@@ -1,4 +1,4 @@
-"""What a jump of the diffusion inside cells adds to the error, and no comparison of solutions shows.
+"""What jumps of the diffusion inside cells add to the error, and no comparison shows.
 
 Across a jump the normal flux of the solution u is continuous, and the normal derivative jumps. No
 polynomial w follows: in a cell that is cut, the derivative along the normal n is wrong on both

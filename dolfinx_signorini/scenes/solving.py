@@ -48,7 +48,7 @@ from dolfinx_signorini.timing import Phases
 if TYPE_CHECKING:
     from dolfinx_signorini.picture import Picture
 
-CUT = "the diffusion jumps or has a kink inside cells: the error may be far larger than estimated"
+CUT = "the diffusion jumps or has a kink inside cells, which converges slowly"
 DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
 
 

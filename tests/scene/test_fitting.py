@@ -1,0 +1,76 @@
+"""Meshes fitted to jumps of formulas: straight ones on facets, curves next to facets."""
+
+import basix
+import numpy as np
+import pytest
+from dolfinx import mesh
+
+from dolfinx_signorini.meshes import boundary_facets, cell_edges, facet_cells, facet_scale
+from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.scenes import parsing
+from dolfinx_signorini.scenes.domains import Cube, Square
+from dolfinx_signorini.scenes.fitting import fitted_mesh
+from dolfinx_signorini.scenes.following import follow
+
+STRAIGHT = [
+    (2, "where(3*x < 1, 1, 1000)", lambda x: 3.0 * x[..., 0] < 1.0),
+    (2, "where(x + 0.37*y < 0.71, 1, 9)", lambda x: x[..., 0] + 0.37 * x[..., 1] < 0.71),
+    (
+        2,
+        "where(max(abs(x - 0.47), abs(y - 0.52)) < 0.21, 1, 9)",
+        lambda x: np.maximum(abs(x[..., 0] - 0.47), abs(x[..., 1] - 0.52)) < 0.21,
+    ),
+    (3, "where(x + 0.3*y + 0.5*z < 0.7, 1, 9)", lambda x: x @ (1.0, 0.3, 0.5) < 0.7),
+]
+
+
+def inner_points(domain):
+    """Points inside of the owned cells, shape (cells, points, dimension), and the volumes."""
+    dim = domain.topology.dim
+    kind = basix.CellType[domain.topology.cell_name()]
+    lattice = basix.create_lattice(kind, 12, basix.LatticeType.equispaced, False)
+    count = domain.topology.index_map(dim).size_local
+    edges = cell_edges(domain, np.arange(count, dtype=np.int32))
+    first = domain.geometry.x[domain.geometry.dofmap[:count, 0], :dim]
+    return first[:, None] + np.einsum("cij,qj->cqi", edges, lattice), abs(np.linalg.det(edges))
+
+
+@pytest.mark.parametrize(("dim", "text", "inside"), STRAIGHT)
+def test_no_cell_is_on_both_sides_of_a_straight_jump(dim, text, inside, comm):
+    plain = (Square(4) if dim == 2 else Cube(2)).make(comm)
+    fitted = fitted_mesh(plain, [parsing.parse(text, dim)], 3000)
+    points, volumes = inner_points(fitted.mesh)
+    sides = inside(points)
+    assert (sides.all(axis=1) | ~sides.any(axis=1)).all()
+    assert not comm.allreduce(bool((volumes < 1e-6).any()))
+    total = comm.allreduce(volumes.sum()) / (2.0 if dim == 2 else 6.0)
+    assert total == pytest.approx(1.0, abs=1e-12)
+    boundary = boundary_facets(fitted.mesh)
+    for k, (name, facets) in enumerate(fitted.sides.items()):
+        mine = np.intersect1d(facets, boundary).astype(np.int32)
+        area = comm.allreduce(facet_scale(fitted.mesh, facet_cells(fitted.mesh, mine)).sum())
+        assert area == pytest.approx(1.0 if dim == 2 else 2.0, abs=1e-12), name
+        nodes = mesh.entities_to_geometry(fitted.mesh, dim - 1, mine)
+        nodes = fitted.mesh.geometry.x[np.unique(nodes)]
+        assert (abs(nodes[:, k // 2] - k % 2) < 1e-14).all()
+
+
+def test_a_mesh_without_a_jump_inside_cells_stays_as_it_is(comm):
+    plain = Square(4).make(comm)
+    assert fitted_mesh(plain, [parsing.parse("where(2*x < 1, 1, 2)")], 3000) is plain
+    assert fitted_mesh(plain, [parsing.parse("1 + x^2")], 3000) is plain
+
+
+def test_refined_meshes_follow_a_circle(comm):
+    formula = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
+    sided = fitted_mesh(Square(4).make(comm), [formula], 3000)
+    wrong = []
+    for _ in range(3):
+        points, volumes = inner_points(sided.mesh)
+        within = np.linalg.norm(points.mean(axis=1) - (0.5, 0.45), axis=1) < 0.3
+        area = comm.allreduce(float(0.5 * volumes[within].sum()))
+        wrong.append(abs(area - np.pi * 0.09))
+        sided = refined(sided).sided
+        follow(sided, [formula])
+    assert wrong[0] < 0.02
+    assert wrong[1] < 0.35 * wrong[0] and wrong[2] < 0.35 * wrong[1]  # 1/4; chords stay as wrong
