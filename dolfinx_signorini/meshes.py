@@ -197,6 +197,14 @@ def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return compat.exterior_facet_pairs(domain.topology, facets).reshape(-1, 2)
 
 
+def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of boundary facets, shape (facets, vertices); none for none."""
+    pairs = facet_cells(domain, facets)
+    cell = basix.CellType[domain.topology.cell_name()]
+    corners = np.array(basix.topology(cell)[domain.topology.dim - 1])
+    return np.asarray(domain.geometry.dofmap[pairs[:, :1], corners[pairs[:, 1]]])
+
+
 def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     """Return the ratio of each facet's size to that of the reference facet.
 

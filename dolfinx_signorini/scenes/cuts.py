@@ -155,8 +155,10 @@ class _Cuts:
         """A basis with its derivatives at the points."""
         shape = self.reference.shape
         flat = np.ascontiguousarray(self.reference.reshape(-1, shape[2]))
+        flat = flat if len(flat) else np.zeros((1, shape[2]))  # basix needs one
         table = np.asarray(element.tabulate(order, flat))[..., 0]
-        return table.reshape(len(table), *shape[:2], -1)
+        table = table[:, : shape[0] * shape[1]]
+        return table.reshape(len(table), *shape[:2], table.shape[2])
 
     def widths(self) -> Array:
         """The widths of the cells along their normals."""

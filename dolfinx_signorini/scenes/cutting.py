@@ -118,7 +118,8 @@ def _cuts(whole: Simplices, node: Node, on: Flags) -> tuple[Ids, Array]:
     signs = np.sign(evaluated(node, whole.x))
     on |= signs == 0.0
     edges = edges[~on[edges].any(axis=1) & (signs[edges].prod(axis=1) < 0.0)]
-    low, high = np.zeros(len(edges)), np.ones(len(edges))
+    low: Array = np.zeros(len(edges))
+    high: Array = np.ones(len(edges))
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         before = np.sign(evaluated(node, _between(whole.x, edges, middle))) == signs[edges[:, 0]]

@@ -15,7 +15,7 @@ import basix.ufl
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_nodes, owned_cells
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.cutting import THIN, Array, Flags, Ids, Simplices, depths, fitted
 from dolfinx_signorini.scenes.formulas import Formula, Node
@@ -77,8 +77,7 @@ def _gathered(sided: SidedMesh) -> Simplices | None:
     sides = np.zeros(len(facets), dtype=np.int64)
     for k, on in enumerate(sided.sides.values()):
         sides |= np.isin(facets, on).astype(np.int64) << k
-    domain.topology.create_connectivity(dim - 1, dim)
-    nodes = mesh.entities_to_geometry(domain, dim - 1, facets)
+    nodes = facet_nodes(domain, facets)
     ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = comm.gather((ids.reshape(-1, dim), sides))
     if parts is None:
@@ -102,8 +101,7 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     tagged, sides = comm.bcast(whole and (np.sort(whole.facets, axis=1), whole.sides))
     order = np.lexsort(tagged.T)
     facets = boundary_facets(new)
-    new.topology.create_connectivity(dim - 1, dim)
-    nodes = mesh.entities_to_geometry(new, dim - 1, facets).reshape(-1, dim)
+    nodes = facet_nodes(new, facets)
     mine = np.sort(new.geometry.input_global_indices[nodes], axis=1)
     _, place = np.unique(np.concatenate((tagged[order], mine)), axis=0, return_inverse=True)
     found = np.empty(place.max(initial=-1) + 1, dtype=np.int64)

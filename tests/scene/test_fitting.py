@@ -3,9 +3,14 @@
 import basix
 import numpy as np
 import pytest
-from dolfinx import mesh
 
-from dolfinx_signorini.meshes import boundary_facets, cell_edges, facet_cells, facet_scale
+from dolfinx_signorini.meshes import (
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    facet_nodes,
+    facet_scale,
+)
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes import parsing
 from dolfinx_signorini.scenes.domains import Cube, Square
@@ -50,7 +55,7 @@ def test_no_cell_is_on_both_sides_of_a_straight_jump(dim, text, inside, comm):
         mine = np.intersect1d(facets, boundary).astype(np.int32)
         area = comm.allreduce(facet_scale(fitted.mesh, facet_cells(fitted.mesh, mine)).sum())
         assert area == pytest.approx(1.0 if dim == 2 else 2.0, abs=1e-12), name
-        nodes = mesh.entities_to_geometry(fitted.mesh, dim - 1, mine)
+        nodes = facet_nodes(fitted.mesh, mine)
         nodes = fitted.mesh.geometry.x[np.unique(nodes)]
         assert (abs(nodes[:, k // 2] - k % 2) < 1e-14).all()
 
