@@ -257,16 +257,16 @@ shape = "square"
 cells = 8
 [equation]
 diffusion = "where(3*x < 1, 1, 1000)"
-load = "1/3 - x"
+load = "(x - 1/3)*cos(y)"
 [contact]
 sides = "right"
-obstacle = "(2/3)*(1 + 0.5*y^2)/1000"
+obstacle = "(2/3)*cos(y)/1000"
 [[dirichlet]]
 sides = "left"
-value = "0 - (1 + 0.5*y^2)/3"
+value = "0 - cos(y)/3"
 [[neumann]]
 sides = "top"
-flux = "x - 1/3"
+flux = "(1/3 - x)*sin(1)"
 """
 
     def k(x: Array) -> Array:
@@ -274,8 +274,8 @@ flux = "x - 1/3"
 
     return Known(
         text,
-        lambda x, y: (x - 1.0 / 3.0) / k(x) * (1.0 + 0.5 * y**2),
-        lambda x, y: ((1.0 + 0.5 * y**2) / k(x), (x - 1.0 / 3.0) / k(x) * y),
+        lambda x, y: (x - 1.0 / 3.0) / k(x) * np.cos(y),
+        lambda x, y: (np.cos(y) / k(x), (1.0 / 3.0 - x) / k(x) * np.sin(y)),
         accuracies,
     )
 
