@@ -108,6 +108,7 @@ def energy_bound(
     check(
         problem=(problem, instance(SignoriniProblem, "a solved problem")),
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
+        rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
     domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
     _check_mesh(problem)
