@@ -166,6 +166,8 @@ TABLE = {
             "max_unknowns": 10**5,
             "on_step": lambda step: None,
             "began": None,
+            "hidden": None,
+            "fit": lambda sided: None,
         },
         lambda t: {
             "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
@@ -176,6 +178,8 @@ TABLE = {
             "max_unknowns": (None, "1", 0, -1, NAN),
             "on_step": (None, 4),
             "began": ("now", [1.0]),
+            "hidden": (4, "nothing"),
+            "fit": (None, 4),
         },
     ),
     "solve_cascade": (
@@ -208,6 +212,7 @@ TABLE = {
             "max_unknowns": 10**5,
             "degree": None,
             "on_step": lambda step: None,
+            "phases": None,
         },
         lambda t: {
             "scene": (None, t.path, {}),
@@ -218,6 +223,7 @@ TABLE = {
             "max_unknowns": (None, "1", 0, NAN),
             "degree": ("2", 0, 5, 1.5),
             "on_step": (None, 4),
+            "phases": (0.0, {}),
         },
     ),
     "stress_intensity": (

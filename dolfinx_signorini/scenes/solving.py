@@ -12,12 +12,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.adaptive import (
-    MAX_UNKNOWNS,
-    AdaptiveSolution,
-    Step,
-    solve_adaptively,
-)
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS, Step
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.kinds import (
     COMMUNICATOR,
@@ -179,6 +175,7 @@ def solve_scene(
         max_unknowns=(max_unknowns, positive),
         degree=(degree, optional(integer(1, HIGHEST_DEGREE))),
         on_step=(on_step, callable_),
+        phases=(phases, optional(instance(Phases, "a stopwatch, Phases"))),
     )
     if norm is not None:
         parse_norm(norm)

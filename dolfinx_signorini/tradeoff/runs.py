@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.adaptive import MAX_UNKNOWNS, AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError

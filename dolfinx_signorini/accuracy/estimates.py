@@ -1,0 +1,141 @@
+"""Estimates of the error: the difference of two solutions, times the share of it that is left.
+
+The solutions are those on a mesh and on the mesh with every cell divided. The measured rates of
+convergence tell what is left of the difference in the error of the second one. What no comparison
+shows is added: the obstacle between the nodes, and data inside of cells.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, total
+from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
+from dolfinx_signorini.accuracy.indicators import Indicators, difference, indicators, size
+from dolfinx_signorini.accuracy.marking import Outlook
+from dolfinx_signorini.accuracy.misfits import obstacle_misfits
+from dolfinx_signorini.accuracy.rates import Rates
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.refinement import carried_across
+
+SAFETY = 1.3  # the estimate over what the measured rates say
+SURE = 1.1  # the same in H1, where errors of levels are orthogonal
+FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
+CORRECTION = 5.0  # at most
+
+Hidden = Callable[[SignoriniProblem, Target], Array]
+
+
+class Estimator:
+    """The estimates on one mesh after the other, with elements of one degree.
+
+    For example:
+
+        estimator = Estimator(coarse.space, target("L4"), None)
+        error = estimator.estimate(coarse.u, fine, refinement.parents, None)
+
+    Args:
+        space: The space of the first solution.
+        target: What is to be accurate.
+        hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
+
+    Attributes:
+        rates: The rates of the cells of the present mesh.
+        found: The indicators of these cells.
+        outlook: What these cells leave in the error.
+    """
+
+    found: Indicators
+    outlook: Outlook
+
+    def __init__(self, space: fem.FunctionSpace, target: Target, hidden: Hidden | None):
+        domain, degree = space.mesh, space.element.basix_element.degree
+        self._target, self._hidden, self._comm = target, hidden, domain.comm
+        self.rates = Rates(
+            target.order(degree),
+            target.power,
+            len(owned_cells(domain)),
+            domain.topology.dim,
+            target.weighted,
+        )
+        self._correction = 1.0
+        self._last: tuple[fem.Function, Indices, float] | None = None
+
+    def estimate(
+        self,
+        u: fem.Function,
+        fine: SignoriniProblem,
+        parents: Indices,
+        owners: Indices | None,
+    ) -> float:
+        """Estimate the error of the solution on the divided mesh; the call is collective.
+
+        The estimate before is tried out: if the solution has moved by more than the estimate has
+        fallen, all estimates are too small by about this ratio.
+
+        Args:
+            u: The solution on the mesh.
+            fine: The solved problem on the mesh with every cell divided.
+            parents: For each owned cell of the divided mesh the cell of the mesh around the cell.
+            owners: For each cell of the mesh the cell of the mesh before; None for the first mesh.
+        """
+        self.found = found = indicators(u, fine, parents, self._target)
+        if self._last is not None:
+            self.rates.measure(found.local)
+        ends = cells_at_contact_ends(fine, parents, len(found.cells))
+        self.rates.limit(ends, rate_at_ends(self._target))
+        self.outlook = self.rates.outlook(found.cells)
+        power = self.rates.power
+        whole = total(found.cells, power, self._comm)
+        left = total(self.outlook.remaining, power, self._comm) / whole if whole > 0.0 else 1.0
+        value = self._with_misfits(found.difference * left, fine, parents)
+        value = self._with_hidden(value, fine, parents)
+        if self._last is not None and owners is not None:
+            self._try_out(value, fine, owners[parents])
+        self._last = fine.u, parents, value
+        safety = SURE if self._target.is_energy else SAFETY
+        return safety * value * self._correction
+
+    def _try_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> None:
+        assert self._last is not None
+        u, parents, before = self._last
+        old = carried_across(u, parents, fine.space, cells)
+        moved = size(difference(fine.u, old), self._target)
+        fallen = math.sqrt(abs(before**2 - value**2))
+        if before - value > FALLEN * before:
+            self._correction = min(max(moved / fallen, 1.0), CORRECTION)
+
+    def _with_misfits(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+        """Add to an estimate, and to the outlook, what the obstacle shows between the nodes."""
+        norm = self._target.norm
+        if norm is None or norm.boundary:
+            return value
+        misfits = obstacle_misfits(fine, norm)
+        parts = collected(misfits, parents, len(self.outlook.remaining), norm.p)
+        whole = total(parts, norm.p, self._comm)
+        if whole == 0.0:
+            return value
+        if self._target.weighted:  # parts of cells add up as they are
+            remaining = self.outlook.remaining + parts**norm.p / whole ** (norm.p - 1.0)
+        else:
+            remaining = joined(self.outlook.remaining, parts, norm.p)
+        self.outlook = replace(self.outlook, remaining=remaining)
+        return float(joined(np.array(value), np.array(whole), norm.p))
+
+    def _with_hidden(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+        """Add to an estimate, and to the outlook, what the data hide inside of cells."""
+        if self._hidden is None:
+            return value
+        power, remaining = self.rates.power, self.outlook.remaining
+        parts = collected(self._hidden(fine, self._target), parents, len(remaining), power)
+        if total(parts, power, self._comm) == 0.0:
+            return value
+        whole = total(remaining, power, self._comm)
+        remaining = np.maximum(remaining * (value / whole if whole > 0.0 else 1.0), parts)
+        self.outlook = replace(self.outlook, remaining=remaining)
+        return max(value, total(remaining, power, self._comm))

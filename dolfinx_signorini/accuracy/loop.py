@@ -1,0 +1,245 @@
+"""The loop between the solves: estimate, mark, refine, and choose the degree.
+
+Each step solves the problem on a mesh and on the mesh with every cell divided. The second solution
+is the one that is handed out. The cells that leave most of its error are divided for the next step.
+The estimate of the first step is not believed.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dolfinx import fem
+
+from dolfinx_signorini.accuracy.cells import Indices
+from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
+from dolfinx_signorini.accuracy.indicators import size
+from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.refinement import Refinement, refined
+
+MAX_UNKNOWNS = 1_000_000
+AIM = 0.9  # estimate aimed at, over the accuracy
+LEAST = 0.8  # of the estimate: to fall less is not worth a step
+CLOSE = 1.5  # times the accuracy: further steps from here aim lower and lower
+GAIN = 0.6  # more than the conforming mesh gains on the prediction is not counted on
+SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
+RESERVE = 1.2  # how much longer than predicted a step may take
+PATIENCE = 4  # steps in which the estimate does not fall
+ROUNDING = 1e-7  # of the size of the solution
+
+# Up to which factor between the first estimate and the accuracy a degree takes the least time.
+ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
+
+Pose = Callable[[SidedMesh], SignoriniProblem]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the adaptive loop:
+
+        print(step.unknowns, step.estimate, step.seconds)
+
+    Attributes:
+        unknowns: The number of dofs of the better solution.
+        estimate: The estimated error of this solution.
+        seconds: Wall-clock seconds since the loop began.
+    """
+
+    unknowns: int
+    estimate: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the loop is asked for:
+
+        Request(target("L4"), accuracy=1e-3)
+
+    Attributes:
+        target: What is to be accurate.
+        accuracy: The largest error allowed; None for no such limit.
+        budget: The seconds that may be spent; None for no such limit.
+        max_unknowns: The limit on the dofs of a mesh.
+    """
+
+    target: Target
+    accuracy: float | None = None
+    budget: float | None = None
+    max_unknowns: int = MAX_UNKNOWNS
+
+
+class Loop:
+    """The loop between the solves: it decides on the next mesh when the last one is solved on.
+
+    Args:
+        poses: Functions that pose the problem on a mesh, by the degree of the elements.
+        sided: The first mesh.
+        request: What is asked for.
+        on_step: Is told of each step.
+        began: When the seconds began.
+        hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
+        fit: Moves vertices of a refined mesh onto what the mesh is to follow.
+
+    Attributes:
+        pose: The function that poses the problem, with elements of the present degree.
+        problem: The problem that was solved last.
+        division: The division of the present mesh.
+        owners: For each cell of the present mesh the cell of the mesh before, if there is one.
+        rounds: The number of steps with elements of the present degree.
+        predicted: The estimate that was predicted for the present mesh; 0 for none.
+        estimator: The estimates, with elements of the present degree.
+        steps: The steps so far.
+        stopped: Why the loop ended.
+    """
+
+    problem: SignoriniProblem
+    division: Refinement
+    estimator: Estimator
+    owners: Indices | None
+
+    def __init__(
+        self,
+        poses: Mapping[int, Pose],
+        sided: SidedMesh,
+        request: Request,
+        on_step: Callable[[Step], None],
+        began: float,
+        hidden: Hidden | None,
+        fit: Callable[[SidedMesh], None],
+    ):
+        self.poses, self.pose = poses, poses[min(poses)]
+        self.sided, self.request, self.on_step = sided, request, on_step
+        self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
+        self.steps: list[Step] = []
+        self.stopped = ""
+
+    def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
+        """Yield the meshes to solve on: a mesh and its division in turn."""
+        self.division = refined(self.sided)
+        yield self.sided, {}
+        self._require_room()
+        self._begin()
+        while True:
+            u = self.problem.u
+            yield self.division.sided, {}
+            parents, owners = self.division.parents, self.owners
+            self._note(self.estimator.estimate(u, self.problem, parents, owners))
+            if self._takes_another_degree():
+                yield self.sided, {}
+                self._begin()
+                continue
+            divided = self._next_mesh()
+            if divided is None:
+                return
+            yield divided.sided, {}
+
+    def _require_room(self) -> None:
+        needed = _unknowns(self.division.sided, self.problem.space)
+        if needed > self.request.max_unknowns:
+            message = f"the coarsest meshes need {needed}, not {self.request.max_unknowns}"
+            raise InputError(message, "max_unknowns")
+
+    def _begin(self) -> None:
+        """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
+        self.estimator = Estimator(self.problem.space, self.request.target, self.hidden)
+        self.owners, self.rounds, self.predicted = None, 0, 0.0
+
+    def _takes_another_degree(self) -> bool:
+        """Choose the degree when the first step with the lowest one has been done."""
+        accuracy, lowest = self.request.accuracy, min(self.poses)
+        if accuracy is None or len(self.steps) > 1:
+            return False
+        ratio = self.steps[0].estimate / accuracy
+        best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
+        more = (best / lowest) ** self.sided.mesh.topology.dim if lowest else 1.0
+        room = more * self.steps[0].unknowns <= self.request.max_unknowns
+        if best == lowest or not room or self._affordable() < SMALLEST_GROWTH * more:
+            return False
+        self.pose = self.poses[best]
+        return True
+
+    def _note(self, estimate: float) -> None:
+        """Note the step."""
+        seconds = self.comm.bcast(time.perf_counter() - self.began)
+        step = Step(self.problem.unknowns, estimate, seconds)
+        self.steps.append(step)
+        self.on_step(step)
+
+    def _next_mesh(self) -> Divided | None:
+        """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
+        accuracy, estimate = self.request.accuracy, self.steps[-1].estimate
+        self.rounds += 1
+        rates, found = self.estimator.rates, self.estimator.found
+        if self.rounds == 1:
+            marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
+            divided = marks.apply(self.sided)
+        else:
+            if accuracy is not None and estimate <= accuracy:
+                self.stopped = "the accuracy is reached"
+                return None
+            if self._standing():
+                self.stopped = "rounding: the estimate does not fall any more"
+                return None
+            goal = 0.0
+            if accuracy is not None:
+                close = sum(step.estimate <= CLOSE * accuracy for step in self.steps)
+                goal = AIM * accuracy / (estimate * self._gain(estimate))
+                goal = min(goal, LEAST ** max(close, 1))
+            growth = self._affordable()
+            if growth < SMALLEST_GROWTH:
+                return None
+            marks = mark(self.sided, self.estimator.outlook, goal, min(growth, GROWTH))
+            divided = marks.apply(self.sided)
+            self.predicted = marks.factor * estimate
+        self.fit(divided.sided)
+        division = refined(divided.sided)
+        if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
+            self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
+            return None
+        rates.refine(self.sided.mesh, found.local, marks, divided)
+        self.sided, self.division, self.owners = divided.sided, division, divided.owners
+        return divided
+
+    def _gain(self, estimate: float) -> float:
+        """The estimate over what was predicted: cells that only follow others gain, too."""
+        local = not self.request.target.weighted and not math.isinf(self.estimator.rates.power)
+        if self.predicted == 0.0 or not local:
+            return 1.0
+        return min(max(estimate / self.predicted, GAIN), 1.0)
+
+    def _standing(self) -> bool:
+        """Whether the estimate is small, and has not fallen in the last steps."""
+        estimates = [step.estimate for step in self.steps]
+        if len(estimates) <= PATIENCE or min(estimates[-PATIENCE:]) <= min(estimates[:-PATIENCE]):
+            return False
+        return estimates[-1] < ROUNDING * size(self.problem.u, self.request.target)
+
+    def _affordable(self) -> float:
+        """By how much the mesh may grow; where that is too little, note why."""
+        last, request = self.steps[-1], self.request
+        growth = request.max_unknowns / last.unknowns
+        self.stopped = f"a finer mesh has more than {request.max_unknowns} unknowns"
+        if request.budget is not None:
+            spent = last.seconds - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
+            left = request.budget - self.comm.bcast(time.perf_counter() - self.began)
+            if left / (RESERVE * spent) < growth:
+                growth = left / (RESERVE * spent)
+                self.stopped = "the next step would take longer than the time that is left"
+        return growth
+
+
+def _unknowns(sided: SidedMesh, space: fem.FunctionSpace) -> int:
+    """The number of dofs that a space of the same kind has on another mesh."""
+    topology, count = sided.mesh.topology, 0
+    for dim, dofs in enumerate(space.element.basix_element.num_entity_dofs):
+        if dofs[0]:
+            topology.create_entities(dim)
+            count += dofs[0] * topology.index_map(dim).size_global
+    return int(count)
