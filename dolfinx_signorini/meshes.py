@@ -205,6 +205,23 @@ def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return np.asarray(domain.geometry.dofmap[pairs[:, :1], corners[pairs[:, 1]]])
 
 
+def entity_nodes(
+    domain: mesh.Mesh, dim: int, entities: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
+    """Return the nodes of straight-sided simplices of a mesh, shape (entities, dim + 1).
+
+    DOLFINx divides by zero where a rank has no entity.
+
+    Args:
+        domain: A mesh that has the connectivities of these entities.
+        dim: The dimension of the entities.
+        entities: Edges or facets.
+    """
+    if len(entities) == 0:
+        return np.empty((0, dim + 1), dtype=np.int32)
+    return mesh.entities_to_geometry(domain, dim, entities).reshape(-1, dim + 1)
+
+
 def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     """Return the ratio of each facet's size to that of the reference facet.
 

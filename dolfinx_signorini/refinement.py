@@ -15,7 +15,13 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.elements import coefficients_of, control_points
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, cell_edges, facet_cells
+from dolfinx_signorini.meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    entity_nodes,
+    facet_cells,
+)
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -88,11 +94,9 @@ def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
     topology, tdim = domain.topology, domain.topology.dim
     topology.create_connectivity(1, 0)
     topology.create_connectivity(0, tdim)
-    if len(cells) == 0:
-        return np.empty(0, dtype=np.int32)
     count = tdim * (tdim + 1) // 2
     edges: Indices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
-    ends = mesh.entities_to_geometry(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
+    ends = entity_nodes(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
     distance = np.abs(domain.geometry.x[ends] - points[:, None, None]).max(axis=3).min(axis=2)
     size = np.linalg.norm(cell_edges(domain, cells), axis=2).max(axis=1, initial=0.0)
     return np.asarray(edges[distance < ROUNDING * size[:, None]])

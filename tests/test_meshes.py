@@ -8,7 +8,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets, entity_nodes, friedrichs_keller
 
 COMM = MPI.COMM_WORLD
 
@@ -36,3 +36,13 @@ def test_the_ranks_share_the_cells_evenly_and_alike_in_every_run():
     assert abs(cells - 2 * 24**2 / COMM.size) <= 2 * 24
     assert np.array_equal(first.geometry.x, second.geometry.x)
     assert np.array_equal(first.geometry.dofmap, second.geometry.dofmap)
+
+
+def test_nodes_of_facets_where_a_rank_may_have_none():
+    domain = friedrichs_keller(COMM, 2)
+    facets = boundary_facets(domain)
+    nodes = entity_nodes(domain, 1, facets)
+    x = domain.geometry.x[nodes]
+    assert nodes.shape == (len(facets), 2)
+    assert np.linalg.norm(x[:, 0] - x[:, 1], axis=1) == pytest.approx(0.5)
+    assert entity_nodes(domain, 1, facets[:0]).shape == (0, 2)

@@ -11,7 +11,13 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import Indices, SidedMesh, boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import (
+    Indices,
+    SidedMesh,
+    boundary_facets,
+    entity_nodes,
+    friedrichs_keller,
+)
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.mesh_files import MeshFile
 from dolfinx_signorini.scenes.polygons import Polygon
@@ -99,8 +105,7 @@ def read_domain(
 def _with_sides(domain: mesh.Mesh, names: Sequence[str]) -> SidedMesh:
     """Return a mesh of the unit square or cube with its sides: for each axis that at 0 and at 1."""
     dim, facets = domain.topology.dim - 1, boundary_facets(domain)
-    nodes = mesh.entities_to_geometry(domain, dim, facets).reshape(len(facets), dim + 1)
-    x = domain.geometry.x[nodes]
+    x = domain.geometry.x[entity_nodes(domain, dim, facets)]
 
     def on(k: int) -> Indices:
         return facets[(np.abs(x[:, :, k // 2] - k % 2) < 1e-12).all(axis=1)]
