@@ -35,6 +35,7 @@ ROUNDING = 1e-7  # of the size of the solution
 
 # Up to which factor between the first estimate and the accuracy a degree takes the least time.
 ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
+RESOLVED = 0.5  # of the size of the solution: a larger first estimate tells nothing about degrees
 
 Pose = Callable[[SidedMesh], SignoriniProblem]
 
@@ -156,7 +157,10 @@ class Loop:
         accuracy, lowest = self.request.accuracy, min(self.poses)
         if accuracy is None or len(self.steps) > 1:
             return False
-        ratio = self.steps[0].estimate / accuracy
+        estimate = self.steps[0].estimate
+        if estimate > RESOLVED * size(self.problem.u, self.request.target):
+            return False
+        ratio = estimate / accuracy
         best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
         more = (best / lowest) ** self.sided.mesh.topology.dim if lowest else 1.0
         room = more * self.steps[0].unknowns <= self.request.max_unknowns
