@@ -25,6 +25,7 @@ from dolfinx_signorini.refinement import carried_across
 
 SAFETY = 1.3  # the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal
+SPREAD = 1.7  # times what the data hide inside of cells: the cells around have part in the error
 FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
 CORRECTION = 5.0  # at most
 
@@ -132,7 +133,8 @@ class Estimator:
         if self._hidden is None:
             return value
         power, remaining = self.rates.power, self.outlook.remaining
-        parts = collected(self._hidden(fine, self._target), parents, len(remaining), power)
+        parts = SPREAD * self._hidden(fine, self._target)
+        parts = collected(parts, parents, len(remaining), power)
         if total(parts, power, self._comm) == 0.0:
             return value
         whole = total(remaining, power, self._comm)
