@@ -26,6 +26,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import require
@@ -239,7 +240,7 @@ def _factor(
     form = weights * dx(1, metadata=CELL_RULE.metadata) + weights * dx(
         2, metadata=NEAR_RULE.metadata
     )
-    value = problem.comm.allreduce(float(fem.assemble_scalar(fem.form(form))))
+    value = problem.comm.allreduce(float(fem.assemble_scalar(compiled.form(form))))
     return float(value + mean * _whole(k, inner, outer)) / (k * math.pi)
 
 
@@ -261,7 +262,7 @@ def _mean(problem: SignoriniProblem, source: Expr, cells: npt.NDArray[np.int32])
     domain = problem.space.mesh
     dx = ufl.Measure("dx", domain, subdomain_data=[(1, cells)], metadata=CELL_RULE.metadata)
     one = fem.Constant(domain, np.float64(1.0))
-    values = [fem.assemble_scalar(fem.form(v * dx(1))) for v in (source, one)]
+    values = [fem.assemble_scalar(compiled.form(v * dx(1))) for v in (source, one)]
     total, area = (problem.comm.allreduce(float(value)) for value in values)
     return fem.Constant(domain, np.float64(total / area))
 

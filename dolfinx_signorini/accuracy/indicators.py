@@ -22,6 +22,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.elements import coefficients_of, values_at_control_points
@@ -99,7 +100,7 @@ def size(error: fem.Function, target: Target) -> float:
     comm, norm = error.function_space.mesh.comm, target.norm
     if norm is None:
         assert target.functional is not None
-        form = fem.form(target.functional(error))
+        form = compiled.form(target.functional(error))
         return abs(float(comm.allreduce(fem.assemble_scalar(form))))
     if norm.boundary:
         return error_norms(error, None, [target.name])[target.name]
@@ -134,7 +135,7 @@ def _energies(problem: SignoriniProblem, f: fem.Function, parents: Indices, coun
         part.reconstruct(ufl.replace(part.integrand(), {trial: f, test: f}) * constant)
         for part in problem.a.integrals_by_type("cell")
     ]
-    vector = fem_petsc.assemble_vector(fem.form(ufl.Form(terms)))
+    vector = fem_petsc.assemble_vector(compiled.form(ufl.Form(terms)))
     energies = np.maximum(vector.array_r[: len(parents)], 0.0)
     vector.destroy()
     return collected(energies, parents, count, 1.0)

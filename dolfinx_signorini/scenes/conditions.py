@@ -15,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.assembly import evaluator, restricted
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution, matching_obstacle
@@ -243,7 +244,7 @@ class Dirichlet(BoundaryCondition):
         fixed.x.array[problem.fixed_dofs] = 1.0
         fixed.x.scatter_forward()
         cells = cells_with_dofs(problem.space, fixed.x.array > 0.0)
-        near = fem.form(restricted(residual, problem.space.mesh, cells))
+        near = compiled.form(restricted(residual, problem.space.mesh, cells))
         vector = fem_petsc.assemble_vector(near)
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         force = float(vector.array_r[problem.fixed_dofs].sum())

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.contact_boundary import ContactBoundary
 from dolfinx_signorini.detachment import detachment_points
@@ -192,7 +193,7 @@ def _forces(result: SceneResult) -> dict[str, float]:
     posed, problem = result.posed, result.posed.problem
 
     def integral(form: ufl.Form) -> float:
-        return float(problem.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
+        return float(problem.comm.allreduce(fem.assemble_scalar(compiled.form(form)), op=MPI.SUM))
 
     sources = [(n, f * measure) for n, (f, measure) in posed.sources.items() if n != LOAD]
     forces = {name: integral(form) for name, form in sources}
