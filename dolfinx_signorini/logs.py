@@ -24,6 +24,17 @@ log.addFilter(lambda record: MPI.COMM_WORLD.rank == 0)
 PATIENCE = 2.0  # seconds of silence after which a job tells how far it is
 
 
+def tell_duration(seconds: float, text: str, *values: object) -> None:
+    """Tell what took so long, where that is longer than `PATIENCE`; else only to who asks for more.
+
+    Args:
+        seconds: How long it took.
+        text: What took so long, with places for the values.
+        values: The values.
+    """
+    log.log(logging.INFO if seconds > PATIENCE else logging.DEBUG, text, *values)
+
+
 @contextmanager
 def telling(what: str) -> Iterator[None]:
     """Tell what is being done when that takes longer than `PATIENCE`, and in the end how long.
@@ -40,7 +51,7 @@ def telling(what: str) -> Iterator[None]:
     finally:
         timer.cancel()
     seconds = time.perf_counter() - began
-    log.log(logging.INFO if seconds > PATIENCE else logging.DEBUG, f"{what}: {seconds:.1f} s")
+    tell_duration(seconds, "%s: %.1f s", what, seconds)
 
 
 def listen(level: int) -> logging.Handler:

@@ -1,13 +1,12 @@
 """Wall-clock seconds of the phases of a computation, the same on all ranks."""
 
-import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mpi4py import MPI
 
-from dolfinx_signorini.logs import PATIENCE, log
+from dolfinx_signorini.logs import log, tell_duration
 
 
 class Phases:
@@ -47,7 +46,7 @@ class Phases:
         seconds = self.comm.bcast(now - self._last)
         self._last = now
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-        log.log(logging.INFO if seconds > PATIENCE else logging.DEBUG, "  %s %.2f s", name, seconds)
+        tell_duration(seconds, "  %s %.2f s", name, seconds)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:

@@ -119,8 +119,6 @@ def solve_adaptively(
     )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
-    if not poses:
-        raise InputError("give a function that poses the problem", "pose")
     began = time.perf_counter() if began is None else began
     loop = Loop(poses, sided, request, on_step, began, hidden, fit)
     for problem in ascend(lambda level, _: loop.pose(level), loop.levels()):

@@ -53,6 +53,8 @@ class Estimator:
 
     found: Indicators
     outlook: Outlook
+    # The last solution, the parents of the cells of its mesh, and its uncorrected estimate.
+    _last: tuple[fem.Function, Indices, float]
 
     def __init__(self, space: fem.FunctionSpace, target: Target, hidden: Hidden | None):
         domain, degree = space.mesh, space.element.basix_element.degree
@@ -65,7 +67,6 @@ class Estimator:
             target.weighted,
         )
         self._correction = 1.0
-        self._last: tuple[fem.Function, Indices, float] | None = None
 
     def estimate(
         self,
@@ -86,7 +87,7 @@ class Estimator:
             owners: For each cell of the mesh the cell of the mesh before; None for the first mesh.
         """
         self.found = found = indicators(u, fine, parents, self._target)
-        if self._last is not None:
+        if owners is not None:
             self.rates.measure(found.local)
         ends = cells_at_contact_ends(fine, parents, len(found.cells))
         self.rates.limit(ends, rate_at_ends(self._target))
@@ -96,14 +97,13 @@ class Estimator:
         left = total(self.outlook.remaining, power, self._comm) / whole if whole > 0.0 else 1.0
         value = self._with_misfits(found.difference * left, fine, parents)
         value = self._with_hidden(value, fine, parents)
-        if self._last is not None and owners is not None:
+        if owners is not None:
             self._try_out(value, fine, owners[parents])
         self._last = fine.u, parents, value
         safety = SURE if self._target.is_energy else SAFETY
         return safety * value * self._correction
 
     def _try_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> None:
-        assert self._last is not None
         u, parents, before = self._last
         old = carried_across(u, parents, fine.space, cells)
         moved = size(difference(fine.u, old), self._target)

@@ -115,12 +115,6 @@ class Divided:
     away: npt.NDArray[np.bool_]
 
 
-def mark_all(sided: SidedMesh) -> Marks:
-    """Return the marks that divide each cell of a mesh once."""
-    count = len(owned_cells(sided.mesh))
-    return Marks(np.ones(count, dtype=np.int64), np.zeros(count, bool), np.zeros((count, 3)))
-
-
 def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Marks:
     """Return the marks that divide each cell once whose error could be among the largest after.
 

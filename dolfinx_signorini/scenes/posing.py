@@ -187,7 +187,7 @@ def diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
 def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
     degree = 2 * (scene.degree - 1)
     k = diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
-    entries = [entry for row in scene.diffusion for entry in row]
+    entries = scene.diffusion_entries
     dx = measure_for(setting.sided.mesh, entries, degree, scene.degree)
     current = ufl.grad(u) if k is None else k * ufl.grad(u)
     return ufl.inner(current, ufl.grad(v)) * dx

@@ -75,6 +75,11 @@ class Scene:
         """The condition on the contact boundary."""
         return next(c for c in self.conditions if isinstance(c, Contact))
 
+    @property
+    def diffusion_entries(self) -> list[Formula]:
+        """The entries of the diffusion, row by row."""
+        return [entry for row in self.diffusion for entry in row]
+
     def levels(self) -> list["Scene"]:
         """Return the scene on the meshes of the cascade, from the coarsest to its own."""
         return [replace(self, domain=domain) for domain in self.domain.levels()]

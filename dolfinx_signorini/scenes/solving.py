@@ -1,6 +1,5 @@
 """Solving a scene: on its own mesh by the cascade, or on adapted meshes."""
 
-import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from dolfinx_signorini.kinds import (
     optional,
     positive,
 )
-from dolfinx_signorini.logs import PATIENCE, log
+from dolfinx_signorini.logs import tell_duration
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
@@ -208,7 +207,7 @@ def solve_scene(
         on_step=on_step,
         began=began,
         hidden=lambda problem, target: cut_errors(posed[0], target),
-        fit=lambda refined: follow(refined, [entry for row in scene.diffusion for entry in row]),
+        fit=lambda refined: follow(refined, scene.diffusion_entries),
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
@@ -241,7 +240,7 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
-    entries = [entry for row in scene.diffusion for entry in row]
+    entries = scene.diffusion_entries
     most = min(MOST_CELLS, max_unknowns // per_cell)
     sided = fitted_mesh(scene.domain.make(comm), entries, most)
     resolved = resolved_mesh(scene, sided, most)
@@ -252,8 +251,9 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     """Whether an entry of the diffusion jumps or has a kink inside of a cell."""
     x = ufl.SpatialCoordinate(sided.mesh)
-    entries = [entry for row in scene.diffusion for entry in row]
-    return any(integrable(entry, sided.mesh, 0) != entry.ufl(x) for entry in entries)
+    return any(
+        integrable(entry, sided.mesh, 0) != entry.ufl(x) for entry in scene.diffusion_entries
+    )
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:
@@ -306,9 +306,8 @@ class _Ascent:
         level = Level(problem.unknowns, *counts, self.phases.total - self.began)
         self.levels.append(level)
         self.began = self.phases.total
-        told = logging.INFO if level.seconds > PATIENCE else logging.DEBUG
         text = "%8d unknowns, %d linear solves, %.2f s"
-        log.log(told, text, level.unknowns, level.linear_solves, level.seconds)
+        tell_duration(level.seconds, text, level.unknowns, level.linear_solves, level.seconds)
 
 
 def _result(

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.marking import Outlook, mark, mark_all
+from dolfinx_signorini.accuracy.marking import Outlook, mark, mark_worst
 from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
 
 N = 8
@@ -31,7 +31,7 @@ def count(comm, sided):
 
 def test_all_cells_are_divided_once(comm):
     sided, _ = square(comm)
-    divided = mark_all(sided).apply(sided)
+    divided = mark_worst(sided, np.ones(len(owned_cells(sided.mesh))), 3.0, 2.0).apply(sided)
     assert count(comm, divided.sided) == 4 * 2 * N**2
     assert divided.levels == pytest.approx(1.0)
     assert not divided.away.any()
