@@ -257,14 +257,24 @@ class SignoriniProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        x = self._solution()
-        held, forces = self.system.touching(x), self.system.multiplier(x)
-        pressure = fem.Function(self.space, name="pressure")
-        pressure.x.array[self.contact_dofs] = (
-            np.where(held, np.maximum(forces, 0.0), 0.0) / self._layout.weights
-        )
+        pressure = self.forces
+        pressure.name = "pressure"
+        pressure.x.array[self.contact_dofs] /= self._layout.weights
         pressure.x.scatter_forward()
         return pressure
+
+    @property
+    def forces(self) -> fem.Function:
+        """The contact force on each contact dof: the pressure times the basis function, integrated.
+
+        The forces have the sign of the pressure, and vanish where the pressure does.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        x = self._solution()
+        held, forces = self.system.touching(x), self.system.multiplier(x)
+        return self._at_contact(np.where(held, np.maximum(forces, 0.0), 0.0), "forces")
 
     def contact_state(self) -> ContactState:
         """Return the solution with its pressure, as the solve on a finer mesh takes them.
@@ -303,7 +313,9 @@ class SignoriniProblem:
             figure.savefig(path, dpi=150)
         return figure
 
-    def solve_linearised(self, load: ufl.Form, rtol: float = 1e-3) -> fem.Function:
+    def solve_linearised(
+        self, load: ufl.Form, rtol: float = 1e-3
+    ) -> tuple[fem.Function, fem.Function]:
         """Solve the linear problem with the present contact set: the derivative of the solution.
 
         Find z with a(z, v) = load(v), where z and v vanish at the dofs in contact and at those with
@@ -312,6 +324,10 @@ class SignoriniProblem:
         Args:
             load: A linear form on the space of the problem.
             rtol: The residual to reach, relative to the load.
+
+        Returns:
+            The solution z, and the forces a(z, v) - load(v) that hold z at the dofs in contact,
+            with the basis functions as v.
 
         Raises:
             InputError: The problem has not been solved.
@@ -330,9 +346,10 @@ class SignoriniProblem:
         z = fem.Function(self.space)
         z.x.array[: x.getLocalSize()] = x.array_r
         z.x.scatter_forward()
+        forces = self._at_contact(np.where(held, linear.multiplier(x), 0.0), "forces")
         for item in (x, b):
             item.destroy()
-        return z
+        return z, forces
 
     def costs(self) -> list[Cost]:
         """Return what was made for this problem so far; the call is collective."""
@@ -449,6 +466,13 @@ class SignoriniProblem:
         if self._x is None:
             raise InputError("has not been solved yet", "problem")
         return self._x
+
+    def _at_contact(self, values: Array, name: str) -> fem.Function:
+        """The function with these coefficients at the contact dofs, 0 elsewhere."""
+        result = fem.Function(self.space, name=name)
+        result.x.array[self.contact_dofs] = values
+        result.x.scatter_forward()
+        return result
 
     def _free_solution(self) -> None:
         if self._x is not None:

@@ -14,7 +14,13 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, total
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
-from dolfinx_signorini.accuracy.indicators import Indicators, difference, indicators, size
+from dolfinx_signorini.accuracy.indicators import (
+    Indicators,
+    Solution,
+    difference,
+    indicators,
+    size,
+)
 from dolfinx_signorini.accuracy.marking import Outlook
 from dolfinx_signorini.accuracy.misfits import obstacle_misfits
 from dolfinx_signorini.accuracy.rates import Rates
@@ -38,7 +44,7 @@ class Estimator:
     For example:
 
         estimator = Estimator(coarse.space, target("L4"), None)
-        error = estimator.estimate(coarse.u, fine, refinement.parents, None)
+        error = estimator.estimate(coarse, fine, refinement.parents, None)
 
     Args:
         space: The space of the first solution.
@@ -59,18 +65,12 @@ class Estimator:
     def __init__(self, space: fem.FunctionSpace, target: Target, hidden: Hidden | None):
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._hidden, self._comm = target, hidden, domain.comm
-        self.rates = Rates(
-            target.order(degree),
-            target.power,
-            len(owned_cells(domain)),
-            domain.topology.dim,
-            target.weighted,
-        )
+        self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
         self._correction = 1.0
 
     def estimate(
         self,
-        u: fem.Function,
+        coarse: Solution,
         fine: SignoriniProblem,
         parents: Indices,
         owners: Indices | None,
@@ -81,20 +81,18 @@ class Estimator:
         fallen, all estimates are too small by about this ratio.
 
         Args:
-            u: The solution on the mesh.
+            coarse: The solution on the mesh.
             fine: The solved problem on the mesh with every cell divided.
             parents: For each owned cell of the divided mesh the cell of the mesh around the cell.
             owners: For each cell of the mesh the cell of the mesh before; None for the first mesh.
         """
-        self.found = found = indicators(u, fine, parents, self._target)
+        self.found = found = indicators(coarse, fine, parents, self._target)
         if owners is not None:
             self.rates.measure(found.local)
         ends = cells_at_contact_ends(fine, parents, len(found.cells))
         self.rates.limit(ends, rate_at_ends(self._target))
         self.outlook = self.rates.outlook(found.cells)
-        power = self.rates.power
-        whole = total(found.cells, power, self._comm)
-        left = total(self.outlook.remaining, power, self._comm) / whole if whole > 0.0 else 1.0
+        left = self._left(found.cells)
         value = self._with_misfits(found.difference * left, fine, parents)
         value = self._with_hidden(value, fine, parents)
         if owners is not None:
@@ -102,6 +100,20 @@ class Estimator:
         self._last = fine.u, parents, value
         safety = SURE if self._target.is_energy else SAFETY
         return safety * value * self._correction
+
+    def _left(self, cells: Array) -> float:
+        """The share of the difference that the error of the solution on the divided mesh still has.
+
+        A dual solution looks where the difference is largest, and hardly sees what slow cells leave
+        at other places. The root of the mean square of the shares of cells sees more of them.
+        """
+        sharpness = min(self._target.exponent, 2.0) if self._target.weighted else 1.0
+        shares = self.outlook.remaining / np.where(cells > 0.0, cells, 1.0)
+        left, whole = (
+            total(values, self.rates.power, self._comm)
+            for values in (cells * shares**sharpness, cells)
+        )
+        return (left / whole) ** (1.0 / sharpness) if whole > 0.0 else 1.0
 
     def _try_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> None:
         u, parents, before = self._last

@@ -7,7 +7,8 @@ where the difference comes from:
     W^{1,p}      the norm of w - u_h on each cell;
     L^inf        the largest w - I w on each cell, where I interpolates on the undivided mesh;
     otherwise    |w - I w|_a |z - I z|_a on each cell, where the dual solution z tells how much an
-                 error at one place matters for the norm of the whole error.
+                 error at one place matters for the norm of the whole error, and what dofs add that
+                 are in contact in u_h or in w alone.
 
 Source: Becker and Rannacher, An optimal control approach to a posteriori error estimation in finite
 element methods, Acta Numerica 10 (2001) 1-102.
@@ -24,6 +25,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
+from dolfinx_signorini.accuracy.contact_changes import contact_changes
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.elements import coefficients_of, values_at_control_points
 from dolfinx_signorini.meshes import owned_cells
@@ -34,12 +36,27 @@ from dolfinx_signorini.refinement import Transfer
 
 
 @dataclass(frozen=True)
+class Solution:
+    """What is kept of the solution on the undivided mesh:
+
+        coarse = Solution(problem.u, problem.forces)
+
+    Attributes:
+        u: The solution.
+        forces: The contact forces on the dofs.
+    """
+
+    u: fem.Function
+    forces: fem.Function
+
+
+@dataclass(frozen=True)
 class Indicators:
     """How far two solutions are apart, and where.
 
     For example:
 
-        found = indicators(coarse.u, fine, refinement.parents, target("L4"))
+        found = indicators(coarse, fine, refinement.parents, target("L4"))
         worst = found.cells.argmax()
 
     Attributes:
@@ -56,27 +73,30 @@ class Indicators:
 
 
 def indicators(
-    u: fem.Function, fine: SignoriniProblem, parents: Indices, target: Target
+    coarse: Solution, fine: SignoriniProblem, parents: Indices, target: Target
 ) -> Indicators:
     """Compare a solution with the solution on the divided mesh; the call is collective.
 
     Args:
-        u: The solution on the coarse mesh.
+        coarse: The solution on the coarse mesh.
         fine: The solved problem on the mesh with every cell divided.
         parents: For each owned cell of this mesh the coarse cell around the cell.
         target: What is to be accurate.
     """
-    transfer = Transfer(u.function_space, fine.space, parents)
-    error = difference(fine.u, transfer.prolong(u))
-    count = len(owned_cells(u.function_space.mesh))
+    space = coarse.u.function_space
+    transfer = Transfer(space, fine.space, parents)
+    error = difference(fine.u, transfer.prolong(coarse.u))
+    count = len(owned_cells(space.mesh))
     apart = size(error, target)
     norm = target.norm
     if target.weighted:
-        dual = fine.solve_linearised(_density(error, target, apart))
+        dual, forces = fine.solve_linearised(_density(error, target, apart))
         primal, weight = (
-            _energies(fine, _detail(transfer, v), parents, count) for v in (fine.u, dual)
+            np.sqrt(_energies(fine, _detail(transfer, v), parents, count)) for v in (fine.u, dual)
         )
-        return Indicators(apart, np.sqrt(primal) * np.sqrt(weight), np.sqrt(primal))
+        released = coarse.forces, transfer.restrict(dual)
+        changes = contact_changes(released, (forces, error), parents)
+        return Indicators(apart, primal * weight + changes, primal)
     assert norm is not None
     local = _detail(transfer, fine.u) if math.isinf(norm.p) else error
     cells = collected(cell_norms(local, norm), parents, count, norm.p)

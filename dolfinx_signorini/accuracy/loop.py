@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Indices
 from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
-from dolfinx_signorini.accuracy.indicators import size
+from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.errors import InputError
@@ -128,10 +128,10 @@ class Loop:
         self._require_room()
         self._begin()
         while True:
-            u = self.problem.u
+            coarse = Solution(self.problem.u, self.problem.forces)
             yield self.division.sided, {}
             parents, owners = self.division.parents, self.owners
-            self._note(self.estimator.estimate(u, self.problem, parents, owners))
+            self._note(self.estimator.estimate(coarse, self.problem, parents, owners))
             if self._takes_another_degree():
                 yield self.sided, {}
                 self._begin()

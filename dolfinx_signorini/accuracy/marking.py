@@ -41,6 +41,8 @@ class Outlook:
         singular: Whether the cell has a singular point.
         confirmed: Whether this was seen more than once.
         power: The exponent with which the parts add up.
+        exponent: The exponent with which errors at separate places add up: to this power the parts
+            fall, see `Target.exponent`.
         order: The order of convergence for smooth solutions.
     """
 
@@ -49,6 +51,7 @@ class Outlook:
     singular: npt.NDArray[np.bool_]
     confirmed: npt.NDArray[np.bool_]
     power: float
+    exponent: float
     order: float
 
 
@@ -154,8 +157,7 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
         else:
             low = threshold
     levels = np.maximum(choice.levels(low), choice.bulk())
-    power = 1.0 if math.isinf(outlook.power) else outlook.power
-    factor = (choice.error(levels) / choice.present) ** (1.0 / power)
+    factor = (choice.error(levels) / choice.present) ** (1.0 / choice.exponent)
     return Marks(levels.astype(np.int64), choice.singular, points, factor)
 
 
@@ -168,8 +170,9 @@ class _Choice:
         largest = self._largest(remaining) or 1.0
         sup = math.isinf(self.power)
         power = 1.0 if sup else self.power
+        self.exponent = 1.0 if sup else outlook.exponent
         self.parts = np.maximum((remaining / largest) ** power, 1e-300)
-        self.factors = np.minimum(outlook.factors**power, 0.95)
+        self.factors = np.minimum(outlook.factors**self.exponent, 0.95)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         self.child = np.where(self.singular, self.factors, shared)
@@ -206,8 +209,7 @@ class _Choice:
 
     def within_reach(self, factor: float) -> float:
         """The error times a factor, to the power, or what the deepest divisions give."""
-        power = 1.0 if math.isinf(self.power) else self.power
-        return max(self.present * factor**power, SLACK * self.least)
+        return max(self.present * factor**self.exponent, SLACK * self.least)
 
     def growth(self, levels: Array) -> float:
         """About by how much the number of cells grows."""

@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
+from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import owned_cells
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
@@ -36,24 +37,27 @@ class Rates:
 
     For example:
 
-        rates = Rates(order, power, count, dimension)
+        rates = Rates(target("L4"), degree, count, dimension)
         remaining = rates.outlook(cells).remaining
 
     Args:
-        order: The rate for smooth solutions.
-        power: The exponent with which indicators add up.
+        target: What is to be accurate.
+        degree: The degree of the elements.
         count: The number of owned cells.
         dimension: The dimension of space.
-        dual: Whether a dual solution has part in the indicators.
 
     Attributes:
+        order: The rate for smooth solutions.
+        power: The exponent with which the indicators add up.
+        exponent: The exponent with which errors at separate places add up.
         values: The rate of each owned cell.
     """
 
-    def __init__(self, order: float, power: float, count: int, dimension: int, dual: bool = False):
-        self.order, self.power, self.dimension = order, power, dimension
-        self._times, self._power = (2.0, 2.0) if dual else (1.0, power)
-        self.values: Array = np.full(count, UNKNOWN * order)
+    def __init__(self, target: Target, degree: int, count: int, dimension: int):
+        self.order, self.dimension = target.order(degree), dimension
+        self.power, self.exponent = target.power, target.exponent
+        self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
+        self.values: Array = np.full(count, UNKNOWN * self.order)
         self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
@@ -78,7 +82,9 @@ class Rates:
         singular = self.values < SINGULAR * self.order
         # Where contact ends, the solution on the divided mesh may be no better by chance.
         remaining = cells * np.where(self._limited, 1.0, rho / rest)
-        return Outlook(remaining, rho, singular, self._confirmed, self.power, self.order)
+        return Outlook(
+            remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
+        )
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.

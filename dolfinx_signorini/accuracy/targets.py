@@ -53,6 +53,15 @@ class Target:
         """The exponent with which the indicators of cells add up."""
         return 1.0 if self.weighted or self.norm is None else self.norm.p
 
+    @property
+    def exponent(self) -> float:
+        """The exponent with which errors at separate places add up.
+
+        A dual solution of an L^p norm looks where the error is large: when the error at one place
+        falls by a factor, what the cells there add falls by the p-th power of the factor.
+        """
+        return 1.0 if self.norm is None else self.norm.p
+
     def order(self, degree: int) -> float:
         """Return the order of convergence for smooth solutions.
 

@@ -198,7 +198,8 @@ class _Cuts:
         v = ufl.TestFunction(self.space)
         rule = QuadratureRule("default", self.degree - 1)
         load = ufl.inner(forces, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
-        moved = size(self.problem.solve_linearised(load, RTOL), target)
+        movement, _ = self.problem.solve_linearised(load, RTOL)
+        moved = size(movement, target)
         if norm is None or norm.boundary:
             return moved
         comm, areas = self.domain.comm, self.volumes / np.maximum(self.widths(), 1e-300)

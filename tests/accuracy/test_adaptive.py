@@ -9,7 +9,7 @@ from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
-from dolfinx_signorini.accuracy.indicators import difference, indicators
+from dolfinx_signorini.accuracy.indicators import Solution, difference, indicators
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, owned_cells
@@ -235,7 +235,7 @@ def two_solutions(comm):
     problems = [poser()(sided), poser()(division.sided)]
     for problem in problems:
         problem.solve()
-    yield problems[0].u, problems[1], division.parents
+    yield Solution(problems[0].u, problems[0].forces), problems[1], division.parents
     for problem in problems:
         problem.destroy()
 
@@ -259,12 +259,12 @@ def part(v, side):
 )
 def test_weighted_indicators_make_up_the_difference(comm, two_solutions, asked):
     found = indicators(*two_solutions, target(asked))
-    # The bound of duality, but for the dofs that change between contact and no contact.
-    assert comm.allreduce(found.cells.sum()) >= 0.75 * found.difference > 0.0
+    # The bound of duality, but for the residual of the dual solution.
+    assert comm.allreduce(found.cells.sum()) >= 0.999 * found.difference > 0.0
 
 
 def test_a_functional_of_one_side_asks_for_cells_there(comm, two_solutions):
-    domain = two_solutions[0].function_space.mesh
+    domain = two_solutions[0].u.function_space.mesh
     x = mesh.compute_midpoints(domain, 2, owned_cells(domain))[:, 0]
     left, right = (
         indicators(*two_solutions, target(lambda v, s=s: part(v, s))).cells for s in (-1.0, 1.0)
@@ -276,9 +276,9 @@ def test_a_functional_of_one_side_asks_for_cells_there(comm, two_solutions):
 
 
 def test_sup_norm_indicators_are_local(comm, two_solutions):
-    u, fine, parents = two_solutions
-    found = indicators(u, fine, parents, target("Linf"))
-    transfer = Transfer(u.function_space, fine.space, parents)
+    coarse, fine, parents = two_solutions
+    found = indicators(coarse, fine, parents, target("Linf"))
+    transfer = Transfer(coarse.u.function_space, fine.space, parents)
     detail = difference(fine.u, transfer.prolong(transfer.restrict(fine.u)))
     nodes = np.abs(detail.x.array[fine.space.dofmap.list[: len(parents)]]).max(axis=1)
     largest = np.zeros(len(found.cells))

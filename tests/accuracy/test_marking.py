@@ -11,8 +11,9 @@ from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
 N = 8
 
 
-def outlook(remaining, rates, singular, power=2.0, order=3.0):
-    return Outlook(remaining, 2.0**-rates, singular, singular, power, order)
+def outlook(remaining, rates, singular, power=2.0, exponent=None):
+    exponent = power if exponent is None else exponent
+    return Outlook(remaining, 2.0**-rates, singular, singular, power, exponent, 3.0)
 
 
 def corners(sided):
@@ -62,6 +63,22 @@ def test_the_error_that_is_asked_for_is_aimed_at(comm):
         share = np.sqrt(after / comm.allreduce((values**2).sum()))
         # Half of the error's square is reduced in any case.
         assert 0.4 * goal <= share <= goal
+
+
+def test_lumps_with_small_parts_are_divided_with_the_others(comm):
+    """Two lumps e of an error, of which one is a third as large, have parts e^4 in its L^4 norm."""
+    sided, middle = square(comm)
+    left, right = middle[:, 0] < 0.2, middle[:, 0] > 0.8
+    lumps = np.where(left, 1.0, np.where(right, 0.3, 0.0))
+    rates, smooth = np.full(len(lumps), 2.0), np.zeros(len(lumps), bool)
+    marks = mark(sided, outlook(lumps**4, rates, smooth, 1.0, 4.0), 0.27, 100.0)
+    after = lumps * 4.0 ** (-1.0 * marks.levels)
+    assert (marks.levels[right] == 1).all()
+    error = comm.allreduce(np.array([(after**4).sum(), (lumps**4).sum()])) ** 0.25
+    assert marks.factor == pytest.approx(error[0] / error[1], rel=1e-9)
+    # Parts that fell like the error itself would leave the smaller lump as it is.
+    marks = mark(sided, outlook(lumps**4, rates, smooth, 1.0), 0.27, 100.0)
+    assert (marks.levels[right] == 0).all()
 
 
 def test_meshes_grow_no_more_than_allowed(comm):

@@ -5,14 +5,19 @@ import pytest
 
 from dolfinx_signorini.accuracy.marking import Marks, mark_worst
 from dolfinx_signorini.accuracy.rates import NEARLY, SLOWEST, Rates
+from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
 
-ORDER = 3.0
+ORDER = 3  # of the derivatives of smooth solutions, with elements of this degree
+
+
+def rates_of(power, count):
+    return Rates(target(f"W1_{power:.0f}"), ORDER, count, 2)
 
 
 @pytest.mark.parametrize(("power", "rate"), [(1.0, 0.5), (2.0, 0.5), (2.0, 2.0), (4.0, 1.0)])
 def test_what_remains_is_the_sum_of_all_later_differences(power, rate):
-    rates = Rates(ORDER, power, 3, 2)
+    rates = rates_of(power, 3)
     rates.values[:] = rate
     cells = np.array([1.0, 2.0, 0.0])
     later = 2.0 ** (-rate * np.arange(1, 200))
@@ -34,7 +39,7 @@ def fallen(comm, power, marks, rate):
     sided = SidedMesh(friedrichs_keller(comm, 4), {})
     count = len(owned_cells(sided.mesh))
     divided = marks(sided, count).apply(sided)
-    rates = Rates(ORDER, power, count, 2)
+    rates = rates_of(power, count)
     before = np.full(count, 7.0)
     rates.refine(sided.mesh, before, marks(sided, count), divided)
     return rates, divided, before
