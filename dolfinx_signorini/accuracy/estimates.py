@@ -31,6 +31,7 @@ from dolfinx_signorini.refinement import carried_across
 
 SAFETY = 1.3  # the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal
+SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 SPREAD = 1.7  # times what the data hide inside of cells: the cells around have part in the error
 FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
 CORRECTION = 5.0  # at most
@@ -92,8 +93,7 @@ class Estimator:
         ends = cells_at_contact_ends(fine, parents, len(found.cells))
         self.rates.limit(ends, rate_at_ends(self._target))
         self.outlook = self.rates.outlook(found.cells)
-        left = self._left(found.cells)
-        value = self._with_misfits(found.difference * left, fine, parents)
+        value = self._with_misfits(self._left_over(found), fine, parents)
         value = self._with_hidden(value, fine, parents)
         if owners is not None:
             self._try_out(value, fine, owners[parents])
@@ -101,19 +101,21 @@ class Estimator:
         safety = SURE if self._target.is_energy else SAFETY
         return safety * value * self._correction
 
-    def _left(self, cells: Array) -> float:
-        """The share of the difference that the error of the solution on the divided mesh still has.
+    def _left_over(self, found: Indicators) -> float:
+        """What the difference leaves in the error of the solution on the divided mesh.
 
         A dual solution looks where the difference is largest, and hardly sees what slow cells leave
-        at other places. The root of the mean square of the shares of cells sees more of them.
+        at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
+        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
         """
-        sharpness = min(self._target.exponent, 2.0) if self._target.weighted else 1.0
+        sharpness = min(self._target.exponent, SHARPNESS) if self._target.weighted else 1.0
+        cells, power = found.cells, self.rates.power
         shares = self.outlook.remaining / np.where(cells > 0.0, cells, 1.0)
         left, whole = (
-            total(values, self.rates.power, self._comm)
-            for values in (cells * shares**sharpness, cells)
+            total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
         )
-        return (left / whole) ** (1.0 / sharpness) if whole > 0.0 else 1.0
+        apart = max(found.difference, whole) if math.isinf(power) else found.difference
+        return apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
 
     def _try_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> None:
         u, parents, before = self._last

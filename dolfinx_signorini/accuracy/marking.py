@@ -152,7 +152,7 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
     for _ in range(BISECTIONS):
         threshold = math.sqrt(low * high)
         levels = choice.levels(threshold)
-        if choice.error(levels) > choice.within_reach(aim) and choice.growth(levels) < growth:
+        if choice.is_short_of(aim, threshold, levels) and choice.growth(levels) < growth:
             high = threshold
         else:
             low = threshold
@@ -207,9 +207,20 @@ class _Choice:
                 high = threshold
         return self.parts > low
 
-    def within_reach(self, factor: float) -> float:
-        """The error times a factor, to the power, or what the deepest divisions give."""
-        return max(self.present * factor**self.exponent, SLACK * self.least)
+    def is_short_of(self, factor: float, threshold: float, levels: Array) -> bool:
+        """Whether divisions do not multiply the error by a factor, and deeper ones would be better.
+
+        In a sup norm a cell that stays slow does not spare the others their divisions.
+
+        Args:
+            factor: The factor that is aimed at.
+            threshold: What no part of a cell was to be above.
+            levels: The divisions.
+        """
+        aim = self.present * factor**self.exponent
+        if math.isinf(self.power):
+            return threshold > aim
+        return self.error(levels) > max(aim, SLACK * self.least)
 
     def growth(self, levels: Array) -> float:
         """About by how much the number of cells grows."""
