@@ -18,18 +18,18 @@ Sources: Babuska, Kellogg and Pitkaranta, Numer. Math. 33 (1979) 447-471, for th
 and Haubner, Section 2.2, for the singularity.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import mesh
+from mpi4py import MPI
 
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes import SidedMesh, cell_edges, owned_cells
+from dolfinx_signorini.refinement import refined
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 RADIUS = 0.125  # where the grading begins, relative to the size of the domain
 RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced
@@ -38,16 +38,16 @@ MAX_ROUNDS = 60
 
 
 def graded_mesh(
-    domain: mesh.Mesh,
+    sided: SidedMesh,
     points: Sequence[DetachmentPoint],
     width: float,
     exponent: float,
     halvings: int = 0,
-) -> mesh.Mesh:
+) -> SidedMesh:
     """Refine a triangulation towards points, until its cells have the sizes of the grading.
 
     Args:
-        domain: A triangulation of cells of about the size 2^halvings `width`.
+        sided: A triangulation of cells of about the size 2^halvings `width`.
         points: The points; cells are not made much smaller than the uncertainty of a point.
         width: The cell size h away from the points: the root of twice the area of a cell.
         exponent: The grading exponent mu; 1 for no grading.
@@ -56,70 +56,31 @@ def graded_mesh(
     Raises:
         InputError: The mesh is no triangulation of a plane domain.
     """
+    domain = sided.mesh
     if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
         raise InputError("grading: only for triangulations of plane domains")
+    radii, rounds = _radii(sided, points), MAX_ROUNDS if exponent < 1.0 and points else 0
     for level in reversed(range(halvings + 1)):
-        if exponent < 1.0 and points:
-            domain = _refined(domain, points, width, exponent, 2.0**level)
+        for _ in range(rounds):
+            middles, sizes = _cells(sided)
+            wanted = np.full(len(sizes), width)
+            for point, radius in zip(points, radii, strict=True):
+                wanted = np.minimum(wanted, _wanted(middles, point, radius, width, exponent))
+            cells = np.flatnonzero(sizes > TOLERANCE * 2.0**level * wanted).astype(np.int32)
+            if not domain.comm.allreduce(len(cells)):
+                break
+            sided = refined(sided, cells).sided
         if level:
-            domain.topology.create_entities(1)
-            domain = mesh.refine(domain)[0]
-    return domain
+            sided = refined(sided).sided
+    return sided
 
 
-def transferred_sides(
-    domain: mesh.Mesh, sides: Mapping[str, Indices], fine: mesh.Mesh
-) -> dict[str, Indices]:
-    """Return the facets of a refined mesh that lie on named sides of a mesh.
-
-    Args:
-        domain: The coarse mesh, a triangulation with straight sides.
-        sides: The facets of each side of the coarse mesh that this rank knows.
-        fine: A refinement of the coarse mesh, distributed in any way.
-
-    Returns:
-        The facets of each side of the fine mesh that this rank owns.
-    """
-    facets = boundary_facets(fine)
-    middles = _ends(fine, facets).mean(axis=1)
-    result = {}
-    for name, coarse in sides.items():
-        owned = np.intersect1d(coarse, boundary_facets(domain))
-        ends = np.concatenate(domain.comm.allgather(_ends(domain, owned)))
-        result[name] = facets[_on_segments(middles, ends)]
-    return result
-
-
-def _refined(
-    domain: mesh.Mesh,
-    points: Sequence[DetachmentPoint],
-    width: float,
-    exponent: float,
-    factor: float,
-) -> mesh.Mesh:
-    """A mesh refined until the cells have the sizes of the grading, times a factor."""
-    radii = _radii(domain, points)
-    for _ in range(MAX_ROUNDS):
-        middles, sizes = _cells(domain)
-        wanted = np.full(len(sizes), width)
-        for point, radius in zip(points, radii, strict=True):
-            wanted = np.minimum(wanted, _wanted(middles, point, radius, width, exponent))
-        cells = np.flatnonzero(sizes > TOLERANCE * factor * wanted).astype(np.int32)
-        if not domain.comm.allreduce(len(cells)):
-            break
-        domain.topology.create_connectivity(2, 1)
-        domain.topology.create_connectivity(1, 2)
-        edges = mesh.compute_incident_entities(domain.topology, cells, 2, 1)
-        domain = mesh.refine(domain, edges)[0]
-    return domain
-
-
-def _radii(domain: mesh.Mesh, points: Sequence[DetachmentPoint]) -> list[float]:
+def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
     """The radius R of the grading towards each point: at most half the distance to the next one."""
-    x = domain.geometry.x[:, :2]
+    x = sided.mesh.geometry.x[:, :2]
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)])
-    highest = np.max(domain.comm.allgather(ends), axis=0)
-    size = float((highest[:2] + highest[2:]).max())
+    sided.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    size = float((ends[:2] + ends[2:]).max())
     positions = np.array([point.position for point in points])
     radii = []
     for position in positions:
@@ -127,6 +88,13 @@ def _radii(domain: mesh.Mesh, points: Sequence[DetachmentPoint]) -> list[float]:
         others = distances[distances > 0.0]
         radii.append(min(RADIUS * size, 0.5 * float(others.min(initial=np.inf))))
     return radii
+
+
+def _cells(sided: SidedMesh) -> tuple[Array, Array]:
+    """Midpoints and sizes of the owned cells."""
+    domain, cells = sided.mesh, owned_cells(sided.mesh)
+    middles = domain.geometry.x[domain.geometry.dofmap[cells], :2].mean(axis=1)
+    return middles, np.sqrt(np.abs(np.linalg.det(cell_edges(domain, cells))))
 
 
 def _wanted(
@@ -137,32 +105,3 @@ def _wanted(
     smallest = max(radius * (width / radius) ** (1.0 / exponent), RESOLUTION * point.uncertainty)
     sizes = width * (np.maximum(distance, 0.0) / radius) ** (1.0 - exponent)
     return np.maximum(sizes, smallest)
-
-
-def _cells(domain: mesh.Mesh) -> tuple[Array, Array]:
-    """Midpoints and sizes of the owned cells."""
-    count = domain.topology.index_map(2).size_local
-    x = domain.geometry.x[domain.geometry.dofmap[:count], :2]
-    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
-    return x.mean(axis=1), np.sqrt(np.abs(a * d - b * c))
-
-
-def _ends(domain: mesh.Mesh, facets: Indices) -> Array:
-    """The ends of boundary facets, shape (facets, 2, 2)."""
-    pairs = facet_cells(domain, facets)
-    corners = np.array([[1, 2], [0, 2], [0, 1]])
-    nodes = domain.geometry.dofmap[pairs[:, 0, None], corners[pairs[:, 1]]]
-    return np.asarray(domain.geometry.x[nodes][:, :, :2])
-
-
-def _on_segments(points: Array, ends: Array) -> npt.NDArray[np.bool_]:
-    """Whether each of some points lies on one of some segments."""
-    result = np.zeros(len(points), dtype=bool)
-    for start, end in ends:
-        direction = end - start
-        length = float(direction @ direction)
-        offset = points - start
-        along = offset @ direction / length
-        across = offset[:, 0] * direction[1] - offset[:, 1] * direction[0]
-        result |= (along > 0.0) & (along < 1.0) & (np.abs(across) < 1e-9 * length)
-    return result

@@ -26,7 +26,7 @@ from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.timing import Phases
 from dolfinx_signorini.tradeoff.family import Family, Posed
-from dolfinx_signorini.tradeoff.grading import graded_mesh, transferred_sides
+from dolfinx_signorini.tradeoff.grading import graded_mesh
 from dolfinx_signorini.tradeoff.kinds import Kind
 
 COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
@@ -284,5 +284,4 @@ class _Ascent:
             return sided
         width = self.family.width / (n * 2**halvings)
         exponent = grading_exponent(self.kind.degree)
-        fine = graded_mesh(sided.mesh, self.points, width, exponent, halvings)
-        return SidedMesh(fine, transferred_sides(sided.mesh, sided.sides, fine))
+        return graded_mesh(sided, self.points, width, exponent, halvings)

@@ -15,7 +15,7 @@ from dolfinx_signorini import (
     friedrichs_keller,
 )
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
 from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import (
@@ -26,7 +26,7 @@ from dolfinx_signorini.orders import (
     grading_exponent,
 )
 from dolfinx_signorini.paper.solution import paper_family, paper_problem
-from dolfinx_signorini.tradeoff.grading import RADIUS, graded_mesh, transferred_sides
+from dolfinx_signorini.tradeoff.grading import RADIUS, graded_mesh
 from dolfinx_signorini.tradeoff.kinds import GRADED_P2, UNIFORM_P2, Kind
 from dolfinx_signorini.tradeoff.runs import Configuration, solve_configuration
 
@@ -43,6 +43,10 @@ def areas(corners: np.ndarray) -> np.ndarray:
     return 0.5 * np.abs(a * d - b * c)
 
 
+def squares(comm: MPI.Comm, n: int) -> SidedMesh:
+    return SidedMesh(friedrichs_keller(comm, n), {})
+
+
 def solved(comm: MPI.Comm, n: int, degree: int, detachment: tuple[float, float]):
     exact = christof_haubner(friedrichs_keller(comm, n), detachment)
     problem = paper_problem(exact, degree)
@@ -57,8 +61,8 @@ def test_cells_have_the_sizes_of_the_grading(
 ) -> None:
     n, place = 32, (0.47, 0.0)
     point = DetachmentPoint(place, uncertainty=1e-9, strength=1.0)
-    fine = graded_mesh(friedrichs_keller(comm, n >> halvings), [point], 1.0 / n, exponent, halvings)
-    corners = cells(fine)
+    fine = graded_mesh(squares(comm, n >> halvings), [point], 1.0 / n, exponent, halvings)
+    corners = cells(fine.mesh)
     sizes = np.sqrt(2.0 * areas(corners))
     assert math.isclose(areas(corners).sum(), 1.0, rel_tol=1e-12)
     r = np.linalg.norm(corners.mean(axis=1) - place, axis=1)
@@ -75,21 +79,21 @@ def test_cells_have_the_sizes_of_the_grading(
 
 def test_cells_are_not_smaller_than_a_point_is_certain(comm: MPI.Comm) -> None:
     point = DetachmentPoint((0.5, 0.0), uncertainty=0.02, strength=1.0)
-    corners = cells(graded_mesh(friedrichs_keller(comm, 20), [point], 0.05, 0.25))
+    corners = cells(graded_mesh(squares(comm, 20), [point], 0.05, 0.25).mesh)
     assert np.sqrt(2.0 * areas(corners)).min() > 0.02 / 8
 
 
 def test_an_exponent_of_one_and_no_points_leave_the_mesh(comm: MPI.Comm) -> None:
-    domain = friedrichs_keller(comm, 6)
+    sided = squares(comm, 6)
     point = DetachmentPoint((0.5, 0.0), 1e-3, 1.0)
-    assert graded_mesh(domain, [point], 1.0 / 6, 1.0) is domain
-    assert graded_mesh(domain, [], 1.0 / 6, 0.25) is domain
+    assert graded_mesh(sided, [point], 1.0 / 6, 1.0) is sided
+    assert graded_mesh(sided, [], 1.0 / 6, 0.25) is sided
 
 
 def test_only_triangulations_are_graded(comm: MPI.Comm) -> None:
-    squares = mesh.create_unit_square(comm, 4, 4, mesh.CellType.quadrilateral)
+    domain = mesh.create_unit_square(comm, 4, 4, mesh.CellType.quadrilateral)
     with pytest.raises(InputError, match="grading"):
-        graded_mesh(squares, [], 0.25, 0.5)
+        graded_mesh(SidedMesh(domain, {}), [], 0.25, 0.5)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -203,15 +207,15 @@ def test_sides_are_kept(comm: MPI.Comm) -> None:
         for name, plane in planes.items()
     }
     point = DetachmentPoint((0.4, 0.0), 1e-3, 1.0)
-    fine = graded_mesh(domain, [point], 1.0 / 12, 0.25, halvings=1)
-    found = transferred_sides(domain, sides, fine)
+    sided = graded_mesh(SidedMesh(domain, sides), [point], 1.0 / 12, 0.25, halvings=1)
+    fine = sided.mesh
     for name, (axis, value) in planes.items():
         fine.topology.create_connectivity(1, 2)
         expected = mesh.locate_entities_boundary(
             fine, 1, lambda x, axis=axis, value=value: np.isclose(x[axis], value)
         )
         owned = expected[expected < fine.topology.index_map(1).size_local]
-        assert set(found[name]) == set(owned)
+        assert set(sided.sides[name]) == set(owned)
 
 
 @pytest.mark.parametrize(
