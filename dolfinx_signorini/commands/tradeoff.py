@@ -17,7 +17,7 @@ from dolfinx_signorini.scenes.expectations import check_norms, expect
 from dolfinx_signorini.tradeoff.comparing import Row, accuracies, compared
 from dolfinx_signorini.tradeoff.family import Family, scene_family
 from dolfinx_signorini.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
-from dolfinx_signorini.tradeoff.measuring import Meter, is_known
+from dolfinx_signorini.tradeoff.measuring import Meter
 from dolfinx_signorini.tradeoff.page import write_page
 from dolfinx_signorini.tradeoff.results import result_files, write_results
 
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     items = grid(args.max_unknowns, family.dimension, sweeps=paper)
     if not items:
         raise InputError(f"no mesh has as few as {args.max_unknowns}", "--max-unknowns")
-    known = paper or is_known(comm, family)
+    known = scene is None or scene.solution is not None
     reference = None if known else finer_configuration(args.max_unknowns, family.dimension)
     settings = {
         "scene": "paper" if scene is None else scene.text,

@@ -1,7 +1,7 @@
 """Measured rows compared: the Pareto front, and the cheapest configuration for an error."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -20,26 +20,34 @@ def kind_of(row: Row) -> Kind:
     return Kind(row["mesh"], row["degree"])
 
 
+def of_kind(rows: Iterable[Row], kind: Kind) -> list[Row]:
+    """Return the rows of one kind of mesh and elements.
+
+    Args:
+        rows: Any rows.
+        kind: The kind.
+    """
+    return [row for row in rows if kind_of(row) == kind]
+
+
 def describe(row: Row) -> str:
     """Return the configuration of a row in words."""
     own = {field.name: row[field.name] for field in fields(Configuration) if field.name != "kind"}
     return str(Configuration(kind_of(row), **own))
 
 
-def compared(rows: Sequence[Row], norm: str, ranks: int | None = None) -> list[Row]:
+def compared(rows: Sequence[Row], norm: str) -> list[Row]:
     """Return the rows that are compared in a norm: no sweeps, no meshes adapted for other norms.
 
     Args:
         rows: All rows.
         norm: The norm of the error.
-        ranks: The number of ranks; None for all.
     """
     return [
         row
         for row in rows
         if row["purpose"] == "main"
         and row["norm"] in (None, norm)
-        and ranks in (None, row["ranks"])
         and not (row["accuracy"] and row["estimate"] > row["accuracy"])
     ]
 

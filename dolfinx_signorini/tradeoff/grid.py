@@ -108,7 +108,7 @@ def ladder(
     return [Item(replace(first, accuracy=accuracy)) for accuracy in accuracies]
 
 
-def adapted_kinds(max_unknowns: int, dimension: int = 2) -> list[Kind]:
+def adapted_kinds(max_unknowns: int, dimension: int) -> list[Kind]:
     """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit."""
     across = 2 * FIRST[dimension]
     return [
@@ -120,7 +120,7 @@ def adapted_kinds(max_unknowns: int, dimension: int = 2) -> list[Kind]:
     ]
 
 
-def finer_configuration(max_unknowns: int, dimension: int = 2) -> Configuration:
+def finer_configuration(max_unknowns: int, dimension: int) -> Configuration:
     """Return a configuration that is more accurate than all of a grid, as a reference.
 
     Args:

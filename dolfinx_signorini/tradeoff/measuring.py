@@ -36,18 +36,6 @@ WARM_UP = 8  # cells across of the run that compiles the forms
 ENOUGH = 1.0  # seconds after which an item is not timed again
 
 
-def is_known(comm: MPI.Comm, family: Family) -> bool:
-    """Return whether the exact solution of a problem is known; a mesh of a few cells tells.
-
-    Args:
-        comm: The communicator; the call is collective.
-        family: The problem.
-    """
-    posed = family.pose(family.make(comm, 4), 1)
-    posed.problem.destroy()
-    return posed.exact is not None
-
-
 class Meter:
     """Measures items in some norms, each item once: recorded rows are not measured again.
 

@@ -12,11 +12,11 @@ from dolfinx_signorini.orders import DETACHMENT_EXPONENT, SMOOTH, approximation_
 from dolfinx_signorini.records import versions, write_file
 from dolfinx_signorini.tables import markdown_table
 from dolfinx_signorini.tradeoff import plots
-from dolfinx_signorini.tradeoff.comparing import Row, compared, kind_of, slope
+from dolfinx_signorini.tradeoff.comparing import Row, compared, of_kind, slope
 from dolfinx_signorini.tradeoff.grid import ADAPTED
 from dolfinx_signorini.tradeoff.kinds import KINDS
 from dolfinx_signorini.tradeoff.measuring import ENOUGH
-from dolfinx_signorini.tradeoff.rules import NORMS, RULES, shown, sweep
+from dolfinx_signorini.tradeoff.rules import NORMS, rules, shown, sweep
 
 BERNSTEIN = [
     "## What the Bernstein basis guarantees",
@@ -52,7 +52,7 @@ def write_page(path: Path, rows: Sequence[Row], max_unknowns: int) -> None:
         InputError: Some rule has no rows.
     """
     try:
-        rules = [rule(rows) for rule in RULES]
+        chapters = rules(rows)
     except (ValueError, KeyError, IndexError, StopIteration) as error:
         raise InputError(
             "some rows are missing; the page needs L4, Linf, W1_4 and W1_inf, at least 50000 "
@@ -63,7 +63,7 @@ def write_page(path: Path, rows: Sequence[Row], max_unknowns: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     serial = [row for row in rows if row["ranks"] == 1]
     lines = _introduction(max_unknowns, max(row["repeats"] for row in serial))
-    for number, (title, text) in enumerate(rules, start=1):
+    for number, (title, text) in enumerate(chapters, start=1):
         lines += [f"## {number}. {title}", "", text, ""]
     lines += [*_orders(serial), *BERNSTEIN, "## The diagrams", ""]
     for name, text, figure in _diagrams(serial):
@@ -102,7 +102,7 @@ def _orders(rows: Sequence[Row]) -> list[str]:
         exponent = DETACHMENT_EXPONENT if kind.mesh == "uniform" else SMOOTH
         cells, most = [], 0
         for norm in NORMS:
-            own = [row for row in compared(rows, norm) if kind_of(row) == kind]
+            own = of_kind(compared(rows, norm), kind)
             most = max([most, *(row["unknowns"] for row in own)])
             order = slope(own, norm)
             measured = "-" if order is None else f"{2.0 * order:.2f}"

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.palette import COLOURS, MARKERS
-from dolfinx_signorini.tradeoff.comparing import Row, describe, kind_of, pareto_front, slope
+from dolfinx_signorini.tradeoff.comparing import Row, describe, of_kind, pareto_front, slope
 from dolfinx_signorini.tradeoff.kinds import KINDS, MESHES, Kind
 
 LINES = dict(zip(MESHES, (("o", "-"), ("s", "--"), ("^", ":")), strict=True))
@@ -32,7 +32,7 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
         front = pareto_front(rows, norm, cost)
         axes.loglog([row[cost] for row in front], [row["errors"][norm] for row in front], **FRONT)
         for kind in KINDS:
-            line = [row for row in rows if kind_of(row) == kind]
+            line = of_kind(rows, kind)
             line.sort(key=lambda row: (row["unknowns"], row["errors"][norm]))
             marker, style = LINES[kind.mesh]
             if line:
@@ -65,7 +65,7 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
 
 def _label(kind: Kind, rows: Sequence[Row], norm: str) -> str:
     """The kind with its order in unknowns."""
-    order = slope([row for row in rows if kind_of(row) == kind], norm)
+    order = slope(of_kind(rows, kind), norm)
     return str(kind) if order is None else f"{kind}: {order:.2f}"
 
 

@@ -1,7 +1,5 @@
 """The files of a comparison: rows as JSON and CSV, tables of targets, work-precision diagrams."""
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Any
 
 from dolfinx_signorini import plotting
 from dolfinx_signorini.records import versions, write_file
+from dolfinx_signorini.tables import csv_table
 from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.comparing import Row, compared, describe, pareto_front, target_table
 
@@ -71,8 +70,4 @@ def _csv(rows: Sequence[Row]) -> str:
                 line[key] = value
         flat.append(line)
     columns = list(dict.fromkeys(key for line in flat for key in line))
-    out = io.StringIO()
-    writer = csv.DictWriter(out, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(flat)
-    return out.getvalue()
+    return csv_table(columns, [[line.get(key) for key in columns] for line in flat])

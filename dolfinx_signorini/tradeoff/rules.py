@@ -1,6 +1,6 @@
 """Rules on speed against accuracy, each with the figures measured for it."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.tables import markdown_table
@@ -11,6 +11,7 @@ from dolfinx_signorini.tradeoff.comparing import (
     describe,
     finest,
     kind_of,
+    of_kind,
     targets,
 )
 from dolfinx_signorini.tradeoff.kinds import GRADED_P2, GRADED_P4, MESHES, UNIFORM_P1, Kind
@@ -24,15 +25,15 @@ Rule = tuple[str, str]
 
 
 def sweep(rows: Sequence[Row], purpose: str) -> dict[str, list[Row]]:
-    """Return the rows of a sweep on one rank by their configuration in words.
+    """Return the rows of a sweep by their configuration in words.
 
     Args:
-        rows: All rows.
+        rows: The rows on one rank.
         purpose: The name of the sweep, see `Item`.
     """
     result: dict[str, list[Row]] = {}
     for row in rows:
-        if row["purpose"] == purpose and row["ranks"] == 1:
+        if row["purpose"] == purpose:
             result.setdefault(describe(row), []).append(row)
     return result
 
@@ -41,11 +42,11 @@ def shown(rows: Sequence[Row]) -> list[Row]:
     """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm.
 
     Args:
-        rows: All rows.
+        rows: The rows on one rank.
     """
-    result = [finest(compared(rows, NORMS[0], ranks=1))]
+    result = [finest(compared(rows, NORMS[0]))]
     for norm in NORMS:
-        row = cheapest(compared(rows, norm, ranks=1), norm, result[0]["errors"][norm])
+        row = cheapest(compared(rows, norm), norm, result[0]["errors"][norm])
         if row is not None and row not in result:
             result.append(row)
     return result
@@ -55,10 +56,10 @@ def _best(rows: Sequence[Row]) -> Rule:
     parts: list[str] = []
     lines: list[list[str]] = []
     for norm in NORMS:
-        own = compared(rows, norm, ranks=1)
+        own = compared(rows, norm)
         base = finest(own)
         error = base["errors"][norm]
-        best = _required(cheapest(own, norm, error), norm)
+        best = _required(own, norm, error)
         parts.append(
             f"- {norm} = {error:.3g}: {describe(best)} takes {_cost(best)}, {describe(base)} "
             f"{_cost(base)}: {base['total'] / best['total']:.3g} times as long."
@@ -66,7 +67,7 @@ def _best(rows: Sequence[Row]) -> Rule:
         for mesh in MESHES:
             cells = [f"{norm} = {error:.3g}" if mesh == MESHES[0] else "", mesh]
             for degree in DEGREES:
-                row = cheapest(_of_kind(own, Kind(mesh, degree)), norm, error)
+                row = cheapest(of_kind(own, Kind(mesh, degree)), norm, error)
                 cells.append("" if row is None else _cost(row))
             lines.append(cells)
     columns = ("error", "mesh", *(f"P{degree}" for degree in DEGREES))
@@ -82,7 +83,7 @@ def _best(rows: Sequence[Row]) -> Rule:
 def _choice(rows: Sequence[Row]) -> Rule:
     best: dict[float, dict[str, str]] = {}
     for norm in NORMS:
-        own = compared(rows, norm, ranks=1)
+        own = compared(rows, norm)
         for target in targets(own, norm):
             row = cheapest(own, norm, target)
             if row is not None and target != finest(own)["errors"][norm]:
@@ -100,12 +101,11 @@ def _choice(rows: Sequence[Row]) -> Rule:
 def _adapted(rows: Sequence[Row]) -> Rule:
     parts = []
     for norm in NORMS:
-        own = compared(rows, norm, ranks=1)
+        own = compared(rows, norm)
         loop = [row for row in own if row["mesh"] == "adapted"]
         given = [row for row in own if row["mesh"] != "adapted"]
         error = finest(own)["errors"][norm]
-        best, other = cheapest(loop, norm, error), cheapest(given, norm, error)
-        best, other = _required(best, norm), _required(other, norm)
+        best, other = _required(loop, norm, error), _required(given, norm, error)
         shares = [row["errors"][norm] / row["accuracy"] for row in loop]
         parts.append(
             f"- {norm} = {error:.3g}: {describe(best)} takes {_cost(best)}, the best of the "
@@ -124,10 +124,7 @@ def _adapted(rows: Sequence[Row]) -> Rule:
 def _sup_norm(rows: Sequence[Row]) -> Rule:
     parts = []
     for strong, weak, target in (("Linf", "L4", 1e-4), ("W1_inf", "W1_4", 0.2)):
-        pair = [
-            _required(cheapest(compared(rows, norm, ranks=1), norm, target), norm)
-            for norm in (strong, weak)
-        ]
+        pair = [_required(compared(rows, norm), norm, target) for norm in (strong, weak)]
         parts.append(
             f"An error of {target:g} costs {pair[0]['total']:.3g} s in {strong} "
             f"({describe(pair[0])}) and {pair[1]['total']:.3g} s in {weak} ({describe(pair[1])})."
@@ -179,7 +176,7 @@ def _quadrature(rows: Sequence[Row]) -> Rule:
 
 
 def _method(rows: Sequence[Row]) -> Rule:
-    lines = [row for row in rows if row["purpose"] == "method" and row["ranks"] == 1]
+    lines = [row for row in rows if row["purpose"] == "method"]
     largest = max(row["n"] for row in lines)
     times = {row["method"]: row["total"] for row in lines if row["n"] == largest}
     others = ", ".join(
@@ -228,29 +225,36 @@ def _time(rows: Sequence[Row]) -> Rule:
     )
 
 
-def _of_kind(rows: Iterable[Row], kind: Kind) -> list[Row]:
-    return [row for row in rows if kind_of(row) == kind]
-
-
 def _cost(row: Row) -> str:
     return f"{row['total']:.3g} s ({row['unknowns']})"
 
 
-def _required(row: Row | None, norm: str) -> Row:
-    """The row, which must be there."""
+def _required(rows: Sequence[Row], norm: str, target: float) -> Row:
+    """The cheapest row that reaches an error, which must be there."""
+    row = cheapest(rows, norm, target)
     if row is None:
         raise ValueError(f"no row is accurate enough in {norm}")
     return row
 
 
-RULES: tuple[Callable[[Sequence[Row]], Rule], ...] = (
-    _best,
-    _choice,
-    _adapted,
-    _sup_norm,
-    _tolerance,
-    _quadrature,
-    _method,
-    _ranks,
-    _time,
-)
+def rules(rows: Sequence[Row]) -> list[Rule]:
+    """Return the rules with their titles.
+
+    Args:
+        rows: All rows; those on one rank alone decide, but on the number of ranks.
+
+    Raises:
+        ValueError, KeyError, IndexError, StopIteration: Some rule has no rows.
+    """
+    serial = [row for row in rows if row["ranks"] == 1]
+    return [
+        _best(serial),
+        _choice(serial),
+        _adapted(serial),
+        _sup_norm(serial),
+        _tolerance(serial),
+        _quadrature(serial),
+        _method(serial),
+        _ranks(rows),
+        _time(serial),
+    ]
