@@ -21,8 +21,9 @@ from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.residual import NaturalResidual
 
 COARSEST = 8
+PREFIX = "peer_"  # of the options of PETSc
 MARGIN = 0.5  # of the residual of the cascade: what the peers are asked for
-LINEAR = 0.1  # of it is left to linear solves
+LINEAR = 0.1  # of what is asked for: left to linear solves
 MAX_STEPS = 50
 BOOMERAMG = {"ksp_type": "cg", **DEFAULT_OPTIONS}
 VI = {"snes_vi_zero_tolerance": 1e-13}  # of gaps that count as none; larger ones leave a residual
@@ -117,12 +118,12 @@ def from_coarse_to_fine(
     return peer
 
 
-def options_of(solver: Any, prefix: str, options: Mapping[str, Any]) -> None:
+def options_of(solver: Any, options: Mapping[str, Any]) -> None:
     """Let a PETSc object read options."""
-    database = PETSc.Options(prefix)
+    database = PETSc.Options(PREFIX)
     for key, value in options.items():
         database[key] = value
-    solver.setOptionsPrefix(prefix)
+    solver.setOptionsPrefix(PREFIX)
     solver.setFromOptions()
 
 
@@ -146,7 +147,7 @@ def newton(options: Mapping[str, Any]) -> Callable[[SignoriniProblem], Any]:
         snes.setTolerances(rtol=0.0, stol=0.0, atol=data.atol, max_it=MAX_STEPS)
         snes.getKSP().setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         snes.getKSP().setTolerances(rtol=1e-12, atol=LINEAR * data.atol)
-        options_of(snes, "peer_", {**VI, **options})
+        options_of(snes, {**VI, **options})
         snes.solve(None, x)
         snes.destroy()
 
@@ -163,7 +164,7 @@ def active_sets(dm: PETSc.DM, data: Level, x: PETSc.Vec) -> None:
     contact = lower > PETSC_INFINITE
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-    options_of(ksp, "peer_", BOOMERAMG)
+    options_of(ksp, BOOMERAMG)
     for _ in range(MAX_STEPS):
         data.A.mult(x, force)
         force.axpy(-1.0, data.b)

@@ -9,7 +9,7 @@ from dolfinx_signorini.solvers.cascade import solve_cascade
 class Recorded:
     """Notes what is done with the problem of a level."""
 
-    def __init__(self, level, log, fails=False):
+    def __init__(self, level, log, fails):
         self.level, self.log, self.fails = level, log, fails
 
     def solve(self, method="cascade", *, coarse=None, rtol=None):

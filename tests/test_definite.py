@@ -15,7 +15,7 @@ from dolfinx_signorini.problem import SignoriniProblem
 COMM = MPI.COMM_WORLD
 
 
-def problem_with(a, domain, degree=1, clamped=None, load=-1.0):
+def problem_with(a, domain, degree=1, clamped=None):
     """A problem whose whole boundary, without a clamped part, is pressed against an obstacle.
 
     The form is made by a(u, v, x).
@@ -28,7 +28,7 @@ def problem_with(a, domain, degree=1, clamped=None, load=-1.0):
         middle = dolfinx.mesh.compute_midpoints(domain, tdim - 1, facets)
         dofs = fem.locate_dofs_topological(space, tdim - 1, facets[clamped(middle.T)])
         bcs = [fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space)]
-    L = fem.Constant(domain, load) * v * ufl.dx
+    L = fem.Constant(domain, -1.0) * v * ufl.dx
     return SignoriniProblem(a(u, v, ufl.SpatialCoordinate(domain)), L, contact=facets, bcs=bcs)
 
 

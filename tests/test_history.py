@@ -101,9 +101,9 @@ def test_only_the_last_solutions_count():
     assert forgotten == pytest.approx(0.0, abs=1e-12)
 
 
-def heated(n=20):
+def heated():
     """A square over an obstacle, with factors of the load and of the form to change."""
-    domain = friedrichs_keller(MPI.COMM_WORLD, n)
+    domain = friedrichs_keller(MPI.COMM_WORLD, 20)
     space = fem.functionspace(domain, ("Lagrange", 1))
     u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
     load, stiffness = fem.Constant(domain, 1.0), fem.Constant(domain, 1.0)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.solvers.direct import DirectSolver
 from dolfinx_signorini.solvers.held import HeldSolver
 
 COMM = MPI.COMM_WORLD
@@ -17,9 +18,9 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "
 PLAIN = {"pc_type": "jacobi"}
 
 
-def make(n=16, **options):
+def make(n=16, comm=COMM, **options):
     """A loaded square over an obstacle on its whole boundary, with a coefficient to change."""
-    domain = friedrichs_keller(COMM, n)
+    domain = friedrichs_keller(comm, n)
     space = fem.functionspace(domain, ("Lagrange", 1))
     u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
     stiffness, weight = (fem.Constant(domain, 1.0) for _ in range(2))
@@ -29,22 +30,26 @@ def make(n=16, **options):
     return problem, stiffness, weight
 
 
-@pytest.mark.parametrize("options", [{}, PLAIN], ids=["multigrid", "Jacobi"])
-def test_an_indefinite_form_is_found_by_conjugate_gradients(options):
-    # All dofs at the boundary are held: between the eigenvalues 19.7 and 49.3 of -Laplace.
-    problem, _, _ = make()
+@pytest.mark.parametrize(
+    ("kind", "options", "comm"),
+    [(HeldSolver, {}, COMM), (HeldSolver, PLAIN, COMM), (DirectSolver, {}, MPI.COMM_SELF)],
+    ids=["multigrid", "Jacobi", "Cholesky"],
+)
+def test_an_indefinite_form_is_found_by_conjugate_gradients(kind, options, comm):
+    # All dofs at the boundary are held: between the eigenvalues 19.7 and 49.3 of -Laplace. Where
+    # Cholesky factorizations fail, conjugate gradients take over.
+    problem, _, _ = make(comm=comm)
     system = problem.system
     u, v = ufl.TrialFunction(problem.space), ufl.TestFunction(problem.space)
     shift = fem_petsc.assemble_matrix(fem.form(u * v * ufl.dx))
     shift.assemble()
     system.A.axpy(-36.0, shift)
     shift.destroy()
-    solver, x = HeldSolver(system, options=options), system.start()
+    solver, x = kind(system, options=options), system.start()
     with pytest.raises(InputError, match="form a: not positive definite, found by conjugate"):
         solver.solve(system, x, np.full(len(system.contact_dofs), True), 1e-12)
-    for item in (solver, x):
+    for item in (solver, x, problem):
         item.destroy()
-    problem.destroy()
 
 
 @pytest.mark.parametrize("size", [1.0, 1e5])

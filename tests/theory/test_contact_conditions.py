@@ -17,12 +17,13 @@ CORNERS = (0.0, 1.0, 2.0, 3.0)
 
 
 class Circle:
-    """A closed curve of n equal edges, as far as contact sets need one."""
+    """A closed curve of length 4 with n equal edges, as far as contact sets need one."""
 
-    def __init__(self, n, length=4.0):
-        self.length = length
-        self.s = np.arange(n) * length / n
-        self.widths = np.full(n, length / n)
+    length = 4.0
+
+    def __init__(self, n):
+        self.s = np.arange(n) * self.length / n
+        self.widths = np.full(n, self.length / n)
 
 
 def test_contact_set_of_nodes():
