@@ -37,7 +37,7 @@ class NotConvergedError(RuntimeError):
         self.reason = reason
 
 
-def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str = "") -> None:
+def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str) -> None:
     """Raise an InputError on every rank unless the condition holds on every rank.
 
     Args:

@@ -35,7 +35,7 @@ class ErrorAtPoints:
             discrete functions.
     """
 
-    def __init__(self, u_h: fem.Function, exact: Reference | None, derivatives: bool = False):
+    def __init__(self, u_h: fem.Function, exact: Reference | None, derivatives: bool):
         self.domain, self.degree = u_h.function_space.mesh, _degree(u_h)
         self._u_h, self._derivatives = u_h, derivatives
         self._discrete: fem.Function | None = None

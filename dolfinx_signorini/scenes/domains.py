@@ -77,7 +77,7 @@ DOMAINS: dict[str, type[Domain]] = {d.shape: d for d in (Square, Cube, Polygon, 
 
 
 def read_domain(
-    table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool, adapted: bool = False
+    table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool, adapted: bool
 ) -> Domain:
     """Return the domain that a table describes.
 
@@ -86,7 +86,7 @@ def read_domain(
         folder: Where a mesh file is looked for.
         comm: The communicator that will share the mesh.
         sized: Whether the table says how fine the mesh is; else an accuracy decides on the meshes.
-        adapted: Whether the table need not say so, because the mesh will be adapted.
+        adapted: Whether the width may be left out, because the mesh will be adapted.
 
     Raises:
         InputError: The table describes no domain, or the mesh would be too large.

@@ -41,7 +41,7 @@ class Corner:
 
     Corners print themselves in words:
 
-        print(*singular_corners(domain, {"contact": facets}), sep="; ")
+        print(*singular_corners(domain, {"contact": facets}, None), sep="; ")
 
     Attributes:
         point: Its coordinates.
@@ -74,7 +74,7 @@ def exponent(angle: float, kinds: int) -> float:
 
 
 def singular_corners(
-    domain: mesh.Mesh, facets: Mapping[str, Indices], diffusion: Array | None = None
+    domain: mesh.Mesh, facets: Mapping[str, Indices], diffusion: Array | None
 ) -> list[Corner]:
     """Return the boundary points with a non-integer exponent below 2, worst first.
 

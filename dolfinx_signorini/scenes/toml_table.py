@@ -30,7 +30,7 @@ class TomlTable:
 
     A key that nobody has asked for is an unknown one:
 
-        table = TomlFile("scene.toml", text).load()
+        table = TomlFile("scene.toml", text, ()).load()
         degree = table.integer("degree", 1, 2)
         table.finish()
 
@@ -200,11 +200,11 @@ class TomlFile:
 
     An error names the line:
 
-        raise TomlFile("scene.toml", text).error(("domain", "cells"), "must be an integer")
+        raise TomlFile("scene.toml", text, ()).error(("domain", "cells"), "must be an integer")
 
     Args:
         name: The name of the file, for messages.
-        text: Its text.
+        text: The text of the file.
         overrides: Values in place of those of the file, see `apply_override`.
 
     Attributes:
@@ -212,7 +212,7 @@ class TomlFile:
         definitions: The names that stand for formulas in the file.
     """
 
-    def __init__(self, name: str, text: str, overrides: Sequence[str] = ()):
+    def __init__(self, name: str, text: str, overrides: Sequence[str]):
         self.name, self.text, self.overrides = name, text, tuple(overrides)
         self.overridden: set[Key] = set()
         self.dimension = 2

@@ -30,6 +30,7 @@ from dolfinx_signorini.paper.theory.section4 import NAMES, PLACED, TRANSITION
 from dolfinx_signorini.paper.theory.section5 import contact_set, detachment_error
 
 FINE = 31  # cells per side of the paper's solution
+LAST = 0.72  # arc length up to which the one-sided approximation is drawn
 TERMS = {
     "plus": ("interpolation", "bumps", "bump_load", "remainder"),
     "minus": ("interpolation", "sign", "remainder"),
@@ -220,22 +221,17 @@ def draw_transition(rows: Rows) -> Figure:
     return _tight(figure)
 
 
-def draw_one_sided(found: OneSided, last: float = 0.72) -> Figure:
-    """Draw R_h(u) - u <= w_h with the case of each node, like Fig. 1 of the paper.
-
-    Args:
-        found: The one-sided approximation.
-        last: The arc length up to which the boundary is shown.
-    """
+def draw_one_sided(found: OneSided) -> Figure:
+    """Draw R_h(u) - u <= w_h with the case of each node, like Fig. 1 of the paper."""
     figure, axes = plt.subplots(figsize=(9.5, 4.8))
     data, w_h, cases = found.data, found.ritz + found.y, node_cases(found.data, found.y)
-    shown, nodes = data.s <= last, data.s[:, 0]
+    shown, nodes = data.s <= LAST, data.s[:, 0]
     lower = data.along(found.ritz) - data.u
     axes.plot(data.s[shown], lower[shown], color=COLOURS[0], label="$R_h(u) - u$")
     axes.plot(data.s[shown], data.along(w_h)[shown], color=COLOURS[1], label="$w_h$", linewidth=1)
     for case, marker, name in ((1, "o", "touches here"), (2, "<", "before"), (3, ">", "behind")):
         style: dict[str, Any] = {"color": COLOURS[2 + case - 1], "linestyle": "", "zorder": 3}
-        at = (nodes <= last) & (cases == case)
+        at = (nodes <= LAST) & (cases == case)
         label = f"case {case}: {name} ({int((cases == case).sum())} nodes)"
         axes.plot(nodes[at], w_h[at], marker, label=label, **style)
     axes.axvline(0.5, color="black", linestyle=":", label="detachment point")

@@ -114,7 +114,12 @@ def _logarithms() -> tuple[Check, ...]:
 
 
 def share(row: Row, norm: str) -> float:
-    """Return the part near the point and the one away, in the 16th power, over the whole."""
+    """Return the part near the point and the one away, in the 16th power, over the whole.
+
+    Args:
+        row: A row with the errors and their parts.
+        norm: The norm.
+    """
     parts = row["parts"]
     return float(sum((parts[k][norm] / row["errors"][norm]) ** 16 for k in ("near", "far")))
 

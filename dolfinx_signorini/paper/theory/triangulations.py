@@ -1,8 +1,8 @@
 """Triangulations of the unit square beside those of Friedrichs and Keller (Remark 4.4, 3).
 
 On obtuse triangles the stiffness matrix has positive entries off its diagonal, so that there is no
-discrete maximum principle. Graded triangulations are not quasi-uniform: Assumption 2.5 excludes
-them.
+discrete maximum principle. Graded triangulations are not quasi-uniform, and excluded by
+Assumption 2.5.
 """
 
 import numpy as np
