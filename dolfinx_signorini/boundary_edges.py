@@ -4,7 +4,6 @@ The curves have O(N) edges where the mesh has O(N^2) cells: every rank holds all
 algorithms on the curves are plain NumPy.
 """
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -12,7 +11,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells
+from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells, facet_vertices
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -57,8 +56,8 @@ class BoundaryEdges:
         Args:
             dofmap: The dofs of each cell, those at its vertices first.
         """
-        corners = np.array(basix.topology(basix.CellType[self.domain.topology.cell_name()])[1])
-        return np.asarray(dofmap[self.facets[:, 0, None], corners[self.facets[:, 1]]])
+        vertices = facet_vertices(self.domain)[self.facets[:, 1]]
+        return np.asarray(dofmap[self.facets[:, :1], vertices])
 
     def samples(self, expressions: list[Expr], points: npt.NDArray) -> Array:
         """Evaluate expressions at points of every edge.

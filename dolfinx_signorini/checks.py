@@ -15,6 +15,7 @@ from dolfinx_signorini import compiled
 from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.meshes import box
 from dolfinx_signorini.system import System
 
 Indices = npt.NDArray[np.int32]
@@ -23,7 +24,7 @@ Array = npt.NDArray[np.float64]
 SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 ROUNDING = 1e-12  # relative; data that differ by so little are the same
 VANISHING = 1e-12  # relative; what is as small as that is nothing
-DOUBTFUL = 1e-9  # of the trace; row sums below it may be rounding
+DOUBTFUL = 1e-9  # of the trace; smaller row sums may be rounding
 HATS = {2: 13, 3: 6}  # for each dimension: nodes along each side of the grid of `check_definite`
 MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
@@ -35,8 +36,8 @@ def check_bounds(
     obstacle: Array,
     fixed: Indices,
     data: Array,
-    upper: bool = False,
-    reach: Callable[[], float] = lambda: 0.0,
+    upper: bool,
+    reach: Callable[[], float],
 ) -> Array:
     """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
 
@@ -163,13 +164,13 @@ def vanishes_on_constants(
     """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
-    reaction. Where they leave a doubt, the form itself is asked: a(1, v) is assembled without the
-    terms that have a gradient of the constant, and a(1, 1) is compared with the energy of the
+    reaction. Where row sums leave a doubt, the form itself is asked: a(1, v) is assembled without
+    the terms that have a gradient of the constant, and a(1, 1) is compared with the energy of the
     coordinates in units of the domain's size, which does not depend on the mesh.
 
     Args:
         a: The form.
-        A: Its matrix.
+        A: The matrix of the form.
         fixed: The owned dofs with Dirichlet data.
         diagonal: The diagonal of the matrix, the rows of this rank.
         parts: The bodies.
@@ -221,9 +222,8 @@ def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
     """The owned nodes, shape (n, dimension), the lowest corner of their box, and its sizes."""
     count, dimension = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     points = control_points(space)[:count, :dimension]
-    ends = [points.max(axis=0, initial=-np.inf), (-points).max(axis=0, initial=-np.inf)]
-    highest, negated = np.max(space.mesh.comm.allgather(ends), axis=0)
-    return points, -negated, highest + negated
+    lowest, highest = box(space.mesh.comm, points)
+    return points, lowest, highest - lowest
 
 
 def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diagonal: Array) -> None:

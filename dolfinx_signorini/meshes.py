@@ -141,7 +141,7 @@ def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
 def cell_edges(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
 
-    These are the derivatives of the map from the reference cell.
+    The edges are the derivatives of the map from the reference cell.
 
     Args:
         domain: A mesh of straight-sided triangles or tetrahedra that fill the space.
@@ -173,7 +173,12 @@ def cells_near_ball(
 
 
 def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-    """Tell which cells number their vertices clockwise; always none but for plane triangles."""
+    """Tell which cells number their vertices clockwise; always none but for plane triangles.
+
+    Args:
+        domain: The mesh.
+        cells: Cells of this rank.
+    """
     if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
         return np.zeros(len(cells), dtype=bool)
     x = domain.geometry.x[domain.geometry.dofmap[cells]]
@@ -182,7 +187,11 @@ def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np
 
 
 def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
-    """Return the facets on the boundary of the domain that this rank owns."""
+    """Return the facets on the boundary of the domain that this rank owns.
+
+    Raises:
+        InputError: The domain is no mesh.
+    """
     check(domain=(domain, MESH))
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
@@ -190,19 +199,57 @@ def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
 
 
 def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Return boundary facets as (cell, local facet) pairs, shape (facets, 2)."""
+    """Return boundary facets as (cell, local facet) pairs, shape (facets, 2).
+
+    Args:
+        domain: The mesh.
+        facets: Boundary facets of this rank.
+    """
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
     domain.topology.create_connectivity(tdim, tdim - 1)
     return compat.exterior_facet_pairs(domain.topology, facets).reshape(-1, 2)
 
 
-def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Return the geometry nodes of boundary facets, shape (facets, vertices); none for none."""
-    pairs = facet_cells(domain, facets)
+def box(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the lowest and the highest coordinates of the points of all ranks; collective.
+
+    Args:
+        comm: The communicator.
+        points: The points of this rank, shape (points, dimension); some rank has one.
+
+    Returns:
+        Shape (2, dimension).
+    """
+    ends = [(-points).max(axis=0, initial=-np.inf), points.max(axis=0, initial=-np.inf)]
+    lowest, highest = np.max(comm.allgather(ends), axis=0)
+    return np.array([-lowest, highest])
+
+
+def longest_side(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> float:
+    """Return the longest side of the box around the points of all ranks; collective.
+
+    Args:
+        comm, points: See `box`.
+    """
+    return float(np.ptp(box(comm, points), axis=0).max())
+
+
+def facet_vertices(domain: mesh.Mesh) -> Indices:
+    """Return the vertices of each facet by their places in the cell, shape (facets, vertices)."""
     cell = basix.CellType[domain.topology.cell_name()]
-    corners = np.array(basix.topology(cell)[domain.topology.dim - 1])
-    return np.asarray(domain.geometry.dofmap[pairs[:, :1], corners[pairs[:, 1]]])
+    return np.array(basix.topology(cell)[domain.topology.dim - 1], dtype=np.int32)
+
+
+def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of boundary facets, shape (facets, vertices); none for none.
+
+    Args:
+        domain: The mesh.
+        facets: Boundary facets of this rank.
+    """
+    pairs = facet_cells(domain, facets)
+    return np.asarray(domain.geometry.dofmap[pairs[:, :1], facet_vertices(domain)[pairs[:, 1]]])
 
 
 def entity_nodes(
@@ -229,9 +276,8 @@ def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
         domain: A mesh of straight-sided triangles or tetrahedra.
         facets: (cell, local facet) pairs, shape (facets, 2).
     """
-    cell = basix.CellType[domain.topology.cell_name()]
-    corners = np.array(basix.topology(cell)[domain.topology.dim - 1])
-    x = domain.geometry.x[domain.geometry.dofmap[facets[:, 0, None], corners[facets[:, 1]]]]
+    vertices = facet_vertices(domain)[facets[:, 1]]
+    x = domain.geometry.x[domain.geometry.dofmap[facets[:, :1], vertices]]
     edges = x[:, 1:] - x[:, :1]
     gram = np.einsum("fik,fjk->fij", edges, edges)
     return np.sqrt(np.linalg.det(gram))

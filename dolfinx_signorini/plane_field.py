@@ -11,7 +11,7 @@ from dolfinx import fem
 from matplotlib.collections import LineCollection
 
 from dolfinx_signorini.elements import control_points, subtriangles, values_at_control_points
-from dolfinx_signorini.meshes import facet_cells
+from dolfinx_signorini.meshes import facet_nodes
 from dolfinx_signorini.palette import COLOUR_MAP
 from dolfinx_signorini.picture import Picture
 
@@ -19,7 +19,6 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 TITLE = 180  # characters of a title that are drawn
-ENDS = np.array([[1, 2], [0, 2], [0, 1]])  # edge k lies opposite vertex k
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,7 @@ def gather_plane_field(
     triangles = cells[:, subtriangles(space.element.basix_element.degree)].flatten()
     edges = {}
     for name, part in parts.items():
-        pairs = facet_cells(domain, part[part < facets])
-        edges[name] = domain.geometry.x[
-            domain.geometry.dofmap[pairs[:, 0, None], ENDS[pairs[:, 1]]]
-        ]
+        edges[name] = domain.geometry.x[facet_nodes(domain, part[part < facets])]
     data = (
         control_points(space)[:owned, :2],
         values_at_control_points(space, u.x.array)[:owned],

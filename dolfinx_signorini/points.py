@@ -25,6 +25,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.meshes import facet_vertices
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Indices: TypeAlias = npt.NDArray[np.int32]
@@ -247,9 +248,9 @@ def basix_element(function: fem.Function, subject: str = "") -> Any:
 
 def _reference_facets(domain: mesh.Mesh) -> tuple[Array, Array]:
     """The first vertex of each facet of the reference cell, and the vectors along its axes."""
-    cell, tdim = basix.CellType[domain.topology.cell_name()], domain.topology.dim
-    corners = np.asarray(basix.geometry(cell))[np.array(basix.topology(cell)[tdim - 1])]
-    return corners[:, 0], corners[:, 1:tdim] - corners[:, :1]
+    cell = basix.CellType[domain.topology.cell_name()]
+    corners = np.asarray(basix.geometry(cell))[facet_vertices(domain)]
+    return corners[:, 0], corners[:, 1 : domain.topology.dim] - corners[:, :1]
 
 
 def _tabulated(element: Any, derivatives: int, reference: Array) -> list[Array]:

@@ -1,11 +1,13 @@
 """The pictures of a solved problem: the contact boundary, and the solution."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
-from dolfinx_signorini.contact_boundary import Solved, gather_contact_boundary
+from dolfinx_signorini.contact_boundary import ContactBoundary, Solved, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.palette import COLOURS, IN_CONTACT
@@ -19,9 +21,7 @@ CONTACT = {"color": COLOURS[1], "linewidth": 4.0}
 PICTURES = ("contact", "solution")
 
 
-def draw_problem(
-    problem: Solved, what: str = "contact", sides: Mapping[str, Facets] | None = None
-) -> Picture | None:
+def draw_problem(problem: Solved, what: str, sides: Mapping[str, Facets] | None) -> Picture | None:
     """Return a picture of a solved problem on rank 0, and None on the others.
 
     Args:
@@ -37,11 +37,33 @@ def draw_problem(
     boundary = gather_contact_boundary(problem, sides)
     if what == "contact":
         return None if boundary is None else draw_contact(boundary)
-    if problem.space.mesh.topology.dim == 3:
-        surface = gather_surface(problem.u)
-        return None if surface is None else draw_solid(surface, boundary)
-    field = gather_plane_field(problem.u, {"contact boundary": problem.contact})
+    parts, styles = {"contact boundary": problem.contact}, {"contact boundary": CONTACT}
+    return draw_solution(problem.u, boundary, parts, styles)
+
+
+def draw_solution(
+    u: fem.Function,
+    boundary: ContactBoundary | None,
+    parts: Mapping[str, Facets],
+    styles: Mapping[str, Mapping[str, Any]],
+    points: Sequence[Sequence[float]] = (),
+    title: str = "",
+) -> Picture | None:
+    """Return a picture of a solution with the facets in contact on rank 0, and None on the others.
+
+    Args:
+        u: The solution; the call is collective.
+        boundary: The contact boundary, on rank 0.
+        parts: Facets by the name of a part of the boundary; in the plane they are drawn.
+        styles: How matplotlib draws these parts, by name.
+        points: Detachment points to mark.
+        title: The title of the picture.
+    """
+    if u.function_space.mesh.topology.dim == 3:
+        surface = gather_surface(u)
+        return None if surface is None else draw_solid(surface, boundary, title)
+    field = gather_plane_field(u, parts)
     if field is None or boundary is None:
         return None
     field.parts["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
-    return draw_plane_field(field, {"contact boundary": CONTACT, "in contact": IN_CONTACT})
+    return draw_plane_field(field, {**styles, "in contact": IN_CONTACT}, points, title)

@@ -31,14 +31,13 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, coordinates, instance, optional, positive
-from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells
+from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells, facet_nodes
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE, QuadratureRule
 
 Array = npt.NDArray[np.float64]
 
 NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
-VERTICES = np.array([[1, 2], [0, 2], [0, 1]])  # of edge k, which lies opposite vertex k
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends
 SLACK = 2.0  # edges about the point in which contact may end
 FLAT = 1e-9  # of the length of the boundary: rounding of coordinates
@@ -152,7 +151,7 @@ def _boundary(problem: SignoriniProblem) -> _Boundary:
     closures = np.array(space.element.basix_element.entity_closure_dofs[1])[:, :2]
     dofs = space.dofmap.list[pairs[:, 0, None], closures[pairs[:, 1]]]
     cells = domain.geometry.x[domain.geometry.dofmap[pairs[:, 0]]][:, :, :2]
-    ends = np.take_along_axis(cells, VERTICES[pairs[:, 1], :, None], axis=1)
+    ends = domain.geometry.x[facet_nodes(domain, facets)][:, :, :2]
     gaps = gap.x.array[dofs]
     obstacle = problem.u.x.array[dofs] - problem.sign * gaps
     parts = ends, gaps, obstacle, cells.mean(axis=1), np.isin(facets, problem.contact)

@@ -7,7 +7,6 @@ domain, along the boundary.
 
 from collections.abc import Sequence
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
@@ -18,6 +17,7 @@ from dolfinx_signorini.meshes import (
     boundary_facets,
     cell_edges,
     facet_cells,
+    facet_vertices,
     owned_cells,
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
@@ -77,10 +77,7 @@ class _Vertices:
     def _look_at_boundary(self, sided: SidedMesh) -> None:
         dim, facets = self.dimension, boundary_facets(self.domain)
         pairs = facet_cells(self.domain, facets)
-        corners = np.array(
-            basix.topology(basix.CellType[self.domain.topology.cell_name()])[dim - 1]
-        )
-        dofs = self.space.dofmap.list[pairs[:, :1], corners[pairs[:, 1]]]
+        dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
         ends = self.x[dofs]
         normals = np.linalg.svd(ends[:, 1:] - ends[:, :1], full_matrices=True)[2][:, -1]
         sides = np.zeros(len(facets))

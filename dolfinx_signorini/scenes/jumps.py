@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.meshes import facet_cells, owned_cells
+from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
@@ -103,7 +103,7 @@ def integrable_on_facets(
     dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
     owned = facets < domain.topology.index_map(dimension - 1).size_local
     pairs = facet_cells(domain, np.unique(facets[owned]).astype(np.int32))
-    vertices = np.array(basix.topology(cell)[dimension - 1])
+    vertices = facet_vertices(domain)
     corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
     kind = basix.cell.subentity_types(cell)[dimension - 1][0]
     element = basix.create_element(basix.ElementFamily.P, kind, degree)
@@ -129,7 +129,7 @@ def integrable_on_facets(
 
 
 def _on_facet(
-    element: basix.finite_element.FiniteElement, vertices: Indices
+    element: basix.finite_element.FiniteElement, vertices: npt.NDArray[np.int32]
 ) -> tuple[Indices, Array]:
     """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
     x = np.array(element.points)
@@ -165,8 +165,7 @@ class _Projection:
         unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
         reference = np.broadcast_to(unit, (len(corners), *unit.shape))
         self.whole: Array = np.concatenate((reference, corners), axis=2, dtype=np.float64)
-        ends = [x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)]
-        self.size = float(np.max(domain.comm.allgather(ends), axis=0).sum(axis=0).max())
+        self.size = longest_side(domain.comm, x)
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""

@@ -15,7 +15,14 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells, owned_cells
+from dolfinx_signorini.meshes import (
+    SidedMesh,
+    boundary_facets,
+    facet_cells,
+    facet_nodes,
+    longest_side,
+    owned_cells,
+)
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.features import Datum, Samples, look_at
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
@@ -63,9 +70,8 @@ def resolved_mesh(scene: Scene, sided: SidedMesh, max_cells: int = MOST_CELLS) -
         sided: A coarse mesh of its domain.
         max_cells: The limit on the number of cells.
     """
-    x, comm = sided.mesh.geometry.x, sided.mesh.comm
-    ends = np.stack((x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)))
-    size = float(np.max(comm.allgather(ends), axis=0).sum(axis=0).max())
+    comm = sided.mesh.comm
+    size = longest_side(comm, sided.mesh.geometry.x)
     looks = [_Look(datum, sided.mesh, size) for datum in _data(scene, sided)]
     notes = [look.doubt for look in looks if look.doubt]
     for _ in range(ROUNDS):
@@ -95,13 +101,13 @@ def _data(scene: Scene, sided: SidedMesh) -> Iterator[Datum]:
         if formula.constant is None:
             degree = max(DEGREE, scene.degree)
             yield Datum(name, formula, measure, degree, whole, cells.astype(np.int64))
-    ends = np.array(basix.topology(basix.CellType[domain.topology.cell_name()])[dim - 1])
     for condition in scene.conditions:
         if condition.value is None or condition.value.constant is not None:
             continue
-        facets = np.intersect1d(sided.facets(condition.sides), boundary_facets(domain))
-        owners, local = facet_cells(domain, facets.astype(np.int32)).T
-        corners = x[domain.geometry.dofmap[owners[:, None], ends[local]]]
+        on = sided.facets(condition.sides)
+        facets = np.intersect1d(on, boundary_facets(domain)).astype(np.int32)
+        owners = facet_cells(domain, facets)[:, 0]
+        corners = x[facet_nodes(domain, facets)]
         nodal = condition.acts_like != "Neumann"
         measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
         name = f"the {condition.value_key} of '{condition.key}'"
@@ -230,7 +236,12 @@ class _Cells:
         self.inverse = np.linalg.inv(self.corners[:, 1:] - self.corners[:, :1])
 
     def pulled_back(self, cells: npt.NDArray[np.int64], points: Array) -> Array:
-        """Return the coordinates of points in the reference cells of the cells around them."""
+        """Return the coordinates of points in the reference cells of the cells around the points.
+
+        Args:
+            cells: The cell around each point.
+            points: The points, shape (points, dimension).
+        """
         offsets = points - self.corners[cells, 0]
         return np.asarray(np.einsum("pi,pij->pj", offsets, self.inverse[cells]))
 

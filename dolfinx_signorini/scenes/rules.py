@@ -17,7 +17,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes import longest_side, owned_cells
 from dolfinx_signorini.points import FormulaAtPoints
 from dolfinx_signorini.quadrature import CELL_RULE, MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
@@ -118,8 +118,8 @@ def measure_for_load(
         formula = FormulaAtPoints(domain, [load.load, load.u])
         both = [formula.at(list(x.T)) for x in points]
         values = [f for f, _ in both]
-        ends = np.max(domain.comm.allgather(_ends(points[1])), axis=0).sum(axis=0)
-        reach = _largest(domain.comm, [u for _, u in both]) / float(ends.max()) ** 2
+        size = longest_side(domain.comm, points[1])
+        reach = _largest(domain.comm, [u for _, u in both]) / size**2
     finite = np.abs(values[0][np.isfinite(values[0])])
     total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
     mean = float(total / max(count, 1.0))
@@ -148,7 +148,7 @@ def _rough(domain: mesh.Mesh, middles: Array, nodes: Array, floor: float) -> Mas
     Args:
         domain: The mesh.
         middles, nodes: The values of the function in the middles of the cells, and at all nodes.
-        floor: Deviations up to this one never matter.
+        floor: The size up to which deviations never matter.
     """
     corners = domain.geometry.dofmap[: len(middles)].T
     with np.errstate(invalid="ignore"):
@@ -172,10 +172,6 @@ def _dx(domain: mesh.Mesh, rule: QuadratureRule) -> ufl.Measure:
 
 def _known(degrees: Sequence[int | None]) -> list[int]:
     return [degree for degree in degrees if degree is not None]
-
-
-def _ends(x: Array) -> Array:
-    return np.array([x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)])
 
 
 def _largest(comm: MPI.Comm, values: Sequence[Array]) -> float:

@@ -22,18 +22,17 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from dolfinx_signorini.detachment import DetachmentPoint
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import SidedMesh, cell_edges, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, cell_edges, longest_side, owned_cells
 from dolfinx_signorini.refinement import refined
 
 Array = npt.NDArray[np.float64]
 
 RADIUS = 0.125  # where the grading begins, relative to the size of the domain
 RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced
-TOLERANCE = 1.5  # a cell is cut if its size is larger than this times the size wanted there
+TOLERANCE = 1.5  # a cell is cut if its size over the wanted size is larger
 MAX_ROUNDS = 60
 
 
@@ -77,10 +76,7 @@ def graded_mesh(
 
 def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
     """The radius R of the grading towards each point: at most half the distance to the next one."""
-    x = sided.mesh.geometry.x[:, :2]
-    ends = np.concatenate([x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf)])
-    sided.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    size = float((ends[:2] + ends[2:]).max())
+    size = longest_side(sided.mesh.comm, sided.mesh.geometry.x)
     positions = np.array([point.position for point in points])
     radii = []
     for position in positions:

@@ -32,8 +32,8 @@ def write_results(
 
     Args:
         result: The solved scene.
-        summary: Its numbers.
-        boundary: Its contact boundary, on rank 0.
+        summary: The numbers of the result.
+        boundary: The contact boundary of the scene, on rank 0.
         outputs: Which of `OUTPUTS` to write; the record comes with all of them.
         folder: Where to write.
     """
@@ -69,7 +69,7 @@ def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
 
     Args:
         result: The solved scene.
-        summary: Its numbers.
+        summary: The numbers of the result.
     """
     scene = result.posed.scene
     return {

@@ -6,14 +6,11 @@ from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.palette import IN_CONTACT
 from dolfinx_signorini.picture import Picture
-from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
-from dolfinx_signorini.problem_pictures import PICTURES
+from dolfinx_signorini.problem_pictures import PICTURES, draw_solution
 from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
 from dolfinx_signorini.scenes.toml_table import ALL
-from dolfinx_signorini.solid_pictures import draw_solid, gather_surface
 
 
 def scene_boundary(result: SceneResult) -> ContactBoundary | None:
@@ -39,18 +36,18 @@ def draw_scene(
 
     Args:
         result: The solved scene; the call is collective.
-        boundary: Its contact boundary, on rank 0.
-        points: Its detachment points, to be marked.
+        boundary: The contact boundary of the scene, on rank 0.
+        points: The detachment points of the scene, to be marked.
     """
     figures: dict[str, Figure | None] = {
-        "solution": draw_solution(result, boundary, points),
+        "solution": _drawn(result, boundary, points),
         "contact": None if boundary is None else draw_contact(boundary),
         "accuracy": None if result.found is None else draw_adaptive(result.found),
     }
     return {name: figure for name, figure in figures.items() if figure is not None}
 
 
-def draw_solution(
+def _drawn(
     result: SceneResult,
     boundary: ContactBoundary | None,
     points: tuple[tuple[float, ...], ...] = (),
@@ -59,21 +56,14 @@ def draw_solution(
 
     Args:
         result: The solved scene; the call is collective.
-        boundary: Its contact boundary, on rank 0.
-        points: Its detachment points, to be marked.
+        boundary: The contact boundary of the scene, on rank 0.
+        points: The detachment points of the scene, to be marked.
     """
     posed = result.posed
-    if posed.scene.domain.dimension == 3:
-        surface = gather_surface(result.u)
-        return None if surface is None else draw_solid(surface, boundary, posed.scene.title)
-    parts = boundary_parts(posed.scene, posed.sided)
-    field = gather_plane_field(result.u, {kind.name: parts[kind] for kind in parts})
-    if field is None or boundary is None:
-        return None
-    styles = {kind.name: kind.style for kind in parts}
-    touching = boundary.points[boundary.pieces[boundary.in_contact]]
-    field.parts["in contact"] = touching
-    return draw_plane_field(field, styles | {"in contact": IN_CONTACT}, points, posed.scene.title)
+    kinds = boundary_parts(posed.scene, posed.sided)
+    parts = {kind.name: facets for kind, facets in kinds.items()}
+    styles = {kind.name: kind.style for kind in kinds}
+    return draw_solution(result.u, boundary, parts, styles, points, posed.scene.title)
 
 
 def draw_result(result: SceneResult, what: str) -> Picture | None:
@@ -90,5 +80,5 @@ def draw_result(result: SceneResult, what: str) -> Picture | None:
         raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
     boundary = scene_boundary(result)
     if what == "solution":
-        return draw_solution(result, boundary)
+        return _drawn(result, boundary)
     return None if boundary is None else draw_contact(boundary)

@@ -76,7 +76,7 @@ def summarise(
 
     Args:
         result: The solved scene.
-        boundary: Its contact boundary, on rank 0.
+        boundary: The contact boundary of the scene, on rank 0.
         bound: Whether to compute the proven bound of the energy error.
     """
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
