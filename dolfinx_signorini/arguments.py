@@ -200,7 +200,11 @@ def check_coarse(method: str, coarse: Any) -> None:
 
 
 def same_space(one: Any, other: Any) -> bool:
-    """Return whether two Python objects stand for the same function space, dof for dof."""
+    """Return whether two Python objects stand for the same function space, dof for dof.
+
+    Args:
+        one, other: The two objects, of any kind.
+    """
     return isinstance(one, fem.FunctionSpace) and one._cpp_object == other._cpp_object
 
 

@@ -56,7 +56,8 @@ def evaluate(
 
     0.9 takes pairs as a flat array and lays the points of a facet out from its first to its last
     vertex in the order of the cell; 0.11 takes them as they are and goes by the global numbers of
-    the vertices. This undoes the latter for edges, whose points must be symmetric about 1/2.
+    the vertices. The order of 0.11 is undone here for edges, whose points must be symmetric about
+    1/2.
 
     Returns:
         Shape (n, points * components) or (n, points, components).

@@ -1,8 +1,9 @@
 """Detachment points: where contact really ends, found from a discrete solution.
 
-The discrete contact set tells it to the length of an edge. The gap tells more: behind a detachment
-point it is c s^{3/2} (1 + c_1 s + ...) at the distance s, and its power 2/3 is smooth. From dofs
-at some distance, where the discrete gap is accurate, the zero of this power is extrapolated.
+The discrete contact set tells a detachment point to the length of an edge. The gap tells more: at
+the distance s behind the point the gap is c s^{3/2} (1 + c_1 s + ...), whose power 2/3 is smooth.
+From dofs at some distance, where the discrete gap is accurate, the zero of this power is
+extrapolated.
 
 Source: Christof and Haubner, Section 2.2, for the singularity.
 """
@@ -30,7 +31,7 @@ WINDOW = 0.125  # of the size of the domain: from so far at the most the gap is 
 DEGREES = (1, 2, 3)  # of the polynomials that extrapolate; the middle one is believed
 SAFETY = 4.0  # times what extrapolations differ by
 ROUNDING = 1e-12  # of the size of the domain
-SPOILT = 1.5  # edges next to the end: the gap there is of the size of its error
+SPOILT = 1.5  # edges next to the end: on these the gap is of the size of its error
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,9 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
 
     Returns:
         The same points on all ranks.
+
+    Raises:
+        InputError: The problem is not in the plane, or has not been solved.
     """
     check(problem=(problem, instance(SignoriniProblem, "a solved problem")))
     plane = problem.space.mesh.topology.dim == 2

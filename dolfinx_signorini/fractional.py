@@ -22,7 +22,7 @@ from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.references import Reference
 
 NODES = 9  # interpolation nodes per facet
-SAMPLES = 64  # samples per facet: what lies above their frequency is 2e-4 of the norm
+SAMPLES = 64  # samples per facet: higher frequencies have 2e-4 of the norm
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
@@ -36,7 +36,7 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
 
     Raises:
         InputError: The domain is not plane.
-        ValueError: Its boundary is not made of closed curves.
+        ValueError: The boundary of the domain is not made of closed curves.
         FloatingPointError: The error is not a number at some point of evaluation.
     """
     domain = u_h.function_space.mesh

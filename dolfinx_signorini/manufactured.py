@@ -95,6 +95,9 @@ def manufacture(
         u: The solution.
         diffusion: K, a scalar or a tensor; None for 1.
         reaction: c; None for none.
+
+    Raises:
+        InputError: An argument is of another kind, or lives on another mesh.
     """
     check(domain=(domain, MESH))
     check(

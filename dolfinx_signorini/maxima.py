@@ -1,7 +1,7 @@
 """Sup norms: the largest error, or derivative of it, over closed cells or boundary facets.
 
 An error oscillates inside of cells, and may be smallest where it is easily sampled: the error of
-elements of degree 2 nearly vanishes at vertices and midpoints. Its maximum is searched for in two
+elements of degree 2 nearly vanishes at vertices and midpoints. The maximum is searched for in two
 steps. First every cell is sampled on a lattice that includes vertices and facets; of many cells
 whose largest values at some points are known those with the largest ones. Then boxes around
 the largest local maxima of the samples, and around the singular points of the solution, are sampled

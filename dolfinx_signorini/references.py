@@ -104,6 +104,9 @@ def interpolated(reference: R, degree: int) -> R:
     Args:
         reference: The function to interpolate; whatever else belongs to it is kept.
         degree: Polynomial degree, 1 to 8.
+
+    Raises:
+        InputError: An argument is of another kind.
     """
     check(
         reference=(reference, instance(Reference, "a known solution")),

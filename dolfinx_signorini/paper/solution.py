@@ -44,6 +44,9 @@ def christof_haubner(
         detachment: The detachment point on the bottom edge, at least `radius` from its ends.
         radius: Where psi ends.
 
+    Raises:
+        InputError: An argument is of another kind, or the domain is not in the plane.
+
     Source: Christof and Haubner, Section 7, equation (28).
     """
     check(

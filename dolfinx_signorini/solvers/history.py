@@ -132,7 +132,7 @@ class History:
 
 
 def _split(system: System, force: Array) -> tuple[Array, Array]:
-    """Forces away from the contact dofs, and at them; the array is overwritten."""
+    """Forces away from the contact dofs, and at the contact dofs; overwritten."""
     contact = force[system.contact_dofs]
     force[system.contact_dofs] = 0.0
     return force, contact

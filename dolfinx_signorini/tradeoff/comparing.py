@@ -102,8 +102,8 @@ def targets(rows: Sequence[Row], norm: str) -> list[float]:
 def accuracies(rows: Sequence[Row], norm: str) -> list[float]:
     """Return the errors to ask the adaptive loop for, decreasing.
 
-    These are the targets of other rows, that of uniform P1 with two digits and never larger, and
-    the next power of ten, which no other row has reached.
+    The errors are the targets of other rows, where the error of uniform P1 is given two digits and
+    made no larger, and the next power of ten, which no other row has reached.
 
     Args:
         rows: Rows that are compared in the norm.

@@ -109,7 +109,12 @@ def ladder(
 
 
 def adapted_kinds(max_unknowns: int, dimension: int) -> list[Kind]:
-    """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit."""
+    """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit.
+
+    Args:
+        max_unknowns: Limit on the dofs.
+        dimension: The dimension of space.
+    """
     across = 2 * FIRST[dimension]
     return [
         kind

@@ -26,7 +26,7 @@ class Kind:
         return f"{self.mesh} P{self.degree}"
 
     def suits(self, dimension: int) -> bool:
-        """Return whether there are such meshes: graded ones exist in the plane only."""
+        """Return whether meshes of the kind exist: graded ones do so in the plane only."""
         return dimension == 2 or self.mesh != "graded"
 
 
