@@ -220,7 +220,7 @@ def _check_mesh(item: "ufl.Form | Expr", domain: mesh.Mesh, subject: str) -> Non
 
 
 def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
-    """The facets, and what is wrong with them on this rank."""
+    """The facets, and what is wrong with the facets on this rank."""
     nothing = np.empty(0, dtype=np.int32)
     pair = isinstance(contact, tuple) and len(contact) == 2
     tags, values = contact if pair else (contact, None)

@@ -2,7 +2,8 @@
 
 A dof is found again by its place, because the numbers of dofs and cells depend on the
 number of ranks. The file is one of NumPy's, so that a checkpoint needs nothing beside DOLFINx and
-can be read without it. Rank 0 gathers and reads the whole file: enough for some ten million dofs.
+can be read without DOLFINx. Rank 0 gathers and reads the whole file: enough for some ten million
+dofs.
 """
 
 import zipfile
@@ -122,7 +123,8 @@ def read_mesh(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> mesh.Mesh:
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
     if comm.rank:
         cells, points = cells[:0], points[:0]
-    return mesh.create_mesh(comm, cells, x=points, e=domain)  # their order is that of the version
+    # The order of the arguments depends on the version, and so they have names.
+    return mesh.create_mesh(comm, cells, x=points, e=domain)
 
 
 def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:

@@ -41,8 +41,8 @@ class DetachmentPoint:
     Attributes:
         position: Where the gap, extrapolated from the free side, is zero; without enough dofs for
             that the middle of the edge between a dof in contact and one that is not.
-        uncertainty: How far off it may be: some times what extrapolations differ by, at most the
-            length of this edge.
+        uncertainty: How far off the position may be: some times what extrapolations differ by, at
+            most the length of an edge.
         strength: The gap on one side and the pressure on the other, the smaller of the two,
             relative to the largest on the whole contact boundary.
     """
@@ -106,13 +106,13 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
 def _extrapolated(
     point: DetachmentPoint, inside: Array, outside: Array, nodes: Array, gap: Array
 ) -> DetachmentPoint:
-    """Return a point where the gap on the straight line behind it says that it is.
+    """Return a point moved to the zero of the gap on the straight line behind the point.
 
     Args:
         point: The middle of an edge.
         inside, outside: The ends of the edge, in contact and not.
         nodes: All contact dofs, shape (dofs, 2).
-        gap: The gap there.
+        gap: The gap at these dofs.
     """
     size = float(np.ptp(nodes, axis=0).max())
     length = point.uncertainty

@@ -55,7 +55,7 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
         along = values[rows] / largest
         along[reverse] = along[reverse, ::-1]  # the nodes are symmetric
         total += _spectral_sum(edges.lengths[rows], along)
-    # The sums of ranks may differ in their last digit, and a caller's decisions with them.
+    # The last digit of a sum may differ between ranks, and so might a caller's decisions.
     return float(domain.comm.bcast(largest * float(np.sqrt(total))))
 
 

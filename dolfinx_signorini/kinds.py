@@ -40,7 +40,7 @@ def instance(kinds: type | tuple[type, ...], words: str) -> Kind:
 
     Args:
         kinds: The class, or several.
-        words: Its name with an article, for messages.
+        words: The name of the kind with an article, for messages.
     """
     return lambda value: "" if isinstance(value, kinds) else _not(words, value)
 

@@ -162,9 +162,9 @@ def contact_violations(
 def matching_obstacle(
     space: fem.FunctionSpace, facets: Indices, u: Expr, flux: Expr, upper: bool = False
 ) -> fem.Function:
-    """Return an obstacle that u touches exactly where its flux is not zero.
+    """Return an obstacle that u touches exactly where the flux of u is not zero.
 
-    On the facets with a flux the obstacle is u, elsewhere it keeps clear of u.
+    On the facets with a flux the obstacle is u, and elsewhere the obstacle keeps clear of u.
 
     Args:
         space: The Lagrange space of the discrete problem.

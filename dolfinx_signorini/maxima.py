@@ -148,7 +148,7 @@ class Maxima:
     def _values(self, places: Indices, at: Array) -> Array:
         """The error and the largest component at points, -1 for what is no number: (1 or 2, n, m).
 
-        The second row is there where the error has derivatives.
+        An error without derivatives has one row.
         """
         blocks, step = [], max(1, BLOCK // at.shape[-2])
         for start in range(0, max(1, len(places)), step):

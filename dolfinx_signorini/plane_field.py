@@ -33,7 +33,7 @@ class PlaneField:
 
     Attributes:
         points: Coordinates of the dofs, shape (points, 2).
-        values: The values there.
+        values: The values at the points.
         triangles: Indices of points, shape (triangles, 3).
         parts: The facets of each part of the boundary, shape (facets, 2 ends, 2).
     """

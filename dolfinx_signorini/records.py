@@ -108,11 +108,11 @@ def refuse_foreign(folder: Path, names: Iterable[str], own: Collection[str] = ()
 
     Args:
         folder: The output folder.
-        names: The files that are going to be written there.
-        own: The files that an earlier run wrote there.
+        names: The files that are going to be written into the folder.
+        own: The files that an earlier run wrote into the folder.
 
     Raises:
-        InputError: One of the other files is there.
+        InputError: The folder has one of the other files.
     """
     for name in names:
         if os.path.lexists(folder / name) and name not in own:
@@ -131,7 +131,7 @@ def check_outputs(comm: MPI.Comm, folder: Path, names: Iterable[str]) -> None:
         names: The files that the job writes beside the rows.
 
     Raises:
-        InputError: One of the files is there, and no rows.
+        InputError: The folder has one of the files, and no rows.
     """
 
     def check() -> None:

@@ -46,7 +46,7 @@ class Reference:
     Attributes:
         mesh: The mesh whose coordinates the expressions use.
         u: The function.
-        grad: Its gradient, one component per space dimension.
+        grad: The gradient of u, one component per space dimension.
         support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
             evaluate the expressions on the cells that meet the ball and nowhere else.
         singular: Points at which the gradient is not smooth and sup norms look closely.

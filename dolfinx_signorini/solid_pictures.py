@@ -48,7 +48,7 @@ class Surface:
 
     Attributes:
         points: Coordinates of the vertices, shape (points, 3).
-        values: The values there.
+        values: The values at the vertices.
         triangles: Indices of points, shape (triangles, 3).
     """
 

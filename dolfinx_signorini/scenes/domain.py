@@ -69,7 +69,7 @@ class Domain(ABC):
 
         Args:
             coarser: One of the `levels`.
-            sided: Its mesh.
+            sided: The mesh of this level.
         """
         return self.make(sided.mesh.comm)
 

@@ -70,7 +70,7 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
 
     Args:
         scene: The scene.
-        sided: Any mesh of its domain; the call is collective.
+        sided: Any mesh of the domain of the scene; the call is collective.
     """
     notes: list[str] = []
     corners: list[Corner] = []

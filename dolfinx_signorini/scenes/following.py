@@ -53,10 +53,10 @@ class _Vertices:
     """The vertices of a mesh as dofs of the linear elements.
 
     Attributes:
-        x: Their coordinates, shape (vertices, dimension).
+        x: The coordinates of the vertices, shape (vertices, dimension).
         altitudes: About the smallest altitude of the cells around each.
         normals: The mean of n n^T over the boundary facets around, 0 inside.
-        free: Whether these are in a plane and on the same sides.
+        free: Whether the boundary facets around a vertex are in a plane and on the same sides.
     """
 
     def __init__(self, sided: SidedMesh):

@@ -63,7 +63,7 @@ def with_tags(domain: mesh.Mesh, tags: Any, names: dict[int, str]) -> SidedMesh:
 
     Args:
         domain: The mesh.
-        tags: Its facet tags.
+        tags: The facet tags of the mesh.
         names: The name of each tag.
     """
     sides = {}

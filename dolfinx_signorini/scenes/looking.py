@@ -227,7 +227,7 @@ class _Cells:
     """The owned cells of a mesh.
 
     Attributes:
-        corners: Their vertices, shape (cells, vertices, dimension).
+        corners: The vertices of the cells, shape (cells, vertices, dimension).
     """
 
     def __init__(self, domain: mesh.Mesh):

@@ -46,7 +46,7 @@ def cell_defect(ids: Ids, corners: Array) -> str:
 
     Args:
         ids: The numbers of the vertices of each cell, shape (cells, vertices).
-        corners: Their coordinates, shape (cells, vertices, dimension).
+        corners: The coordinates of the vertices, shape (cells, vertices, dimension).
     """
     if not len(ids):
         return ""

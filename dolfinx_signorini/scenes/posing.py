@@ -120,7 +120,7 @@ def violations(scene: Scene, sided: SidedMesh) -> list[str]:
 
     Args:
         scene: The scene.
-        sided: A mesh of its domain; the call is collective.
+        sided: A mesh of the domain of the scene; the call is collective.
     """
     exact = _exact_solution(scene, sided)
     if exact is None:
@@ -137,7 +137,7 @@ def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryConditio
 
     Args:
         scene: The scene.
-        sided: A mesh of its domain; the call is collective.
+        sided: A mesh of the domain of the scene; the call is collective.
 
     Raises:
         InputError: A facet belongs to conditions of two kinds, or no facet to the contact boundary.

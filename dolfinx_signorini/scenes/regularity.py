@@ -44,10 +44,10 @@ class Corner:
         print(*singular_corners(domain, {"contact": facets}, None), sep="; ")
 
     Attributes:
-        point: Its coordinates.
+        point: The coordinates of the point.
         angle: The interior angle, in radians.
-        kinds: The conditions that meet there.
-        exponent: The solution behaves like the distance to the power of this.
+        kinds: The conditions that meet at the point.
+        exponent: The power of the distance that the solution behaves like.
     """
 
     point: tuple[float, float]

@@ -85,7 +85,7 @@ def refinement_prolongation(
 
     Args:
         fine: The refined mesh.
-        nodes: Its owned nodes in the order of the rows.
+        nodes: The owned nodes of the refined mesh in the order of the rows.
         coarse: The parent mesh.
         parents: The parent cells of the owned cells of the refined mesh.
     """

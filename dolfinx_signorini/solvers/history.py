@@ -68,7 +68,7 @@ class History:
 
         Args:
             system: The system; the call is collective.
-            x: Its solution.
+            x: The solution of the system.
             multiplier: A x - b.
         """
         self._renew(system)

@@ -1,8 +1,8 @@
-"""Small variational inequalities around chosen dofs, which tell the active set there.
+"""Small variational inequalities around chosen dofs, which tell the active set near these dofs.
 
-Where the active set of a start is nearly right, what is wrong with it sits at its ends: the
-detachment points. The discrete problem restricted to a patch around them, with everything outside
-frozen, is solved in milliseconds. Each rank solves the patch around the dofs that it owns,
+Where the active set of a start is nearly right, what is wrong sits at the ends of the set: the
+detachment points. The discrete problem restricted to a patch around these points, with everything
+outside frozen, is solved in milliseconds. Each rank solves the patch around the dofs that it owns,
 with rows of other ranks where the patch crosses over.
 """
 
@@ -33,7 +33,7 @@ def patch_dofs(system: System, seeds: Indices, reach: int = 1, more: int = 0) ->
         system: The system, whose matrix tells which dofs are neighbours.
         seeds: Owned dofs, local indices.
         reach: How many times as far as usual the patch goes.
-        more: Layers beyond those of the patch.
+        more: How many layers more the patch has.
     """
     rows = seeds.astype(np.int32) + system.A.getOwnershipRange()[0]
     index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)

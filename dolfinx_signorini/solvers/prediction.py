@@ -82,14 +82,14 @@ def _coarse_size(space: fem.FunctionSpace) -> float:
 def _settled(
     system: System, coarse: ContactState, u: fem.Function, held: Mask, layer: Indices
 ) -> Mask:
-    """Return the predicted set with its ends settled by patch problems, if these are small.
+    """Return the predicted set with its ends settled by patch problems, if the patches are small.
 
-    They are not, in comparison with a problem that is small itself.
+    In comparison with a problem that is small itself no patch is small.
 
     Args:
         system: The system.
         coarse: The coarse solution.
-        u: Its values in the layer; overwritten near the ends.
+        u: The coarse solution in the layer; overwritten near the ends.
         held: The predicted set.
         layer: The cells at the contact boundary.
     """

@@ -41,7 +41,7 @@ def contact_state(system: System, x: PETSc.Vec) -> ContactState:
 
     Args:
         system: The system.
-        x: Its solution.
+        x: The solution of the system.
     """
     u = fem.Function(system.space, name="u")
     u.x.array[: x.getLocalSize()] = x.array_r

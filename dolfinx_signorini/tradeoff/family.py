@@ -52,7 +52,7 @@ class Family:
 
 
 def scene_family(scene: Scene) -> Family:
-    """Return a scene on quasi-uniform meshes of its domain; its own mesh width does not matter.
+    """Return a scene on quasi-uniform meshes of its domain, whatever its own mesh width is.
 
     Raises:
         InputError: The scene's mesh is from a file, and is the only one.

@@ -120,8 +120,8 @@ def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
     """Return the cells across of the levels before the last, coarsest first.
 
     On the way to a graded mesh the cells across double from level to level, and each level finds
-    the detachment points several times as precisely as the level before. A level that is repeated
-    would not find them any better.
+    the detachment points several times as precisely as the level before. A repeated level
+    would not find the points any better.
 
     Args:
         configuration: The configuration.

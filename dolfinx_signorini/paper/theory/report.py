@@ -37,12 +37,12 @@ and the left-hand side of (9) as printed. No theorem.
 class Document:
     """What was measured for statements, as a document in Markdown:
 
-        document = Document(STATEMENTS, rows, max_n=401)
+        document = Document(MEASURED, rows)
         print(document.text("dolfinx-signorini theory"))
 
     Args:
         statements: The statements, in order.
-        rows: The rows of their experiments.
+        rows: The rows of the experiments of the statements.
 
     Attributes:
         verdicts: The verdicts on the checks of each statement, by its key.
