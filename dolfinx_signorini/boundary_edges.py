@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import boundary_facets, edge_chains, facet_cells, facet_vertices
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_vertices
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -87,7 +87,7 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
         vertices: The two vertices of every edge, shape (edges, 2).
 
     Returns:
-        The curves, see `meshes.edge_chains`.
+        The curves, see `edge_chains`.
 
     Raises:
         ValueError: Some vertex does not belong to exactly two edges.
@@ -96,3 +96,38 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
     if (counts != 2).any():
         raise ValueError("the boundary is not made of closed curves: a vertex has not two edges")
     return edge_chains(vertices)
+
+
+def edge_chains(edges: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+    """Chain edges into curves: open ones, which end where a vertex has one edge, and closed ones.
+
+    Args:
+        edges: The two vertices of each edge, shape (edges, 2).
+
+    Returns:
+        For each curve its edges in order, shape (edges of the curve, 2): the row of the edge in
+        `edges`, and 1 where the curve runs from the second to the first vertex of the edge, else
+        0. Open curves come first.
+
+    Raises:
+        ValueError: Some vertex belongs to more than two edges.
+    """
+    order = np.argsort(edges.ravel(), kind="stable")
+    ids = edges.ravel()[order]
+    same = np.flatnonzero(ids[1:] == ids[:-1])
+    if (np.diff(same) == 1).any():
+        raise ValueError("the edges are no curves: a vertex has more than two of them")
+    partner = np.full(len(order), -1)  # the other edge end at the same vertex
+    partner[order[same]], partner[order[same + 1]] = order[same + 1], order[same]
+    free = np.flatnonzero(partner < 0)
+    seen = np.zeros(len(edges), dtype=bool)
+    curves = []
+    for start in [*map(int, free), *range(0, 2 * len(edges), 2)]:
+        curve, end = [], start
+        while end >= 0 and not seen[end // 2]:
+            seen[end // 2] = True
+            curve.append((end // 2, end % 2))
+            end = int(partner[end ^ 1])
+        if curve:
+            curves.append(np.array(curve, dtype=np.int64))
+    return curves

@@ -18,7 +18,12 @@ def interpolation_points(element: Any) -> npt.NDArray[np.float64]:
 def exterior_facet_pairs(
     topology: mesh.Topology, facets: npt.NDArray[np.int32]
 ) -> npt.NDArray[np.int32]:
-    """Return boundary facets as (cell, local facet) pairs, flat; 0.11 takes no dimension."""
+    """Return boundary facets as (cell, local facet) pairs, flat; 0.11 takes no dimension.
+
+    Args:
+        topology: The topology, with the connectivities between cells and facets.
+        facets: Boundary facets.
+    """
     arguments: list[Any] = [fem.IntegralType.exterior_facet, topology, facets, topology.dim - 1]
     try:
         pairs = fem.compute_integration_domains(*arguments)
@@ -37,6 +42,11 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, An
 
     dolfinx 0.9 has the module gmshio and returns a tuple; from 0.10 on it is called gmsh and
     returns an object.
+
+    Args:
+        model: `gmsh.model`.
+        comm: The communicator that shares the mesh.
+        dimension: The dimension of space.
     """
     io: Any
     try:
@@ -58,6 +68,11 @@ def evaluate(
     vertex in the order of the cell; 0.11 takes them as they are and goes by the global numbers of
     the vertices. The order of 0.11 is undone here for edges, whose points must be symmetric about
     1/2.
+
+    Args:
+        expression: The expression.
+        domain: The mesh.
+        entities: The cells or pairs.
 
     Returns:
         Shape (n, points * components) or (n, points, components).
@@ -86,6 +101,10 @@ def refine(
     """Bisect edges of a mesh, all of them by default; child cells stay on the rank of their parent.
 
     dolfinx numbers parent cells and facets by the cells before their reordering.
+
+    Args:
+        domain: A mesh of triangles or tetrahedra, with its edges.
+        edges: Edges of this rank; None for all.
 
     Returns:
         The mesh, the parent of each owned cell, and for each facet of each owned cell the local

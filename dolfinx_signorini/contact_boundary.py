@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.boundary_edges import edge_chains
 from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
-from dolfinx_signorini.meshes import edge_chains, facet_cells
+from dolfinx_signorini.meshes import facet_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
