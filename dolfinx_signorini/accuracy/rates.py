@@ -80,8 +80,8 @@ class Rates:
         rho = 2.0**-self.values
         rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
         singular = self.values < SINGULAR * self.order
-        # Where contact ends, the solution on the divided mesh may be no better by chance. The largest
-        # errors are at the end itself, where differences of all levels have the same sign.
+        # Where contact ends, the solution on the divided mesh may be no better by chance. The
+        # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = np.maximum(rho / (1.0 - rho), 1.0) if np.isinf(self.power) else 1.0
         remaining = cells * np.where(self._limited, at_ends, rho / rest)
         return Outlook(
