@@ -395,6 +395,7 @@ class SignoriniProblem:
         limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
         given = {name: limit for name, limit in limits.items() if limit is not None}
         check_limits(method, given)
+        early = rtol is None and coarse is not None
         rtol = checked_tolerance(rtol, DEFAULT_RTOL if method == "cascade" else TAO_RTOL)
         if coarse is not None:
             check_coarse(method, coarse)
@@ -418,7 +419,8 @@ class SignoriniProblem:
             if method == "cascade":
                 if self._solver is None:
                     self._solver = ActiveSetSolver(system, self._prefix, self._options)
-                self.result = self._solver.solve(system, x, rtol, self._history, held, coarse)
+                given = rtol, self._history, held, coarse, early
+                self.result = self._solver.solve(system, x, *given)
             else:
                 self.result = solve_by_tao(
                     system, method, x, self._history, rtol, self._prefix, self._options, given

@@ -21,6 +21,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.solvers.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -46,6 +47,7 @@ def solve_active_set(
     rtol: float,
     trust: float,
     fraction: float = LINEAR_FRACTION,
+    stop: Stop | None = None,
 ) -> float:
     """Run the primal-dual active set method.
 
@@ -64,9 +66,11 @@ def solve_active_set(
         rtol: The relative natural residual to reach.
         trust: The relative residual of x up to which the guess is solved for to the end at once.
         fraction: What a linear solve to the end leaves, relative to rtol.
+        stop: Ends linear solves, and with a settled set the method, earlier.
 
     Returns:
-        The relative natural residual reached; larger than rtol where the set does not settle.
+        The relative natural residual reached; larger than rtol where the set does not settle or
+        where there was an earlier stop.
     """
     residual, best, stalled, local = measure(x), np.inf, 0, 0
     if residual <= ACCEPTED * rtol:
@@ -87,11 +91,15 @@ def solve_active_set(
         if probing:
             target = max(target, PROBE * residual)
         multiplier = measure.multiplier if known else None
-        solver.solve(system, x, held, target * measure.scale, multiplier)
+        solver.solve(system, x, held, target * measure.scale, multiplier, stop)
         residual = measure(x)
         known = True
         if residual <= ACCEPTED * rtol:
             break
+        if stop is not None and stop.reached:
+            if stop.settle(x, _any_equal(system, [held], measure.defect(x) > 0.0)):
+                break
+            probing = False
         if probing:
             probing = False
             if residual <= NOISE * target:  # the set is as right as the solve can tell

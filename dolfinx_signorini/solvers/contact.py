@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.tao import TaoRounds
 from dolfinx_signorini.system import System
 
@@ -60,6 +62,7 @@ class ActiveSetSolver:
         history: History,
         held: Mask | None = None,
         coarse: ContactState | None = None,
+        early: bool = False,
     ) -> SolveResult:
         """Find the active set, and let TAO accept the solution or, if need be, improve it.
 
@@ -71,6 +74,7 @@ class ActiveSetSolver:
             held: A guess of the active set, one entry per contact dof, which goes with x; by
                 default that of the history, or everything in contact if the history is empty.
             coarse: In place of a guess, a solution on another mesh that predicts the active set.
+            early: Whether to stop where the discretisation error hides what is left, see `stop`.
 
         Raises:
             InputError: The form is found to be indefinite.
@@ -79,6 +83,7 @@ class ActiveSetSolver:
         began, linear = time.perf_counter(), self.linear
         counts = linear.solves, linear.iterations
         measure, trust, fraction = NaturalResidual(system, rtol), 0.0, LINEAR_FRACTION
+        stop = Stop() if early else None
         try:
             if coarse is not None:
                 held, trust = predict(system, coarse), math.inf
@@ -87,9 +92,11 @@ class ActiveSetSolver:
                 fraction = LOOP_FRACTION
             predicted = time.perf_counter()
             args = measure, x, held, rtol, trust, fraction
-            residual = solve_active_set(system, linear, *args)
+            residual = solve_active_set(system, linear, *args, stop)
             if system.project(x):
                 residual = measure(x)
+            if stop is not None and stop.settled:
+                rtol = max(rtol, residual)
             solved = time.perf_counter()
             rounds = self._rounds(system, residual <= rtol)
             try:
@@ -100,13 +107,16 @@ class ActiveSetSolver:
             history.add(system, x, measure.multiplier)
         finally:
             measure.destroy()
+            if stop is not None:
+                stop.destroy()
         seconds = {
             "predict": predicted - began,
             "solve": solved - predicted,
             "accept": time.perf_counter() - solved,
         }
         spent = linear.solves - counts[0], linear.iterations - counts[1]
-        return _result(system, x, "cascade", rounds, residual, spent, seconds)
+        result = _result(system, x, "cascade", rounds, residual, spent, seconds)
+        return result if stop is None else replace(result, algebraic_share=stop.share)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.corrections import place, set_residual
 from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -60,6 +61,7 @@ class DirectSolver:
         held: Mask,
         atol: float,
         multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
     ) -> None:
         """Solve for the dofs that are not held; the arguments are those of `HeldSolver.solve`.
 
@@ -78,7 +80,7 @@ class DirectSolver:
         if self._iterative is None:
             self.exact, self._iterative = False, HeldSolver(system, *self._names)
         before = self._iterative.iterations
-        self._iterative.solve(system, x, held, atol, multiplier)
+        self._iterative.solve(system, x, held, atol, multiplier, stop)
         self.iterations += self._iterative.iterations - before
 
     def free(self) -> None:

@@ -23,6 +23,7 @@ from dolfinx_signorini.solvers.corrections import place, set_residual
 from dolfinx_signorini.solvers.multigrid import multigrid_for
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.solvers.projected import Projected
+from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -83,6 +84,8 @@ class HeldSolver:
         self._held: Mask | None = None  # those of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._pace = self._excess = 0.0
+        self._stop: Stop | None = None
+        self._unit = 1.0  # of the correction
         self._watched = math.inf  # the residual above which SLOW iterations were slow
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
@@ -98,7 +101,7 @@ class HeldSolver:
         self._ksp.setOperators(self._projected.operator)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         if self._multigrid is not None:
-            self._ksp.addConvergenceTest(self._too_slow)
+            self._ksp.addConvergenceTest(self._ended)
 
     def solve(
         self,
@@ -107,6 +110,7 @@ class HeldSolver:
         held: Mask,
         atol: float,
         multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
@@ -116,6 +120,7 @@ class HeldSolver:
             held: Whether a contact dof of this rank is held at the obstacle.
             atol: The norm of the residual to reach.
             multiplier: A x - b for the start, where that is known.
+            stop: Ends the solve earlier, if there are coarser meshes to begin on.
 
         Raises:
             InputError: The form turned out to be indefinite.
@@ -124,6 +129,10 @@ class HeldSolver:
         if place(system, x, held):
             multiplier = None
         fresh = self._prepare(system, held)
+        self._stop = stop
+        if stop is not None and fresh and self._multigrid is not None:
+            self._begin_coarse(system, x, held, multiplier, stop)
+            multiplier = None
         converged = self._correct(system, x, held, atol, fresh, multiplier)
         while not converged and (not fresh or self._multigrid is not None):
             if fresh:
@@ -133,6 +142,18 @@ class HeldSolver:
             fresh = True
             converged = self._correct(system, x, held, atol, fresh, None)
         self.solves += 1
+
+    def _begin_coarse(
+        self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
+    ) -> None:
+        """Add the solution on the next coarser mesh to x."""
+        assert self._multigrid is not None
+        unit = set_residual(system, x, held, multiplier, self._rhs)
+        ratio = self._multigrid.nested(self._rhs, self._correction)
+        if ratio > 0.0:
+            self._projected.project(self._correction)
+            x.axpy(unit, self._correction)
+            stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
 
     def free(self) -> None:
         """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""
@@ -230,6 +251,7 @@ class HeldSolver:
             expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
             limit = min(limit, math.ceil(expected) + self._setup_iterations)
         self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
+        self._unit = unit
         watched = fresh and self._multigrid is not None
         self._watched = LITTLE[system.space.mesh.topology.dim] * start if watched else math.inf
         self._ksp.solve(self._rhs, self._correction)
@@ -250,8 +272,10 @@ class HeldSolver:
             raise InputError("not positive definite, found by conjugate gradients", "form a")
         return bool(reason > 0)
 
-    def _too_slow(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
-        """Whether a solve with geometric multigrid is to end because of slow convergence."""
+    def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
+        """Why a solve with geometric multigrid is to end: slow convergence, or enough of it."""
+        if self._stop is not None and self._stop.enough(ksp.vec_sol, iterations, self._unit):
+            return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
         slow = iterations == SLOW and norm > self._watched
         return PETSc.KSP.ConvergedReason.DIVERGED_DTOL if slow else None
 

@@ -22,6 +22,7 @@ from dolfinx_signorini.system import System
 Indices = npt.NDArray[np.int32]
 
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
+CYCLES = 2  # on each coarser mesh, of a solve that begins there
 BOTH = "pc_sor_local_symmetric"  # for degrees above 2: a quarter fewer iterations for the same time
 
 
@@ -91,6 +92,58 @@ class Multigrid:
                 solver.setOperators(level_matrix)
         self.pc.setOperators(matrix)
         self.pc.setUp()
+
+    def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
+        """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.
+
+        Args:
+            rhs: The right-hand side on the finest mesh.
+            x: Set to the prolongated solution of the next coarser mesh.
+
+        Returns:
+            The number of unknowns of the finest mesh over that of the next coarser one; 0, with
+            nothing done, where the next coarser level is one of lower degree.
+        """
+        if self._degrees:
+            return 0.0
+        sides = [rhs]
+        for prolongation in self.prolongations:
+            sides.append(prolongation.createVecRight())
+            prolongation.multTranspose(sides[-2], sides[-1])
+        coarse = sides[-1].duplicate()
+        self._levels[-1][0].solve(sides[-1], coarse)
+        for level in range(len(sides) - 2, -1, -1):
+            fine = sides[level].duplicate() if level else x
+            self.prolongations[level].mult(coarse, fine)
+            coarse.destroy()
+            for _ in range(CYCLES if level else 0):
+                self._cycle(level, sides[level], fine)
+            coarse = fine
+        for side in sides[1:]:
+            side.destroy()
+        rows, columns = self.prolongations[0].getSize()
+        return float(rows / columns)
+
+    def _cycle(self, level: int, rhs: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Improve x on a level by one cycle."""
+        if level == len(self.prolongations):
+            self._levels[level][0].solve(rhs, x)
+            return
+        (down, up), prolongation = self._levels[level], self.prolongations[level]
+        down.setInitialGuessNonzero(True)
+        down.solve(rhs, x)
+        down.setInitialGuessNonzero(False)
+        rest, coarse_rest = prolongation.createVecs()[::-1]
+        self.matrices[level - 1].mult(x, rest)
+        rest.aypx(-1.0, rhs)
+        prolongation.multTranspose(rest, coarse_rest)
+        correction = coarse_rest.duplicate()
+        correction.set(0.0)
+        self._cycle(level + 1, coarse_rest, correction)
+        prolongation.multAdd(correction, x, x)
+        up.solve(rhs, x)
+        for item in (rest, coarse_rest, correction):
+            item.destroy()
 
     def drop_meshes(self) -> bool:
         """Leave coarser meshes out from now on; return whether lower degrees are left."""

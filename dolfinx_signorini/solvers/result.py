@@ -20,6 +20,8 @@ class SolveResult:
         natural_residual: The natural residual relative to the data.
         active_dofs: The number of contact dofs with u = g.
         seconds: The wall-clock seconds of each phase.
+        algebraic_share: The estimate of the algebraic error over that of the discretisation error,
+            where the solve stopped by this; None where the natural residual decided.
     """
 
     method: str
@@ -30,3 +32,4 @@ class SolveResult:
     natural_residual: float
     active_dofs: int
     seconds: dict[str, float]
+    algebraic_share: float | None = None

@@ -1,0 +1,100 @@
+"""When algebra may stop: what is left of it is a small share of the discretisation error.
+
+On nested meshes the linear solve begins on the next coarser one. The distance of its solution to
+the present iterate tells the error of the coarser mesh, and with it that of the finer one: with
+degree 1 a mesh of half the width has at best a quarter of the error, and the distance is three
+times the error of the finer mesh, or less where the solution is singular. The last two steps of
+conjugate gradients tell the error of the iterate. All of it is measured in the 2-norm of the nodal
+values: in the energy norm and in those of gradients multigrid reduces errors faster.
+"""
+
+import math
+
+from petsc4py import PETSc
+
+SHARE = 1 / 50  # of the estimated discretisation error is left to algebra
+
+
+class Stop:
+    """Ends the linear solves of one mesh, from the first one that began on the coarser mesh on.
+
+    For example, with a right-hand side rhs and the prolongated solution of the coarser mesh in x:
+
+        stop = Stop()
+        stop.begin(ratio=3.0)
+        ksp.addConvergenceTest(lambda ksp, k, norm: 2 if stop.enough(ksp.vec_sol, k, 1.0) else None)
+
+    Attributes:
+        error: The estimate of the discretisation error; 0 before there is one.
+        left: The estimate of the error of the last iterate.
+        reached: Whether the last linear solve was ended.
+        settled: Whether the last change of the active set did not matter, either.
+    """
+
+    def __init__(self) -> None:
+        self.error, self.left = 0.0, math.inf
+        self.reached = self.settled = False
+        # The distance of both solutions over the error, in a solve that finds it out, and the next.
+        self._ratio = self._next_ratio = 0.0
+        self._step = math.inf
+        self._before: PETSc.Vec | None = None  # the iterate before the present one
+        self._solution: PETSc.Vec | None = None  # of the linear solve that was ended before
+
+    def begin(self, ratio: float) -> None:
+        """Say that the next linear solve starts from the solution of the next coarser mesh.
+
+        Args:
+            ratio: The distance of the solutions of both meshes over the error of the finer one.
+        """
+        self._next_ratio = ratio
+
+    def enough(self, correction: PETSc.Vec, iteration: int, unit: float) -> bool:
+        """Return whether an iteration of conjugate gradients is to be the last one.
+
+        Args:
+            correction: The sum of all steps of this linear solve so far.
+            iteration: The number of the iteration.
+            unit: The unit of the correction.
+        """
+        if iteration == 0:
+            self.reached, self.left, self._step = False, math.inf, math.inf
+            self._ratio, self._next_ratio = self._next_ratio, 0.0
+            self._before = correction.copy(self._before)
+            return False
+        if self._ratio > 0.0:
+            self.error = unit * correction.norm() / self._ratio
+        assert self._before is not None
+        self._before.aypx(-1.0, correction)
+        step = unit * self._before.norm()
+        correction.copy(self._before)
+        rate = step / self._step  # 0 after the first step
+        self._step = step
+        self.left = step if rate == 0.0 else step * rate / (1.0 - rate) if rate < 1.0 else math.inf
+        self.reached = self.left <= SHARE * self.error
+        return self.reached
+
+    def settle(self, x: PETSc.Vec, same: bool) -> bool:
+        """Return whether the active set is settled, after a linear solve that was ended.
+
+        Args:
+            x: The solution of the linear solve.
+            same: Whether the solution confirms its active set. Else the set is settled if the
+                solution is nearly that for the set before.
+        """
+        if not same and self._solution is not None:
+            self._solution.axpy(-1.0, x)
+            same = self._solution.norm() <= SHARE * self.error
+        self._solution = x.copy(self._solution)
+        self.settled = same
+        return same
+
+    @property
+    def share(self) -> float | None:
+        """The estimated algebraic over the discretisation error, where this was what counted."""
+        return self.left / self.error if self.settled else None
+
+    def destroy(self) -> None:
+        """Free the PETSc vectors."""
+        for item in (self._before, self._solution):
+            if item is not None:
+                item.destroy()
