@@ -292,3 +292,31 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
     """
     cells = space.dofmap.list
     return np.unique(np.flatnonzero(marked[cells.ravel()]) // cells.shape[1]).astype(np.int32)
+
+
+def covering_cells(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:
+    """Return few cells of this rank, ghosts included, that together have all of some dofs.
+
+    Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
+    cell for each dof.
+
+    Args:
+        space: A function space.
+        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+    """
+    left, chosen = marked.copy(), []
+    cells = np.random.default_rng(0).permutation(cells_with_dofs(space, marked))
+    for _ in range(2):
+        dofs = space.dofmap.list[cells]
+        wanted = left[dofs]
+        order = np.argsort(-wanted.sum(axis=1), kind="stable")
+        cells, dofs, wanted = cells[order], dofs[order], wanted[order]
+        rows = np.repeat(np.arange(len(cells)), wanted.sum(axis=1))
+        first = np.full(len(left), len(cells))
+        np.minimum.at(first, dofs[wanted], rows)
+        wins = (~wanted | (first[dofs] == np.arange(len(cells))[:, None])).all(axis=1)
+        wins &= wanted.any(axis=1)
+        chosen.append(cells[wins])
+        left[dofs[wins]] = False
+    chosen.append(cells[np.unique(first[left])])
+    return np.sort(np.concatenate(chosen))

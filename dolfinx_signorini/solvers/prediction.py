@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, MAX_PATCH, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -41,12 +41,13 @@ def predict(system: System, coarse: ContactState) -> Mask:
     contact = fem.Function(system.space)
     contact.x.array[dofs] = 1.0
     contact.x.scatter_forward()
-    layer = cells_with_dofs(system.space, contact.x.array > 0.0)
-    interpolate_between([(coarse.u, u), (coarse.density, density)], layer)
+    marked = contact.x.array > 0.0
+    cells = covering_cells(system.space, marked)
+    interpolate_between([(coarse.u, u), (coarse.density, density)], cells)
     gap = u.x.array[dofs] - system.obstacle
     pressure = system.layout.weights * density.x.array[dofs]
     held = pressure - system.contact_diagonal * gap > 0.0
-    return _settled(system, coarse, u, held, layer)
+    return _settled(system, coarse, u, held, cells_with_dofs(system.space, marked))
 
 
 def interpolate_between(pairs: Sequence[tuple[fem.Function, fem.Function]], cells: Indices) -> None:
@@ -108,7 +109,7 @@ def _settled(
     patch.x.array[: len(marked.array_r)] = marked.array_r
     patch.x.scatter_forward()
     marked.destroy()
-    interpolate_between([(coarse.u, u)], cells_with_dofs(system.space, patch.x.array > 0.0))
+    interpolate_between([(coarse.u, u)], covering_cells(system.space, patch.x.array > 0.0))
     x = system.vector_of(u)
     x.array_w[system.contact_dofs[held]] = system.obstacle[held]
     system.project(x)
