@@ -290,8 +290,7 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
     """
-    cells = space.dofmap.list
-    return np.unique(np.flatnonzero(marked[cells.ravel()]) // cells.shape[1]).astype(np.int32)
+    return np.flatnonzero(marked[space.dofmap.list].any(axis=1)).astype(np.int32)
 
 
 def covering_cells(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:
@@ -311,11 +310,10 @@ def covering_cells(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> I
         wanted = left[dofs]
         order = np.argsort(-wanted.sum(axis=1), kind="stable")
         cells, dofs, wanted = cells[order], dofs[order], wanted[order]
-        rows = np.repeat(np.arange(len(cells)), wanted.sum(axis=1))
+        rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
         first = np.full(len(left), len(cells))
-        np.minimum.at(first, dofs[wanted], rows)
-        wins = (~wanted | (first[dofs] == np.arange(len(cells))[:, None])).all(axis=1)
-        wins &= wanted.any(axis=1)
+        first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
+        wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
         chosen.append(cells[wins])
         left[dofs[wins]] = False
     chosen.append(cells[np.unique(first[left])])

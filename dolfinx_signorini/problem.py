@@ -376,8 +376,10 @@ class SignoriniProblem:
             coarse: The contact state of a solution on another mesh, for the cascade.
             start: A function of the space to start from, in place of the last solution.
             rtol: The natural residual to reach, relative to the data; by default 1e-7 for the
-                cascade and 1e-8 for TAO, so that the algebraic error is small against that of the
-                discretisation.
+                cascade and 1e-8 for TAO. A cascade without an `rtol` stops earlier, where the
+                algebraic error is estimated to be below 1/50 of the discretisation error, if a
+                coarse solution is given, the degree is 1, and the mesh has coarser meshes for
+                multigrid; `result.algebraic_share` tells.
             warm_start: Whether to start from the last solution of this problem with its active set
                 and its multigrid set-up; False to solve from nothing.
             max_iterations: The limit on the iterations of TAO.
@@ -419,8 +421,8 @@ class SignoriniProblem:
             if method == "cascade":
                 if self._solver is None:
                     self._solver = ActiveSetSolver(system, self._prefix, self._options)
-                given = rtol, self._history, held, coarse, early
-                self.result = self._solver.solve(system, x, *given)
+                known = self._history, held, coarse
+                self.result = self._solver.solve(system, x, rtol, *known, early)
             else:
                 self.result = solve_by_tao(
                     system, method, x, self._history, rtol, self._prefix, self._options, given

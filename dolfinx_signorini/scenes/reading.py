@@ -209,7 +209,7 @@ def _accuracy(top: TomlTable) -> tuple[float | None, str]:
     return accuracy, norm
 
 
-def _rtol(top: TomlTable) -> float:
+def _rtol(top: TomlTable) -> float | None:
     if not top.has("rtol"):
         return Scene.rtol
     value = top.real("rtol")

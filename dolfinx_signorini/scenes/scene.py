@@ -6,7 +6,6 @@ and, where it is known, the solution. What a scene does not name is neither asse
 
 from dataclasses import dataclass, replace
 
-from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula
@@ -43,7 +42,8 @@ class Scene:
         norms: The norms of the error that are measured where the solution is known, see
             `norm_names.parse_norm`.
         degree: The degree of the elements, from 1 to 4.
-        rtol: The natural residual to reach, relative to the data.
+        rtol: The natural residual to reach, relative to the data; by default the solve stops where
+            the discretisation error hides the rest, see `SignoriniProblem.solve`.
         accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None for
             a solution on the domain's mesh.
         norm: The norm of this error.
@@ -62,7 +62,7 @@ class Scene:
     manufactured: bool = False
     norms: tuple[str, ...] = ("L2", "Linf", "H1")
     degree: int = 1
-    rtol: float = DEFAULT_RTOL
+    rtol: float | None = None
     accuracy: float | None = None
     norm: str = "L2"
     title: str = ""

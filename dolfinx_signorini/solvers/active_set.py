@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.solvers.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import NaturalResidual
-from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -90,6 +90,8 @@ def solve_active_set(
             target = max(target, LOOSE * residual)
         if probing:
             target = max(target, PROBE * residual)
+        if stop is not None:
+            stop.allowed = LOOSEST * measure.scale
         multiplier = measure.multiplier if known else None
         solver.solve(system, x, held, target * measure.scale, multiplier, stop)
         residual = measure(x)

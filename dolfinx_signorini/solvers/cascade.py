@@ -133,7 +133,8 @@ def solve_cascade(
             more of the coarser solution than the cascade does.
         levels: The levels, coarsest first.
         method: The method of the last level, see `SignoriniProblem.solve`.
-        rtol: The natural residual to reach on the last level, relative to the data.
+        rtol: The natural residual to reach on the last level, relative to the data; by default the
+            solve stops where the discretisation error hides the rest, see `SignoriniProblem.solve`.
         coarse_rtol: The natural residual to reach on the levels before; `rtol` by default.
         coarse: A contact state to start the first level from.
         on_level: Is told of the problem of each level when the problem has been solved.

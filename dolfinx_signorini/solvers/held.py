@@ -274,7 +274,8 @@ class HeldSolver:
 
     def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
         """Why a solve with geometric multigrid is to end: slow convergence, or enough of it."""
-        if self._stop is not None and self._stop.enough(ksp.vec_sol, iterations, self._unit):
+        stop = self._stop
+        if stop is not None and stop.enough(ksp.vec_sol, iterations, norm, self._unit):
             return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
         slow = iterations == SLOW and norm > self._watched
         return PETSc.KSP.ConvergedReason.DIVERGED_DTOL if slow else None

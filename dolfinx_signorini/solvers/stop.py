@@ -3,40 +3,49 @@
 On nested meshes the linear solve begins on the next coarser one. The distance of its solution to
 the present iterate tells the error of the coarser mesh, and with it that of the finer one: with
 degree 1 a mesh of half the width has at best a quarter of the error, and the distance is three
-times the error of the finer mesh, or less where the solution is singular. The last two steps of
-conjugate gradients tell the error of the iterate. All of it is measured in the 2-norm of the nodal
-values: in the energy norm and in those of gradients multigrid reduces errors faster.
+times the error of the finer mesh, or less where the solution is singular. The last steps of
+conjugate gradients tell the error of the iterate. Both errors are measured in the 2-norm of the
+nodal values: in norms of gradients multigrid reduces errors faster, and discretisation errors are
+larger.
 """
 
 import math
 
 from petsc4py import PETSc
 
-SHARE = 1 / 50  # of the estimated discretisation error is left to algebra
+SHARE = (
+    1 / 100
+)  # of the estimated discretisation error: both estimates may be off, 1/50 is promised
+LOOSEST = 1e-2  # relative residual of a linear solve that may be ended
+TINY = 1e-300  # a step that is none
+SLOWEST_KNOWN = 0.5  # rate of convergence: a first step shows none, and may look better than it is
 
 
 class Stop:
     """Ends the linear solves of one mesh, from the first one that began on the coarser mesh on.
 
-    For example, with a right-hand side rhs and the prolongated solution of the coarser mesh in x:
+    For example, with the prolongated solution of the coarser mesh as the start of a linear solve:
 
         stop = Stop()
         stop.begin(ratio=3.0)
-        ksp.addConvergenceTest(lambda ksp, k, norm: 2 if stop.enough(ksp.vec_sol, k, 1.0) else None)
+        ksp.addConvergenceTest(lambda ksp, *known: 2 if stop.enough(ksp.vec_sol, *known) else None)
 
     Attributes:
+        allowed: The norm of the residual above which no linear solve is ended.
         error: The estimate of the discretisation error; 0 before there is one.
         left: The estimate of the error of the last iterate.
         reached: Whether the last linear solve was ended.
-        settled: Whether the last change of the active set did not matter, either.
+        settled: Whether the active set is settled, too.
     """
 
     def __init__(self) -> None:
+        self.allowed = math.inf
         self.error, self.left = 0.0, math.inf
         self.reached = self.settled = False
         # The distance of both solutions over the error, in a solve that finds it out, and the next.
         self._ratio = self._next_ratio = 0.0
-        self._step = math.inf
+        self._step, self._rate = math.inf, 0.0  # the last step, and what it was of the one before
+        self._usual = SLOWEST_KNOWN  # the rate that a first step is taken for
         self._before: PETSc.Vec | None = None  # the iterate before the present one
         self._solution: PETSc.Vec | None = None  # of the linear solve that was ended before
 
@@ -48,16 +57,18 @@ class Stop:
         """
         self._next_ratio = ratio
 
-    def enough(self, correction: PETSc.Vec, iteration: int, unit: float) -> bool:
+    def enough(self, correction: PETSc.Vec, iteration: int, norm: float, unit: float = 1.0) -> bool:
         """Return whether an iteration of conjugate gradients is to be the last one.
 
         Args:
             correction: The sum of all steps of this linear solve so far.
             iteration: The number of the iteration.
-            unit: The unit of the correction.
+            norm: The norm of the residual.
+            unit: The unit of correction and residual.
         """
         if iteration == 0:
-            self.reached, self.left, self._step = False, math.inf, math.inf
+            self.reached, self.left = False, math.inf
+            self._step, self._rate = math.inf, 0.0
             self._ratio, self._next_ratio = self._next_ratio, 0.0
             self._before = correction.copy(self._before)
             return False
@@ -65,12 +76,14 @@ class Stop:
             self.error = unit * correction.norm() / self._ratio
         assert self._before is not None
         self._before.aypx(-1.0, correction)
-        step = unit * self._before.norm()
+        step = max(unit * self._before.norm(), TINY)
         correction.copy(self._before)
-        rate = step / self._step  # 0 after the first step
-        self._step = step
-        self.left = step if rate == 0.0 else step * rate / (1.0 - rate) if rate < 1.0 else math.inf
-        self.reached = self.left <= SHARE * self.error
+        rates = (step / self._step, self._rate) if iteration > 1 else (self._usual,)
+        self._step, self._rate, rate = step, rates[0], max(rates)
+        if self._ratio > 0.0:
+            self._usual = max(SLOWEST_KNOWN, min(rate, 1.0))
+        self.left = step * rate / (1.0 - rate) if rate < 1.0 else math.inf
+        self.reached = self.left <= SHARE * self.error and unit * norm <= self.allowed
         return self.reached
 
     def settle(self, x: PETSc.Vec, same: bool) -> bool:

@@ -45,6 +45,8 @@ class Summary:
         forces: What acts on u, by name; the sum is zero.
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
+        algebraic_share: The estimate of the algebraic over the discretisation error, where the solve
+            stopped by this.
         errors: Norms of the error where the solution is known, by name.
         bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
@@ -62,6 +64,7 @@ class Summary:
     forces: dict[str, float]
     imbalance: float
     natural_residual: float
+    algebraic_share: float | None
     errors: dict[str, float]
     bound: dict[str, str]
     choice: dict[str, str]
@@ -102,6 +105,7 @@ def summarise(
         forces=forces,
         imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
+        algebraic_share=result.solve.algebraic_share,
         errors=errors,
         bound=proven,
         choice={} if result.found is None else dict(found_lines(result.found)),
@@ -128,6 +132,9 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     rows += [(f"force of {name}", f"{force:.6g}") for name, force in s.forces.items()]
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
+    if s.algebraic_share is not None:
+        text = f"{s.algebraic_share:.1e} of the discretisation error (estimate)"
+        rows.append(("algebraic error", text))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
     return [*s.choice.items(), *rows, *s.bound.items()]
 
