@@ -45,8 +45,8 @@ class Summary:
         forces: What acts on u, by name; the sum is zero.
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
-        algebraic_share: The estimate of the algebraic over the discretisation error, where the solve
-            stopped by this.
+        algebraic_share: The estimate of the algebraic over the discretisation error, where the
+            solve stopped by this.
         errors: Norms of the error where the solution is known, by name.
         bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
