@@ -290,11 +290,16 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
     """
-    return np.flatnonzero(marked[space.dofmap.list].any(axis=1)).astype(np.int32)
+    found = np.zeros(len(space.dofmap.list), dtype=bool)
+    for dofs in space.dofmap.list.T:
+        found |= marked[dofs]
+    return np.flatnonzero(found).astype(np.int32)
 
 
-def covering_cells(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:
-    """Return few cells of this rank, ghosts included, that together have all of some dofs.
+def covering_cells(
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices
+) -> Indices:
+    """Return few cells of this rank that together have all of some dofs.
 
     Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
     cell for each dof.
@@ -302,9 +307,10 @@ def covering_cells(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> I
     Args:
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+        cells: All cells that have one of them, see `cells_with_dofs`.
     """
     left, chosen = marked.copy(), []
-    cells = np.random.default_rng(0).permutation(cells_with_dofs(space, marked))
+    cells = np.random.default_rng(0).permutation(cells)
     for _ in range(2):
         dofs = space.dofmap.list[cells]
         wanted = left[dofs]

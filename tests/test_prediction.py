@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.solvers.prediction import interpolate_between
 
 COMM = MPI.COMM_WORLD
@@ -38,3 +39,19 @@ def test_a_fine_boundary_outside_of_the_coarse_mesh_gets_its_values(scale):
     interpolate_between([(old, new)], np.arange(count, dtype=np.int32))
     x = new.function_space.tabulate_dof_coordinates()
     assert new.x.array == pytest.approx(2.0 + (3.0 * x[:, 0] - x[:, 1]) / scale, abs=1e-9)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_few_cells_have_all_dofs_of_a_side(degree):
+    domain = dolfinx.mesh.create_unit_cube(COMM, 8, 8, 8)
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    for marked in (
+        space.tabulate_dof_coordinates()[:, 0] < 1e-9,
+        np.zeros(len(space.tabulate_dof_coordinates()), dtype=bool),
+    ):
+        cells = cells_with_dofs(space, marked)
+        few = covering_cells(space, marked, cells)
+        dofs = space.dofmap.list
+        assert set(dofs[few][marked[dofs[few]]]) == set(dofs[cells][marked[dofs[cells]]])
+        assert marked[dofs].any(axis=1)[few].all()
+        assert len(set(few)) == len(few) <= 0.3 * len(cells) + 1

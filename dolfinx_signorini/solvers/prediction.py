@@ -42,12 +42,13 @@ def predict(system: System, coarse: ContactState) -> Mask:
     contact.x.array[dofs] = 1.0
     contact.x.scatter_forward()
     marked = contact.x.array > 0.0
-    cells = covering_cells(system.space, marked)
+    layer = cells_with_dofs(system.space, marked)
+    cells = covering_cells(system.space, marked, layer)
     interpolate_between([(coarse.u, u), (coarse.density, density)], cells)
     gap = u.x.array[dofs] - system.obstacle
     pressure = system.layout.weights * density.x.array[dofs]
     held = pressure - system.contact_diagonal * gap > 0.0
-    return _settled(system, coarse, u, held, cells_with_dofs(system.space, marked))
+    return _settled(system, coarse, u, held, layer)
 
 
 def interpolate_between(pairs: Sequence[tuple[fem.Function, fem.Function]], cells: Indices) -> None:
@@ -109,7 +110,9 @@ def _settled(
     patch.x.array[: len(marked.array_r)] = marked.array_r
     patch.x.scatter_forward()
     marked.destroy()
-    interpolate_between([(coarse.u, u)], covering_cells(system.space, patch.x.array > 0.0))
+    wanted = patch.x.array > 0.0
+    cells = covering_cells(system.space, wanted, cells_with_dofs(system.space, wanted))
+    interpolate_between([(coarse.u, u)], cells)
     x = system.vector_of(u)
     x.array_w[system.contact_dofs[held]] = system.obstacle[held]
     system.project(x)
