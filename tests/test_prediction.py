@@ -7,8 +7,8 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
-from dolfinx_signorini.solvers.prediction import interpolate_between
+from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.solvers.prediction import covering_cells, interpolate_between
 
 COMM = MPI.COMM_WORLD
 
