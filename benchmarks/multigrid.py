@@ -6,7 +6,8 @@ All figures are CPU seconds of one process. Each row is a matrix with some dofs 
 and CG to a residual of 1e-8: BoomerAMG as PETSc sets it up, BoomerAMG with the settings of this
 package, and the default of this package, which looks for lower degrees and coarser meshes first.
 Set-up and solve count together. The second table has the whole contact solve, with mesh and
-assembly of all coarse levels, over the first and the third way.
+assembly of all coarse levels, over the first and the third way; the contact solve goes to its
+default stop, at 1/50 of the estimated discretisation error.
 """
 
 import argparse
