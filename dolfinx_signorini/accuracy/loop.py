@@ -20,7 +20,7 @@ from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
 
 MAX_UNKNOWNS = 1_000_000
@@ -32,6 +32,8 @@ SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a st
 RESERVE = 1.2  # how much longer than predicted a step may take
 PATIENCE = 4  # steps in which the estimate does not fall
 ROUNDING = 1e-7  # of the size of the solution
+ALGEBRAIC = 1e-2  # of the last estimate: the residual to reach, where both are relative
+SMALLEST_RTOL = 1e-13
 
 # Up to which factor between the first estimate and the accuracy a degree takes the least time.
 ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
@@ -98,6 +100,7 @@ class Loop:
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
         stopped: Why the loop ended.
+        keywords: Those of the next solves.
     """
 
     problem: SignoriniProblem
@@ -120,6 +123,7 @@ class Loop:
         self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
         self.steps: list[Step] = []
         self.stopped = ""
+        self.keywords: dict[str, Any] = {}
 
     def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
         """Yield the meshes to solve on: a mesh and its division in turn."""
@@ -129,17 +133,17 @@ class Loop:
         self._begin()
         while True:
             coarse = Solution(self.problem.u, self.problem.forces)
-            yield self.division.sided, {}
+            yield self.division.sided, self.keywords
             parents, owners = self.division.parents, self.owners
             self._note(self.estimator.estimate(coarse, self.problem, parents, owners))
             if self._takes_another_degree():
-                yield self.sided, {}
+                yield self.sided, self.keywords
                 self._begin()
                 continue
             divided = self._next_mesh()
             if divided is None:
                 return
-            yield divided.sided, {}
+            yield divided.sided, self.keywords
 
     def _require_room(self) -> None:
         needed = _unknowns(self.division.sided, self.problem.space)
@@ -170,10 +174,14 @@ class Loop:
         return True
 
     def _note(self, estimate: float) -> None:
-        """Note the step."""
+        """Note the step, after which the algebraic error is to be far below the estimate."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
         self.steps.append(step)
+        whole = size(self.problem.u, self.request.target)
+        if whole > 0.0:
+            rtol = ALGEBRAIC * estimate / whole
+            self.keywords = {"rtol": min(max(rtol, SMALLEST_RTOL), DEFAULT_RTOL)}
         self.on_step(step)
 
     def _next_mesh(self) -> Divided | None:
