@@ -1,32 +1,37 @@
 """What the adaptive loop takes on scenes with solutions that the loop is not told.
 
-    ./with-dolfinx python3 benchmarks/adaptive_loop.py unknowns  # beside those of the best meshes
-    ./with-dolfinx python3 benchmarks/adaptive_loop.py orders    # slopes of the true error; minutes
+    ./with-dolfinx python3 benchmarks/adaptive_loop.py unknowns  # beside those of best meshes
+    ./with-dolfinx python3 benchmarks/adaptive_loop.py orders    # slopes of the error, degree 2
+    ./with-dolfinx python3 benchmarks/adaptive_loop.py linear    # the same, degree 1
     ./with-dolfinx python3 benchmarks/adaptive_loop.py seconds   # beside the last solve alone
 
 The best meshes of a corner of 270 degrees and of a narrow bump were marked by the true error, with
 another code, for elements of degree 2.
 """
 
-import argparse
-import math
 import sys
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "accuracy")]
 
-from common import write_json  # noqa: E402
+from common import Part, Row, run_part  # noqa: E402
 from known import SCENES, Known, corner, true_error  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 
+from dolfinx_signorini import SignoriniProblem  # noqa: E402
+from dolfinx_signorini.accuracy import loop  # noqa: E402
+from dolfinx_signorini.accuracy.estimates import Estimator  # noqa: E402
 from dolfinx_signorini.scenes import solve_scene  # noqa: E402
 from dolfinx_signorini.scenes.posing import pose  # noqa: E402
 from dolfinx_signorini.scenes.reading import parse_scene  # noqa: E402
 from dolfinx_signorini.scenes.solving import SceneResult  # noqa: E402
-from dolfinx_signorini.tables import markdown_table  # noqa: E402
 
 COMM = MPI.COMM_WORLD
 CORNER, BUMP = "corner of 270 degrees", "narrow bump"
@@ -42,10 +47,14 @@ BEST = {
     (BUMP, "L2", 1e-4): 1393,
 }
 DEGREE = 2
-ORDERS = {"H1": DEGREE / 2.0, "L2": (DEGREE + 1.0) / 2.0}  # in unknowns of the plane
-FACTOR = 100.0  # of unknowns, over which the slopes are taken
-SMALLEST = 500  # unknowns: fewer do not resolve the scenes
 REPEATS = 3
+
+# The slopes are taken over a factor of unknowns. Fewer unknowns do not resolve the scenes, and what
+# the loop decided on its first meshes shows.
+FACTOR = 100.0
+FIRST = {1: 1_000, 2: 4_000}
+LATER = {"layer": 10, "three detachment points": 2, "narrow bump": 2}  # times as many
+MOST = 3_000_000  # unknowns, where less than the factor must do
 
 
 def scene_of(name: str) -> Known:
@@ -59,9 +68,8 @@ def solved(known: Known, norm: str, accuracy: float, degree: int | None) -> Scen
     return solve_scene(scene, COMM, accuracy=accuracy, norm=norm, degree=degree)
 
 
-def unknowns() -> list[list[object]]:
+def unknowns() -> Iterator[Row]:
     """The unknowns of the loop beside those of the best meshes of the same degree."""
-    rows: list[list[object]] = []
     for (name, norm, accuracy), best in BEST.items():
         known = scene_of(name)
         result = solved(known, norm, accuracy, DEGREE)
@@ -69,42 +77,58 @@ def unknowns() -> list[list[object]]:
         count, error = result.found.steps[-1].unknowns, true_error(result.u, known, norm)
         result.destroy()
         share = f"{error / accuracy:.2f}"
-        rows.append([name, norm, f"{accuracy:.0e}", count, best, f"{count / best:.2f}", share])
-    return rows
+        yield [name, norm, f"{accuracy:.0e}", count, best, f"{count / best:.2f}", share]
 
 
-def orders() -> list[list[object]]:
-    """The slopes of the true error against the unknowns, with elements of degree 2."""
-    rows: list[list[object]] = []
+def orders(degree: int) -> Iterator[Row]:
+    """The slopes of the true error against the unknowns, by least squares."""
     for name, known in SCENES.items():
-        if "cube" in name:
-            continue
-        for norm, order in ORDERS.items():
-            accuracy, found = max(known.accuracies[norm]), []
-            while not found or found[-1][0] < FACTOR * max(found[0][0], SMALLEST):
-                result = solved(known, norm, accuracy, DEGREE)
-                assert result.found is not None
-                count = result.found.steps[-1].unknowns
-                if count >= SMALLEST and (not found or count > 1.2 * found[-1][0]):
-                    found.append((count, true_error(result.u, known, norm)))
-                reached = result.found.reached
-                result.destroy()
-                if not reached:
-                    break
-                accuracy /= math.sqrt(10.0)
-            counts, errors = np.array(found).T
-            slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
-            rows.append(
-                [name, norm, int(counts[0]), int(counts[-1]), f"{slope:.2f}", f"{-order:.1f}"]
+        dimension = 3 if "cube" in name else 2
+        for norm, order in (("H1", degree), ("L2", degree + 1)):
+            points = np.array(
+                errors_of_steps(known, norm, degree, FIRST[degree] * LATER.get(name, 1))
             )
-            if COMM.rank == 0:
-                print(*rows[-1], sep="  ", file=sys.stderr, flush=True)
-    return rows
+            middle = len(points) // 2
+            parts = points, points[: middle + 1], points[middle:]
+            slopes = (np.polyfit(*np.log(part).T, 1)[0] for part in parts)
+            ends = (int(points[end, 0]) for end in (0, -1))
+            yield [
+                name,
+                norm,
+                *ends,
+                *(f"{slope:.2f}" for slope in slopes),
+                f"{-order / dimension:.2f}",
+            ]
 
 
-def seconds() -> list[list[object]]:
+def errors_of_steps(known: Known, norm: str, degree: int, first: int) -> list[tuple[int, float]]:
+    """Return unknowns and true errors of the steps of one run of the loop.
+
+    Args:
+        known: The scene.
+        norm: The norm of the error.
+        degree: The degree of the elements.
+        first: The unknowns from which on steps count; the run ends with `FACTOR` times as many.
+    """
+    points: list[tuple[int, float]] = []
+
+    class Watched(Estimator):
+        def estimate(self, u: Any, fine: SignoriniProblem, *args: Any) -> float:
+            if fine.unknowns >= first:
+                points.append((fine.unknowns, true_error(fine.u, known, norm)))
+            found = super().estimate(u, fine, *args)
+            return 0.0 if points and fine.unknowns >= FACTOR * points[0][0] else found
+
+    scene = parse_scene(known.text, Path("scene.toml"), COMM)
+    with mock.patch.object(loop, "Estimator", Watched):
+        solve_scene(
+            scene, COMM, accuracy=1e-14, norm=norm, degree=degree, max_unknowns=MOST
+        ).destroy()
+    return points
+
+
+def seconds() -> Iterator[Row]:
     """The seconds of the loop, from nothing, beside those of the last solve alone."""
-    rows: list[list[object]] = []
     for name, norm, accuracy in BEST:
         known = scene_of(name)
         solved(known, norm, accuracy, None).destroy()  # compiles the forms
@@ -122,36 +146,22 @@ def seconds() -> list[list[object]]:
             result.destroy()
         loop, last = float(np.median(whole)), float(np.median(alone))
         limit = 4.0 * last + 0.3
-        rows.append(
-            [name, norm, f"{accuracy:.0e}", count, f"{loop:.3f}", f"{last:.3f}", f"{limit:.3f}"]
-        )
-    return rows
+        yield [name, norm, f"{accuracy:.0e}", count, f"{loop:.3f}", f"{last:.3f}", f"{limit:.3f}"]
 
 
-PARTS = {
+SLOPES = ["scene", "norm", "from", "to unknowns", "slope", "first half", "second half", "theory"]
+PARTS: dict[str, Part] = {
     "unknowns": (
         unknowns,
         ["scene", "norm", "asked", "unknowns", "best mesh", "ratio", "true error over asked"],
     ),
-    "orders": (orders, ["scene", "norm", "from", "to unknowns", "slope", "theory"]),
+    "orders": (partial(orders, DEGREE), SLOPES),
+    "linear": (partial(orders, 1), SLOPES),
     "seconds": (
         seconds,
         ["scene", "norm", "asked", "unknowns", "loop s", "last solve s", "4 last + 0.3"],
     ),
 }
 
-
-def main() -> None:
-    """Print the table of a part on rank 0."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=PARTS)
-    part = parser.parse_args().part
-    make, columns = PARTS[part]
-    rows = make()
-    if COMM.rank == 0:
-        print(markdown_table(columns, [list(map(str, row)) for row in rows]))
-    write_json(COMM, f"adaptive_loop_{part}", {"columns": columns, "rows": rows})
-
-
 if __name__ == "__main__":
-    main()
+    run_part(COMM, "adaptive_loop", __doc__, PARTS)

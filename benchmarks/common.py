@@ -8,7 +8,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -33,10 +33,13 @@ from dolfinx_signorini.records import versions
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
 from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.options import options_set
-from dolfinx_signorini.tables import text_table
+from dolfinx_signorini.tables import markdown_table, text_table
 from dolfinx_signorini.timing import Phases
 
 RESULTS = Path(__file__).parent / "results"
+
+Row = list[Any]
+Part = tuple[Callable[[], Iterator[Row]], Sequence[str]]  # makes the rows; the heads of the columns
 
 
 def paper(comm: MPI.Comm, n: int) -> SignoriniProblem:
@@ -216,6 +219,32 @@ def report(
     if comm.rank == 0:
         print(text_table(columns, rows, title))
         write_json(comm, name, content)
+
+
+def run_part(comm: MPI.Comm, name: str, description: str, parts: Mapping[str, Part]) -> None:
+    """Run the part of a benchmark that the command line names.
+
+    Each row is printed on rank 0 when the row is there, then the table in Markdown, and the results
+    are written to a JSON file.
+
+    Args:
+        comm: The communicator.
+        name: The name of the benchmark, with which that of the file begins.
+        description: The docstring of the benchmark, whose first line is shown.
+        parts: For each part what makes its rows, and the heads of the columns.
+    """
+    options = argparse.ArgumentParser(description=description.splitlines()[0])
+    options.add_argument("part", choices=parts)
+    part = options.parse_args().part
+    make, columns = parts[part]
+    rows = []
+    for row in make():
+        rows.append(row)
+        if comm.rank == 0:
+            print(*row, sep="  ", file=sys.stderr, flush=True)
+    if comm.rank == 0:
+        print(markdown_table(columns, rows), end="")
+    write_json(comm, f"{name}_{part}", {"columns": columns, "rows": rows})
 
 
 def write_json(comm: MPI.Comm, name: str, content: Mapping[str, Any]) -> None:

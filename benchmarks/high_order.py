@@ -8,12 +8,11 @@ those of the exact solution, which the adaptive loop is not told; sup norms are 
 degree and mesh, with diagrams: `dolfinx-signorini tradeoff`.
 """
 
-import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
-from common import write_json
+from common import Part, Row, run_part
 from mpi4py import MPI
 
 from dolfinx_signorini import (
@@ -28,7 +27,6 @@ from dolfinx_signorini import (
     solve_cascade,
 )
 from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.tables import text_table
 
 COMM = MPI.COMM_WORLD
 FIRST = 4  # squares per side of the first mesh of the adaptive loop
@@ -77,29 +75,25 @@ def timed(solve: Callable[[], Solved], norm: str) -> tuple[int, float, float]:
     return result
 
 
-def equal() -> list[list[object]]:
+def equal() -> Iterator[Row]:
     """Seconds for the errors of uniform P1 with N = 1001, beside its own."""
-    rows: list[list[object]] = []
     for norm, error in EQUAL.items():
         for degree in (2, 3, 4):
             timed(partial(adapted, degree, norm, error), norm)  # compiles the forms
             unknowns, found, seconds = timed(partial(adapted, degree, norm, error), norm)
             _, peer, other = timed(partial(uniform, 1, N), norm)
-            rows.append([norm, peer, f"P{degree}", unknowns, found, seconds, other / seconds])
-    return rows
+            yield [norm, peer, f"P{degree}", unknowns, found, seconds, other / seconds]
 
 
-def reach() -> list[list[object]]:
+def reach() -> Iterator[Row]:
     """Unknowns and seconds for ever smaller errors in degree 4."""
-    rows: list[list[object]] = []
     for norm, accuracies in REACH.items():
         for accuracy in accuracies:
             timed(partial(adapted, 4, norm, accuracy), norm)
-            rows.append([norm, accuracy, *timed(partial(adapted, 4, norm, accuracy), norm)])
-    return rows
+            yield [norm, accuracy, *timed(partial(adapted, 4, norm, accuracy), norm)]
 
 
-PARTS = {
+PARTS: dict[str, Part] = {
     "equal": (
         equal,
         ["norm", "error of P1", "adapted", "unknowns", "true error", "s", "times as fast"],
@@ -107,18 +101,5 @@ PARTS = {
     "reach": (reach, ["norm", "asked", "unknowns", "true error", "s"]),
 }
 
-
-def main() -> None:
-    """Print the table of a part on rank 0."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=PARTS)
-    part = parser.parse_args().part
-    make, columns = PARTS[part]
-    rows = make()
-    if COMM.rank == 0:
-        print(text_table(columns, rows, part))
-    write_json(COMM, f"high_order_{part}", {"columns": columns, "rows": rows})
-
-
 if __name__ == "__main__":
-    main()
+    run_part(COMM, "high_order", __doc__, PARTS)
