@@ -113,10 +113,10 @@ def errors_of_steps(known: Known, norm: str, degree: int, first: int) -> list[tu
     points: list[tuple[int, float]] = []
 
     class Watched(Estimator):
-        def estimate(self, u: Any, fine: SignoriniProblem, *args: Any) -> float:
+        def estimate(self, coarse: Any, fine: SignoriniProblem, *args: Any) -> float:
             if fine.unknowns >= first:
                 points.append((fine.unknowns, true_error(fine.u, known, norm)))
-            found = super().estimate(u, fine, *args)
+            found = super().estimate(coarse, fine, *args)
             return 0.0 if points and fine.unknowns >= FACTOR * points[0][0] else found
 
     scene = parse_scene(known.text, Path("scene.toml"), COMM)
