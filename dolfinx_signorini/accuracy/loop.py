@@ -181,7 +181,7 @@ class Loop:
         whole = size(self.problem.u, self.request.target)
         if whole > 0.0:
             rtol = ALGEBRAIC * estimate / whole
-            self.keywords = {"rtol": min(max(rtol, SMALLEST_RTOL), DEFAULT_RTOL)}
+            self.keywords = {"rtol": max(rtol, SMALLEST_RTOL)} if rtol < DEFAULT_RTOL else {}
         self.on_step(step)
 
     def _next_mesh(self) -> Divided | None:
