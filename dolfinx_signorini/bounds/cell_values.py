@@ -13,6 +13,7 @@ from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
+    largest,
     polynomials,
     rule,
 )
@@ -92,6 +93,16 @@ class CellValues:
             degree: The degree of the polynomials.
         """
         return self.frames.moments(values, self.points, self.weights, degree)
+
+    def largest(self, field: Array, degree: int) -> Array:
+        """Return bounds on cells of the size of a field whose components are polynomials.
+
+        Args:
+            field: At the points, shape (cells, points, d).
+            degree: The degree of the polynomials.
+        """
+        sizes = largest(self.frames.dimension, degree, self.moments(field, degree))
+        return np.asarray(np.linalg.norm(sizes, axis=1))
 
     def integrals(self, values: Array) -> Array:
         """Return the integrals over each cell of a function at the points."""

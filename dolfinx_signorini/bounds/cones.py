@@ -14,7 +14,13 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import CELLS, highest_on_parts, lowest, rule
+from dolfinx_signorini.bounds.reference_flux import (
+    CELLS,
+    highest_on_parts,
+    largest,
+    lowest,
+    rule,
+)
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem import SignoriniProblem
 
@@ -52,7 +58,7 @@ class Cones:
     positive: Marks
     tiny: float
 
-    def norms(self, diffusion: Array, reaction: Array) -> Array:
+    def norms(self, diffusion: Array, reaction: Array, strip: Array) -> Array:
         """Return bounds of the energy norms of the extensions on each cell.
 
         With the share t from end to end, and s = 1 on the facet and 0 at the opposite vertex, the
@@ -62,6 +68,7 @@ class Cones:
         Args:
             diffusion: A matrix that A does not exceed in each cell, shape (cells, d, d).
             reaction: A number that c does not exceed in each cell.
+            strip: The share of each cell where A may be larger, times the largest eigenvalue there.
         """
         degree, d = self.coefficients.shape[1] - 1, self.frames.dimension
         nodes, weights = rule(1, 2 * degree)
@@ -93,8 +100,15 @@ class Cones:
         value, _, change = self.missed
         steep = k * value * np.linalg.norm(both[:, 0], axis=1)
         steep += change * np.linalg.norm(own, axis=2).max(axis=1, initial=0.0)
-        largest = np.linalg.norm(A, axis=(1, 2))
-        norms += np.sqrt(size * (largest * steep**2 / k + c / (k + 1.0) * value**2))
+        highest = np.linalg.norm(A, axis=(1, 2))
+        norms += np.sqrt(size * (highest * steep**2 / k + c / (k + 1.0) * value**2))
+        steep = (
+            k * (value + largest(1, degree, self.coefficients)) * np.linalg.norm(both[:, 0], axis=1)
+        )
+        slopes = 2.0 * legendre.legder(series).T / scale[:-1]
+        slope = self.missed[1] + largest(1, degree - 1, slopes)
+        steep += slope * np.linalg.norm(own, axis=2).max(axis=1, initial=0.0)
+        norms += np.sqrt(size * strip[self.cells]) * steep
         sums = np.bincount(self.cells, norms, len(self.frames.order))
         return np.asarray(sums, dtype=np.float64)
 

@@ -127,7 +127,7 @@ def energy_bound(
     moments, reason = _without_defects(domain.comm, values, data, moments, ends)
     field = coefficients(data, reference, moments)
     parts = _Parts(
-        flux=_distance(values, flux_values(values, field, reference), rest),
+        flux=_distance(values, flux_values(values, field, reference), rest, degree),
         data=oscillation(values, missed, rest, degree),
         mean=_residual(values, data, field, reference),
         lifting=_lifted(problem, terms, values, near, rest),
@@ -149,11 +149,16 @@ def _check_mesh(problem: SignoriniProblem) -> None:
     require(problem.comm, good, "a bound needs continuous Lagrange elements", "space")
 
 
-def _distance(values: CellValues, y: Array, rest: Remainders) -> Array:
-    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell."""
+def _distance(values: CellValues, y: Array, rest: Remainders, degree: int) -> Array:
+    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell; u_h is of a degree, y of one more."""
     apart = values.current - y
     square = values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2))
     square += rest.inverse * values.integrals(np.square(apart).sum(axis=2))
+    if rest.thin is not None:
+        share, least, largest = rest.thin
+        most = np.sqrt(largest) * values.largest(values.gradient, degree)
+        most += values.largest(y, degree + 1) / np.sqrt(least)
+        square += share * values.frames.volumes * most**2
     slope = np.sqrt(values.integrals(np.square(values.gradient).sum(axis=2)))
     missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
@@ -234,9 +239,14 @@ def _lifted(
     energy = values.integrals((gradient * values.diffusion.times(gradient)).sum(axis=2))
     energy += rest.diffusion * values.integrals(np.square(gradient).sum(axis=2))
     energy += c * values.integrals(w**2)
+    strip = 0.0 * c
+    if rest.thin is not None:
+        strip = rest.thin[0] * rest.thin[2]
+        degree = near.change.function_space.element.basix_element.degree
+        energy += strip * values.frames.volumes * values.largest(gradient, degree) ** 2
     norms = np.sqrt(energy + robin_energy(problem, terms, values.frames, near.change))
     if near.cones is not None:
-        norms += near.cones.norms(values.diffusion.upper, c)
+        norms += near.cones.norms(values.diffusion.upper, c, strip)
     return np.asarray(norms)
 
 

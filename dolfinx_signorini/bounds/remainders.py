@@ -34,6 +34,8 @@ class Remainders:
         least_reaction, largest_reaction: The extrema of the reaction on each cell; None for those
             of the polynomial at points.
         least_diffusion, largest_diffusion: The same for eigenvalues; None for a constant diffusion.
+        thin: The share of each cell where the diffusion may not be the one of the terms, with the
+            least and the largest eigenvalue there, shape (3, cells); None for no such places.
         flux, flux_mean: As for the load, on the facets of the frames, shape (cells, d + 1).
         obstacle, dirichlet: What the interpolation of degree `cones.MORE` above that of the
             solution misses of the values, of their derivatives from end to end of a facet, and
@@ -55,6 +57,7 @@ class Remainders:
     largest_reaction: Array | None = None
     least_diffusion: Array | None = None
     largest_diffusion: Array | None = None
+    thin: Array | None = None
     flux: Bounds = 0.0
     flux_mean: Bounds = 0.0
     obstacle: Array | None = None

@@ -81,21 +81,39 @@ def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
     Returns:
         The lower and the upper ends, shape (2, simplices).
     """
+    value, mean = _both(formula, corners)
+    mean = np.stack((mean[0].min(axis=0), mean[1].max(axis=0)))
+    both = np.stack((np.maximum(value[0, 0], mean[0]), np.minimum(value[1, 0], mean[1])))
+    return np.broadcast_to(both, (2, len(corners)))
+
+
+def enclosed_linearly(formula: Formula, corners: Array) -> Array:
+    """Return the values at vertices of linear functions below and above a formula on simplices.
+
+    Args:
+        formula, corners: See `enclosed_on_simplices`.
+
+    Returns:
+        Shape (2, vertices, simplices).
+    """
+    return _both(formula, corners)[1]
+
+
+def _both(formula: Formula, corners: Array) -> tuple[Array, Array]:
+    """Natural enclosures, and mean value forms at vertices."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     centres = np.clip(corners.mean(axis=1), low, high)
     value, slopes = _enclosed(formula, low, high, True)
     assert slopes is not None
     middle, _ = _enclosed(formula, centres, centres, False)
     with np.errstate(all="ignore"):
-        changes = []
+        means = []
         for vertex in np.moveaxis(corners, 1, 0):
             offset = (vertex - centres).T
             terms = multiply(slopes, outward(offset, offset, 0.0))
-            changes.append(reduce(add, (terms[:, k : k + 1] for k in range(len(offset)))))
-        change = np.stack((np.min(changes, axis=0)[0], np.max(changes, axis=0)[1]))
-        mean = add(middle, change)
-    both = np.stack((np.maximum(value[0], mean[0]), np.minimum(value[1], mean[1])))
-    return np.broadcast_to(both[:, 0], (2, len(corners)))
+            change = reduce(add, (terms[:, k : k + 1] for k in range(len(offset))))
+            means.append(np.broadcast_to(add(middle, change)[:, 0], (2, len(corners))))
+    return value, np.stack(means, axis=1)
 
 
 def enclosed_slopes(formula: Formula, corners: Array) -> Array:

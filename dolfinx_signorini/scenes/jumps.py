@@ -267,15 +267,21 @@ def switches(formula: Formula) -> list[Node]:
     return list(_switches(formula.root, set()))
 
 
+def switch(node: Node) -> Node | None:
+    """Return what decides by its sign what an operation chooses; None for one without a choice."""
+    if node.op in ("abs", "sign"):
+        return node.args[0]
+    if node.op in ("min", "max"):
+        return Node("-", node.args)
+    return Node("-", node.args[0].args) if node.op == "where" else None
+
+
 def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
     if id(node) in seen:
         return
     seen.add(id(node))
-    if node.op in ("abs", "sign"):
-        yield node.args[0]
-    elif node.op in ("min", "max"):
-        yield Node("-", node.args)
-    elif node.op == "where":
-        yield Node("-", node.args[0].args)
+    own = switch(node)
+    if own is not None:
+        yield own
     for argument in node.args:
         yield from _switches(argument, seen)

@@ -24,12 +24,13 @@ from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.scenes.choices import Decided, decided
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.fits import ORDERS, fit, followed, followed_in_parts
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
-from dolfinx_signorini.scenes.matrices import inverse_entries
+from dolfinx_signorini.scenes.matrices import eigenvalues, inverse_entries
 from dolfinx_signorini.scenes.posing import PosedScene
 
 Array = npt.NDArray[np.float64]
@@ -102,28 +103,47 @@ class KnownData:
         entries = [entry for row in rows for entry in row]
         if all(entry.constant is not None for entry in entries):
             return terms, rest
-        n = len(rows)
-        data, missed = self._polynomials(entries)
-        inverses, inverse_missed = self._polynomials(inverse_entries(rows))
-        ends = np.stack([enclosed_on_simplices(entry, self.corners) for entry in entries], axis=2)
-        middle, radius = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
-        rough = ~np.isfinite(radius + missed + inverse_missed).all(axis=1)
-        spectrum = np.linalg.eigvalsh(np.where(rough[:, None], 1.0, middle).reshape(-1, n, n))
-        spread, all_missed = np.linalg.norm(radius, axis=1), np.linalg.norm(missed, axis=1)
-        least, largest = spectrum[:, 0] - spread, spectrum[:, -1] + spread
-        rough |= ~(all_missed < ROUGH * least)
+        parts = decided(entries, self.corners)
+        data, missed = self._polynomials(entries, [(p.cells, p.formulas) for p in parts])
+        inverses, inverse_missed = self._polynomials(
+            inverse_entries(entries), [(p.cells, inverse_entries(p.formulas)) for p in parts]
+        )
+        least, largest, thin = self._spectra(parts)
+        all_missed = np.linalg.norm(missed, axis=1)
+        inverse_missed = np.linalg.norm(inverse_missed, axis=1)
+        rough = ~(all_missed < ROUGH * least) | ~np.isfinite(inverse_missed) | ~(thin[1] > 0.0)
+        rough |= ~np.isfinite(largest + thin[2])
         if self._any(rough):
             return terms, rest  # the notes of a bound tell
+        n = len(rows)
         matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
         known = replace(
             rest,
             diffusion=all_missed,
-            inverse=np.linalg.norm(inverse_missed, axis=1),
+            inverse=inverse_missed,
             inverse_entries=tuple(inverses),
-            least_diffusion=least,
+            least_diffusion=np.minimum(least, thin[1]),
             largest_diffusion=largest,
+            thin=thin,
         )
         return replace(terms, diffusion=matrix), known
+
+    def _spectra(self, parts: list[Decided]) -> tuple[Array, Array, Array]:
+        """The extreme eigenvalues of the diffusion on cells, and see `Remainders.thin`."""
+        count = len(self.corners)
+        least, largest = np.zeros(count), np.zeros(count)
+        thin = np.array([[0.0], [np.inf], [0.0]]) * np.ones(count)
+        for part in parts:
+            least[part.cells], largest[part.cells] = eigenvalues(
+                part.formulas, self.corners[part.cells]
+            )
+            thin[0, part.cells] = part.shares
+            open_ = part.cells[part.shares > 0.0]
+            for formulas in part.others:
+                low, high = eigenvalues(formulas, self.corners[open_])
+                thin[1, open_] = np.minimum(thin[1, open_], low)
+                thin[2, open_] = np.maximum(thin[2, open_], high)
+        return least, largest, thin
 
     def _reaction(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
         formula = self.scene.reaction
@@ -256,16 +276,26 @@ class KnownData:
         missed = found.missed * np.sqrt(self.frames.volumes)
         return self._function(found.coefficients, degree), missed, found.mean
 
-    def _polynomials(self, entries: Sequence[Formula]) -> tuple[list[Expr], Array]:
-        """Formulas, or polynomials in their places with what these miss at most on each cell."""
+    def _polynomials(
+        self, entries: Sequence[Formula], parts: list[tuple[Indices, list[Formula]]]
+    ) -> tuple[list[Expr], Array]:
+        """Formulas, or polynomials in their places with what these miss at most on each cell.
+
+        Args:
+            entries: The formulas.
+            parts: Cells with the formulas as they are there.
+        """
         data: list[Expr] = []
         missed = np.zeros((len(self.corners), len(entries)))
+        degree = COEFFICIENTS[self.d]
         for k, entry in enumerate(entries):
-            if _polynomial(entry, self.domain, 2 * COEFFICIENTS[self.d]):
+            if _polynomial(entry, self.domain, 2 * degree):
                 data.append(entry.ufl(SpatialCoordinate(self.domain)))
                 continue
-            degree = COEFFICIENTS[self.d]
-            coefficients, missed[:, k] = followed(entry, self.corners, degree)
+            coefficients = np.zeros((len(self.corners), math.comb(degree + self.d, self.d)))
+            for cells, formulas in parts:
+                found = followed(formulas[k], self.corners[cells], degree)
+                coefficients[cells], missed[cells, k] = found
             data.append(self._function(coefficients, degree))
         return data, missed
 

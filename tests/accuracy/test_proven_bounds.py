@@ -15,6 +15,7 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.scenes import pose
 from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
+from dolfinx_signorini.scenes.fitting import fitted_mesh
 from dolfinx_signorini.scenes.parsing import parse
 from dolfinx_signorini.scenes.reading import parse_scene
 
@@ -176,6 +177,65 @@ def test_a_diffusion_that_jumps_along_mesh_lines(degree, comm):
     bound = bound_of_scene(posed)
     sampled = energy_bound(posed.problem, energy_terms(posed))
     assert not bound.sampled and bound.total == pytest.approx(sampled.total, rel=0.01)
+
+
+SLANTED = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = {cells}
+[define]
+s = "x + 0.5*y - 0.67"
+p = "1 + 0.5*sin(2*y)"
+k = "where(s < 0, 1, {high})"
+w = "{w}"
+[equation]
+diffusion = {A}
+load = "0 - cos(2*y) + 2*s*sin(2*y)"
+[contact]
+sides = "right"
+obstacle = "w"
+[[dirichlet]]
+sides = ["left", "bottom", "top"]
+value = "w"
+"""
+
+
+@pytest.mark.parametrize("fit", [True, False])
+@pytest.mark.parametrize("matrix", [False, True])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_diffusion_that_jumps_across_a_slanted_line(degree, matrix, fit, comm):
+    high = {(1, True): 0.02, (2, True): 300.0, (1, False): 0.3, (2, False): 5.0}[degree, fit]
+    A = '[["k", 0], [0, "k"]]' if matrix else '"k"'
+    w = "s*p/k" if fit else f"p*{'max' if high < 1.0 else 'min'}(s, s/{high})"
+    text = SLANTED.format(degree=degree, cells=6, high=high, A=A, w=w)
+    scene = parse_scene(text, Path("scene.toml"), comm)
+    entries = [entry for row in scene.diffusion for entry in row]
+    sided = scene.domain.make(comm)
+    posed = pose(scene, comm, fitted_mesh(sided, entries, 10_000) if fit else sided)
+    posed.problem.solve()
+    bound = bound_of_scene(posed)
+
+    def exact(x):
+        s = x[0] + 0.5 * x[1] - 0.67
+        return s * (1 + 0.5 * ufl.sin(2 * x[1])) / ufl.conditional(ufl.lt(s, 0), 1, high)
+
+    error = energy_error(posed, exact, f"where(x + 0.5*y < 0.67, 1, {high})", "0")
+    assert not bound.sampled and bound.notes == ()
+    assert (1.0 if fit else 0.98) * error <= bound.total <= (1.3 if fit else 12.0) * error
+
+
+@pytest.mark.parametrize("middle", [0.25, 0.3])
+def test_a_thin_sheet_that_conducts_badly_and_is_between_all_points(middle, comm):
+    half, low = 1e-8, 1e-8
+    text = LAYERED.format(degree=1).replace("where(abs(x - 0.5) < 0.25, 100, 1)", "{A}")
+    text = text.replace("{A}", f"where(abs(x - {middle}) < {half}, {low}, 1)")
+    text = text.replace('"exp(y)"', "1").replace("obstacle = 0", "obstacle = -9")
+    posed = solved(text, comm)  # u = x but for a jump by 2
+    error = math.sqrt(2.0 * half / low)
+    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    bound = bound_of_scene(posed)
+    assert error <= bound.total and not bound.sampled
 
 
 def test_what_has_no_bounded_enclosure_is_called_sampled(comm):

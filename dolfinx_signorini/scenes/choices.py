@@ -1,0 +1,158 @@
+"""Formulas without choices: `where`, `min`, `max`, `abs` and `sign`, decided cell by cell.
+
+Let m be the function whose sign a choice depends on, c a point of a simplex, and s intervals around
+the derivatives of m. At each vertex v, m(c) + s.(v - c) lies between two numbers, and the linear
+functions with these values at the vertices enclose m. If the lower one has the values l at the
+vertices, with -D = min l <= 0 < M = max l, then m <= 0 is possible only where the barycentric
+coordinate of the vertex with M is at most D/M: on a share of at most d D/M of the simplex. A mesh
+that is fitted to the line m = 0, up to rounding, leaves shares like 1e-15, and next to a curve what
+the curve bulges.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.scenes.enclosures import enclosed_linearly, enclosed_on_simplices
+from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.jumps import switch, switches
+from dolfinx_signorini.scenes.pieces import divided
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+MOST_PATTERNS = 64  # of choices in all simplices
+MOST_SWITCHES = 3  # whose choices are tried one by one
+DIVISIONS = {2: 5, 3: 3}  # of simplices that are cut by a curve or surface, by dimension
+THIN = 1e-6  # shares that are small enough
+
+
+@dataclass(frozen=True)
+class Decided:
+    """Some simplices with formulas that choose nothing there:
+
+        for part in decided(formulas, corners):
+            low, high = enclosed_on_simplices(part.formulas[0], corners[part.cells])
+
+    Attributes:
+        cells: The numbers of the simplices.
+        formulas: The formulas without choices.
+        shares: Of each simplex, where the formulas with their choices may have other values.
+        others: Formulas that enclose all other values together: with all possible choices, or with
+            their own ones.
+    """
+
+    cells: Indices
+    formulas: list[Formula]
+    shares: Array
+    others: list[list[Formula]]
+
+
+def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
+    """Return formulas without choices, with the simplices on which they may stand for others.
+
+    Args:
+        formulas: The formulas.
+        corners: The vertices of the simplices, shape (simplices, vertices, dimension).
+
+    Returns:
+        The formulas themselves, with shares 0, where choices are too many.
+    """
+    names = _Names()
+    margins = {names[m]: m for f in formulas for m in switches(f)}
+    count, every = len(corners), np.arange(len(corners))
+    found = [_sides(Formula("", margin), corners) for margin in margins.values()]
+    signs = np.array([sign for sign, _ in found]).reshape(len(found), count)
+    patterns, which = np.unique(signs, axis=1, return_inverse=True)
+    if not found or patterns.shape[1] > MOST_PATTERNS:
+        return [Decided(every, list(formulas), np.zeros(count), [])]
+    shares = np.minimum(np.sum([share for _, share in found], axis=0), 1.0)
+
+    def made(pattern: Sequence[bool]) -> list[Formula]:
+        signs = dict(zip(margins, pattern, strict=True))
+        return [_without(f, signs, names) for f in formulas]
+
+    others = [list(formulas)]
+    if len(margins) <= MOST_SWITCHES:
+        others = [made(pattern) for pattern in product((True, False), repeat=len(margins))]
+    parts = []
+    for k, pattern in enumerate(patterns.T):
+        cells = np.flatnonzero(which.ravel() == k)
+        parts.append(Decided(cells, made(pattern.tolist()), shares[cells], others))
+    return parts
+
+
+def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+    """Whether a function is positive in most of a simplex, and on what share it may not be."""
+    total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
+    pieces, size = corners, 1.0
+    owners: Indices = np.arange(len(corners))
+    last = DIVISIONS[corners.shape[1] - 1]
+    for level in range(last + 1):
+        shares = _shares(margin, pieces)
+        open_ = (shares.min(axis=0) > THIN) & (level < last)
+        for side, share in zip(total, shares, strict=True):
+            side += size * np.bincount(owners, np.where(open_, 0.0, share), len(corners))
+        pieces, owners = divided(pieces[open_], owners[open_])
+        size *= 0.5 ** (corners.shape[1] - 1)
+    positive = total[0] <= total[1]
+    return positive, np.minimum(np.where(positive, *total), 1.0)
+
+
+def _shares(margin: Formula, corners: Array) -> Array:
+    """Shares of simplices outside of which a function is positive, and negative."""
+    low, high = enclosed_linearly(margin, corners)
+    least, most = enclosed_on_simplices(margin, corners)
+    d, result = corners.shape[1] - 1, []
+    for ends, clear in ((low, least > 0.0), (-high, most < 0.0)):
+        depth, top = np.maximum(-ends.min(axis=0), 0.0), ends.max(axis=0)
+        with np.errstate(all="ignore"):
+            share = np.where((top > 0.0) & np.isfinite(depth), d * depth / top, 1.0)
+        result.append(np.where(clear, 0.0, np.minimum(share, 1.0)))
+    return np.stack(result)
+
+
+def _without(formula: Formula, positive: dict[int, bool], names: "_Names") -> Formula:
+    """A formula whose choices are those of switches with known signs."""
+    done: dict[int, Node] = {}
+
+    def made(node: Node) -> Node:
+        if id(node) not in done:
+            margin = switch(node)
+            if margin is None:
+                parts = tuple(made(a) for a in node.args)
+                done[id(node)] = Node(node.op, parts, node.value) if parts else node
+            else:
+                done[id(node)] = made(_chosen(node, positive[names[margin]]))
+        return done[id(node)]
+
+    return Formula(formula.text, made(formula.root))
+
+
+def _chosen(node: Node, positive: bool) -> Node:
+    """What an operation that chooses chooses where its switch is positive, or negative."""
+    if node.op == "abs":
+        return node.args[0] if positive else Node("negative", node.args)
+    if node.op == "sign":
+        return Node("number", value=1.0 if positive else -1.0)
+    if node.op == "where":
+        greater = node.args[0].op in (">", ">=")
+        return node.args[1 if positive == greater else 2]
+    return node.args[0 if positive == (node.op == "max") else 1]
+
+
+class _Names:
+    """Numbers of trees, which are equal for trees of the same operations."""
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[object, ...], int] = {}
+        self.seen: dict[int, tuple[Node, int]] = {}  # with the node, whose id nothing else gets
+
+    def __getitem__(self, node: Node) -> int:
+        if id(node) not in self.seen:
+            key = (node.op, node.value, *(self[a] for a in node.args))
+            self.seen[id(node)] = node, self.known.setdefault(key, len(self.known))
+        return self.seen[id(node)][1]
