@@ -135,7 +135,7 @@ def lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: in
     """
     d = frames.dimension - 1
     kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
-    points = np.asarray(basix.create_lattice(CELLS[d], degree, kind, True, method))
+    points = np.clip(basix.create_lattice(CELLS[d], degree, kind, True, method), 0.0, 1.0)
     none = np.zeros(len(points))
     cells, facets = np.nonzero(marked)
     return FacetPoints(problem.space.mesh, frames, cells, facets, points, none)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from dolfinx_signorini.scenes.enclosures import enclosed_linearly, enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, Node
 from dolfinx_signorini.scenes.jumps import switch, switches
+from dolfinx_signorini.scenes.names import Names
 from dolfinx_signorini.scenes.pieces import divided
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
     Returns:
         The formulas themselves, with shares 0, where choices are too many.
     """
-    names = _Names()
+    names = Names()
     margins = {names[m]: m for f in formulas for m in switches(f)}
     count, every = len(corners), np.arange(len(corners))
     found = [_sides(Formula("", margin), corners) for margin in margins.values()]
@@ -115,7 +116,7 @@ def _shares(margin: Formula, corners: Array) -> Array:
     return np.stack(result)
 
 
-def _without(formula: Formula, positive: dict[int, bool], names: "_Names") -> Formula:
+def _without(formula: Formula, positive: dict[int, bool], names: Names) -> Formula:
     """A formula whose choices are those of switches with known signs."""
     done: dict[int, Node] = {}
 
@@ -142,17 +143,3 @@ def _chosen(node: Node, positive: bool) -> Node:
         greater = node.args[0].op in (">", ">=")
         return node.args[1 if positive == greater else 2]
     return node.args[0 if positive == (node.op == "max") else 1]
-
-
-class _Names:
-    """Numbers of trees, which are equal for trees of the same operations."""
-
-    def __init__(self) -> None:
-        self.known: dict[tuple[object, ...], int] = {}
-        self.seen: dict[int, tuple[Node, int]] = {}  # with the node, whose id nothing else gets
-
-    def __getitem__(self, node: Node) -> int:
-        if id(node) not in self.seen:
-            key = (node.op, node.value, *(self[a] for a in node.args))
-            self.seen[id(node)] = node, self.known.setdefault(key, len(self.known))
-        return self.seen[id(node)][1]

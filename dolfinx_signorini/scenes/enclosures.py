@@ -126,13 +126,31 @@ def enclosed_slopes(formula: Formula, corners: Array) -> Array:
     Returns:
         The lower and the upper ends, shape (2, segments).
     """
-    _, slopes = _enclosed(formula, corners.min(axis=1), corners.max(axis=1), True)
-    assert slopes is not None
+    slopes = _slopes_on(formula, corners)
     way = (corners[:, 1] - corners[:, 0]).T
     with np.errstate(all="ignore"):
         terms = multiply(slopes, outward(way, way, 0.0))
         total = reduce(add, (terms[:, k : k + 1] for k in range(len(way))))
     return np.broadcast_to(total[:, 0], (2, len(corners)))
+
+
+def enclosed_gradients(formula: Formula, corners: Array) -> Array:
+    """Return enclosures of the partial derivatives of a formula on simplices.
+
+    Args:
+        formula, corners: See `enclosed_on_simplices`.
+
+    Returns:
+        The lower and the upper ends, shape (2, simplices, dimension).
+    """
+    slopes = _slopes_on(formula, corners).transpose(0, 2, 1)
+    return np.broadcast_to(slopes, (2, len(corners), corners.shape[2]))
+
+
+def _slopes_on(formula: Formula, corners: Array) -> Array:
+    _, slopes = _enclosed(formula, corners.min(axis=1), corners.max(axis=1), True)
+    assert slopes is not None
+    return slopes
 
 
 def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:

@@ -23,7 +23,9 @@ from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
 from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
+from dolfinx_signorini.scenes.names import operations
 from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.scenes.singular import root_mean_squares
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -32,6 +34,7 @@ REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 DEEPEST = 30  # divisions of a simplex
 MOST_PIECES = 20_000  # on all ranks that are divided once more
+MOST_WORK = 1_000_000  # the same, times the number of operations of a formula
 KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
 DIVISIONS = 4  # of a simplex into such parts
 ROUNDING = 1.0 + 1e-9
@@ -191,20 +194,24 @@ def _parts(
     pieces: Array = np.concatenate((reference, corners), axis=2)
     owners: Indices = np.arange(count)
     sizes, parts = _sizes(corners), []
+    most = min(MOST_PIECES, MOST_WORK // operations(formula.root))
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
     for level in range(DEEPEST + 1):
         share = 0.5 ** (dimension * level)
         limits = allowed / weights[:, owners]
-        values, tails = _looked_at(formula, pieces[..., dimension:], degree, limits)
+        tails, levels = _looked_at(formula, pieces[..., dimension:], degree, limits)
         good = (tails * weights[:, owners] <= allowed).all(axis=0)
         rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
         mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
         sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
         pending = int((~good).sum())
         *squares, pending = np.sum(comm.allgather((*sums, pending)), axis=0)
-        enough = max(squares) <= tolerance**2 or pending > MOST_PIECES or level == DEEPEST
+        enough = max(squares) <= tolerance**2 or pending > most or level == DEEPEST
         chosen = good | enough
-        parts.append(_Part(pieces[chosen], owners[chosen], share, values[chosen], tails[:, chosen]))
+        tails = tails[:, chosen]
+        values = _values(formula, pieces[chosen, :, dimension:], levels[chosen])
+        tails[:, ~np.isfinite(values).all(axis=1)] = np.inf
+        parts.append(_Part(pieces[chosen], owners[chosen], share, np.nan_to_num(values), tails))
         if enough:
             break
         pieces, owners = divided(pieces[~chosen], owners[~chosen])
@@ -212,7 +219,7 @@ def _parts(
 
 
 def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> tuple[Array, Array]:
-    """The values at the points of pieces, with what the points do not tell.
+    """What is hidden on pieces, and constants in place of the values at points, or NaN.
 
     Args:
         formula: The formula.
@@ -220,21 +227,28 @@ def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> 
         degree: Of the polynomials that the formula is tested with.
         allowed: What may be hidden, shape (2, pieces).
     """
-    dimension = pieces.shape[1] - 1
-    order = ORDERS[dimension]
-    points, _ = rule(dimension, order)
-    values = evaluated(formula.root, inside(pieces, points)).T.copy()
+    order = ORDERS[pieces.shape[1] - 1]
+    levels = np.full(len(pieces), np.nan)
     tails = 2.0 * _tails(formula, pieces, (order // 2, order - degree))
     rough = np.flatnonzero((tails > allowed).any(axis=0))
     low, high = enclosed_on_simplices(formula, pieces[rough])
     with np.errstate(invalid="ignore"):
         middle, radius = 0.5 * (low + high), 0.5 * (high - low)
-    better = radius < tails[0, rough]
-    values[rough[better]] = middle[better, None]
-    tails[:, rough[better]] = radius[better]
-    unknown = ~np.isfinite(values).all(axis=1)
-    values[unknown], tails[:, unknown] = 0.0, np.inf
-    return values, tails
+    sizes = root_mean_squares(formula, pieces[rough])
+    for level, size in ((middle, radius), (np.zeros(len(rough)), sizes)):
+        better = size < tails[0, rough]
+        levels[rough[better]] = level[better]
+        tails[:, rough[better]] = size[better]
+    return tails, levels
+
+
+def _values(formula: Formula, pieces: Array, levels: Array) -> Array:
+    """The values at the points of pieces, or levels in their places, shape (pieces, points)."""
+    points, _ = rule(pieces.shape[1] - 1, ORDERS[pieces.shape[1] - 1])
+    values: Array = np.repeat(levels[:, None], len(points), axis=1)
+    known = np.flatnonzero(np.isnan(levels))
+    values[known] = evaluated(formula.root, inside(pieces[known], points)).T
+    return values
 
 
 def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:

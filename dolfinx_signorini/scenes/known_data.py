@@ -6,41 +6,42 @@ no bounded enclosure, the formula stays, and is known at points only.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import fem
 from mpi4py import MPI
-from ufl import SpatialCoordinate, as_matrix
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.bounds.boundary_facets import on_frames
 from dolfinx_signorini.bounds.cell_values import BEST, FILLING
 from dolfinx_signorini.bounds.cones import MORE
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.remainders import Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
+from dolfinx_signorini.bounds.strong_form import (
+    EnergyTerms,
+    FacetPolynomials,
+    Facets,
+    polynomial_degree,
+)
 from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.scenes.choices import Decided, decided
+from dolfinx_signorini.scenes.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
+from dolfinx_signorini.scenes.derivatives import load_and_current
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
-from dolfinx_signorini.scenes.fits import ORDERS, fit, followed, followed_in_parts
+from dolfinx_signorini.scenes.fits import ORDERS, fit, followed_in_parts
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
-from dolfinx_signorini.scenes.matrices import eigenvalues, inverse_entries
-from dolfinx_signorini.scenes.posing import PosedScene
+from dolfinx_signorini.scenes.known_diffusion import with_known_diffusion
+from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 Known = tuple[EnergyTerms, Remainders]
 
-COEFFICIENTS = {2: 3, 3: 2}  # degrees of the polynomials for the diffusion, by dimension
+FLAT = 1e-12  # of a normal: components that are rounding
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
-ROUGH = 0.3  # of the diffusion: what polynomials may miss
 
 
 class KnownData:
@@ -66,6 +67,12 @@ class KnownData:
         self.corners = x[self.domain.geometry.dofmap[:count]]
         ends = (x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf))
         self.width = float(np.max(self.comm.allgather(ends), axis=0).sum(axis=0).max())
+        self.load, self.solution = self.scene.load, None
+        self.current: list[Formula] = []  # A grad u of a manufactured solution u
+        if self.scene.manufactured and self.scene.solution is not None:
+            self.solution, scene = self.scene.solution, self.scene
+            found = load_and_current(self.solution, scene.diffusion, scene.reaction, self.d)
+            self.load, self.current = found
         self.size, self.hidden = self._load_on_cells(), 0.0
 
     def enclosed(self, terms: EnergyTerms, tolerance: float) -> Known:
@@ -76,7 +83,7 @@ class KnownData:
             tolerance: The energy that may be hidden between the points of rules.
         """
         self.hidden = 0.0
-        terms, rest = self._diffusion(terms)
+        terms, rest = with_known_diffusion(terms, self.scene, self.domain, self.corners)
         terms, rest = self._reaction(terms, rest, tolerance)
         terms, rest = self._load(terms, rest, tolerance)
         terms, rest = self._fluxes(terms, rest, tolerance)
@@ -88,62 +95,18 @@ class KnownData:
         )
 
     def _load_on_cells(self) -> float:
-        if self.scene.load is None:
+        if self.load is None:
             return 1.0
-        values = evaluated(self.scene.load.root, self.corners.mean(axis=1))
+        middles = self.corners.mean(axis=1)
+        values = evaluated(self.load.root, middles)
+        if self.current:  # whose load may vanish
+            parts = [evaluated(w.root, middles) for w in self.current]
+            values = np.linalg.norm(parts, axis=0) / self.width
         values = np.where(np.isfinite(values), values, 0.0)
         values *= self.frames.diameters / 6.0
         square = self.comm.allreduce(float(values**2 @ self.frames.volumes))
         cells = self.comm.allreduce(len(values))
         return math.sqrt(square) * cells ** (-(self.degree - 1) / self.d) or 1.0
-
-    def _diffusion(self, terms: EnergyTerms) -> Known:
-        """The diffusion and its inverse, entry by entry."""
-        rows, rest = self.scene.diffusion, Remainders()
-        entries = [entry for row in rows for entry in row]
-        if all(entry.constant is not None for entry in entries):
-            return terms, rest
-        parts = decided(entries, self.corners)
-        data, missed = self._polynomials(entries, [(p.cells, p.formulas) for p in parts])
-        inverses, inverse_missed = self._polynomials(
-            inverse_entries(entries), [(p.cells, inverse_entries(p.formulas)) for p in parts]
-        )
-        least, largest, thin = self._spectra(parts)
-        all_missed = np.linalg.norm(missed, axis=1)
-        inverse_missed = np.linalg.norm(inverse_missed, axis=1)
-        rough = ~(all_missed < ROUGH * least) | ~np.isfinite(inverse_missed) | ~(thin[1] > 0.0)
-        rough |= ~np.isfinite(largest + thin[2])
-        if self._any(rough):
-            return terms, rest  # the notes of a bound tell
-        n = len(rows)
-        matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
-        known = replace(
-            rest,
-            diffusion=all_missed,
-            inverse=inverse_missed,
-            inverse_entries=tuple(inverses),
-            least_diffusion=np.minimum(least, thin[1]),
-            largest_diffusion=largest,
-            thin=thin,
-        )
-        return replace(terms, diffusion=matrix), known
-
-    def _spectra(self, parts: list[Decided]) -> tuple[Array, Array, Array]:
-        """The extreme eigenvalues of the diffusion on cells, and see `Remainders.thin`."""
-        count = len(self.corners)
-        least, largest = np.zeros(count), np.zeros(count)
-        thin = np.array([[0.0], [np.inf], [0.0]]) * np.ones(count)
-        for part in parts:
-            least[part.cells], largest[part.cells] = eigenvalues(
-                part.formulas, self.corners[part.cells]
-            )
-            thin[0, part.cells] = part.shares
-            open_ = part.cells[part.shares > 0.0]
-            for formulas in part.others:
-                low, high = eigenvalues(formulas, self.corners[open_])
-                thin[1, open_] = np.minimum(thin[1, open_], low)
-                thin[2, open_] = np.maximum(thin[2, open_], high)
-        return least, largest, thin
 
     def _reaction(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
         formula = self.scene.reaction
@@ -164,9 +127,8 @@ class KnownData:
         return replace(terms, reaction=data), known
 
     def _load(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
-        formula, degree = self.scene.load, polynomial_degree(terms.load)
-        exact = degree is not None and 2 * degree <= BEST[self.d]
-        if formula is None or self.scene.manufactured or exact:
+        formula, degree = self.load, polynomial_degree(terms.load)
+        if formula is None or (degree is not None and 2 * degree <= BEST[self.d]):
             return terms, rest
         found = self._fit(formula, self._weights(rest), tolerance)
         if found is None:
@@ -175,27 +137,42 @@ class KnownData:
         return replace(terms, load=data), replace(rest, load=missed, load_mean=mean)
 
     def _fluxes(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
-        parts = [c for c in self.scene.conditions if isinstance(c, Neumann) and c.value]
-        if self.scene.manufactured or all(_polynomial(c.value, self.domain) for c in parts):
+        if all(polynomial_degree(data) is not None for data, _ in terms.neumann):
             return terms, rest
+        parts = [
+            (self.sided.facets(c.sides), [c.value])
+            for c in self.scene.conditions
+            if isinstance(c, Neumann) and c.value is not None
+        ]
+        if self.current:  # the flux is that through a facet with a normal
+            kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
+            parts = [(kinds[Neumann.acts_like], self.current)]
         frames, shape = self.frames, self.frames.facets.shape
         degree = self.degree + 2
         coefficients = np.zeros((*shape, degree + 1 if self.d == 2 else math.comb(degree + 2, 2)))
         missed, means = np.zeros(shape), np.zeros(shape)
         lever = frames.facet_sizes / frames.volumes[:, None]
         inner, outer = self._weights(rest)[:, :, None] * np.sqrt(lever)
-        for condition in parts:
-            cells, facets, corners = self._facets(condition)
-            assert condition.value is not None
+        for sides, formulas in parts:
+            cells, facets, corners = self._facets(sides)
             weights = np.stack((inner[cells, facets], outer[cells, facets]))
             weights[0] *= FACET
-            found = fit(condition.value, self.comm, corners, degree, weights, tolerance)
-            self.hidden = max(self.hidden, found.hidden)
-            if self._any(~np.isfinite(found.missed)):
-                return terms, rest
-            coefficients[cells, facets] = found.coefficients
-            missed[cells, facets], means[cells, facets] = found.missed, found.mean
-        sides = np.concatenate([self.sided.facets(c.sides) for c in parts])
+            normals = -frames.gradients[cells, facets]
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            for k, formula in enumerate(formulas):
+                share = normals[:, k] if self.current else np.ones(len(cells))
+                on = np.flatnonzero(np.abs(share) > FLAT)
+                share, at = np.abs(share[on]), (cells[on], facets[on])
+                own = weights[:, on] * share
+                found = fit(formula, self.comm, corners[on], degree, own, tolerance)
+                self.hidden = max(self.hidden, found.hidden)
+                if self._any(~np.isfinite(found.missed)):
+                    return terms, rest
+                signs = np.sign(normals[on, k]) if self.current else np.ones(len(on))
+                coefficients[at] += (signs * share)[:, None] * found.coefficients
+                missed[at] += share * found.missed
+                means[at] += share * found.mean
+        sides = np.concatenate([facets for facets, _ in parts])
         flux = FacetPolynomials(degree, coefficients)
         known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
         return replace(terms, neumann=[(flux, np.unique(sides))]), known
@@ -205,14 +182,16 @@ class KnownData:
         degree, result = self.degree + MORE, np.zeros((3, *self.frames.facets.shape))
         found = False
         for condition in self.scene.conditions:
-            if not isinstance(condition, kind) or condition.value is None:
+            value = condition.value
+            if kind is Dirichlet and value is None:
+                value = self.solution
+            if not isinstance(condition, kind) or is_polynomial(value, self.domain, degree):
                 continue
-            if _polynomial(condition.value, self.domain, degree):
-                continue
+            assert value is not None
             if self.d == 3:
                 return None
-            cells, facets, corners = self._facets(condition)
-            missed = missed_by_interpolation(condition.value, corners, degree)
+            cells, facets, corners = self._facets(self.sided.facets(condition.sides))
+            missed = missed_by_interpolation(value, corners, degree)
             if self._any(np.isinf(missed)):
                 return None
             result[:, cells, facets], found = missed, True
@@ -224,11 +203,11 @@ class KnownData:
         if (
             self.d == 2
             or contact.value is None
-            or _polynomial(contact.value, self.domain, self.degree)
+            or is_polynomial(contact.value, self.domain, self.degree)
         ):
             return None
         degree = min(self.degree + FILLING, ORDERS[2] // 2)
-        cells, facets, corners = self._facets(contact)
+        cells, facets, corners = self._facets(self.sided.facets(contact.sides))
         shape = self.frames.facets.shape
         coefficients, missed = np.zeros((*shape, math.comb(degree + 2, 2))), np.zeros(shape)
         found = followed_in_parts(contact.value, corners, degree)
@@ -237,11 +216,10 @@ class KnownData:
             return None
         return FacetPolynomials(degree, coefficients), missed
 
-    def _facets(self, condition: BoundaryCondition) -> tuple[Indices, Indices, Array]:
-        """The facets of a condition as facets of frames, with their vertices."""
+    def _facets(self, sides: Facets) -> tuple[Indices, Indices, Array]:
+        """Facets of the mesh as facets of frames, with their vertices."""
         frames, d = self.frames, self.d
-        sides = [self.sided.facets(condition.sides)]
-        marks = on_frames(self.domain, frames, sides)
+        marks = on_frames(self.domain, frames, [sides])
         marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
         cells, facets = np.nonzero(marks)
         others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
@@ -274,47 +252,7 @@ class KnownData:
         if self._any(~np.isfinite(found.missed)):
             return None
         missed = found.missed * np.sqrt(self.frames.volumes)
-        return self._function(found.coefficients, degree), missed, found.mean
-
-    def _polynomials(
-        self, entries: Sequence[Formula], parts: list[tuple[Indices, list[Formula]]]
-    ) -> tuple[list[Expr], Array]:
-        """Formulas, or polynomials in their places with what these miss at most on each cell.
-
-        Args:
-            entries: The formulas.
-            parts: Cells with the formulas as they are there.
-        """
-        data: list[Expr] = []
-        missed = np.zeros((len(self.corners), len(entries)))
-        degree = COEFFICIENTS[self.d]
-        for k, entry in enumerate(entries):
-            if _polynomial(entry, self.domain, 2 * degree):
-                data.append(entry.ufl(SpatialCoordinate(self.domain)))
-                continue
-            coefficients = np.zeros((len(self.corners), math.comb(degree + self.d, self.d)))
-            for cells, formulas in parts:
-                found = followed(formulas[k], self.corners[cells], degree)
-                coefficients[cells], missed[cells, k] = found
-            data.append(self._function(coefficients, degree))
-        return data, missed
-
-    def _function(self, coefficients: Array, degree: int) -> fem.Function:
-        """A function with given polynomials on the cells of this rank."""
-        function = fem.Function(fem.functionspace(self.domain, ("DG", degree)))
-        space = function.function_space
-        table = polynomials(self.d, degree, space.element.basix_element.points)
-        function.x.array[space.dofmap.list[: len(coefficients)]] = coefficients @ table
-        function.x.scatter_forward()
-        return function
+        return cell_function(self.domain, found.coefficients, degree), missed, found.mean
 
     def _any(self, marks: Marks) -> bool:
         return bool(self.comm.allreduce(bool(marks.any()), op=MPI.LOR))
-
-
-def _polynomial(formula: Formula | None, domain: mesh.Mesh, most: int | None = None) -> bool:
-    """Whether a formula is a polynomial of at most some degree."""
-    if formula is None or formula.constant is not None:
-        return True
-    degree = polynomial_degree(formula.ufl(SpatialCoordinate(domain)))
-    return degree is not None and (most is None or degree <= most)

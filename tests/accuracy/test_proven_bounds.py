@@ -238,6 +238,47 @@ def test_a_thin_sheet_that_conducts_badly_and_is_between_all_points(middle, comm
     assert error <= bound.total and not bound.sampled
 
 
+MANUFACTURED = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = {cells}
+[equation]
+diffusion = "1 + 0.5*sin(x + y)"
+reaction = "exp(x)"
+[contact]
+sides = "bottom"
+obstacle = "{g}"
+[[dirichlet]]
+sides = "left"
+[solution]
+u = "{u}"
+manufactured = true
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_data_that_follow_from_a_solution(degree, comm):
+    g, u = "sin(2*x + 1)", "sin(2*x + 1) - (exp(y) - 1)*(2 + cos(x))"
+    text = MANUFACTURED.format(degree=degree, cells=6, g=g, u=u)
+
+    def exact(x):
+        return ufl.sin(2 * x[0] + 1) - (ufl.exp(x[1]) - 1) * (2 + ufl.cos(x[0]))
+
+    checked(text, exact, comm, A="1 + 0.5*sin(x + y)", c="exp(x)")
+
+
+def test_a_solution_with_a_bump_between_all_points(comm):
+    u = "exp(0 - ((x - 0.37)^2 + (y - 0.61)^2)/0.002^2)"
+    text = MANUFACTURED.format(degree=1, cells=4, g="-1", u=u)
+    text = text.replace('"1 + 0.5*sin(x + y)"', "1").replace('"exp(x)"', "0")
+    posed = solved(text, comm)
+    error = math.sqrt(math.pi)
+    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    bound = bound_of_scene(posed)
+    assert error <= bound.total and not bound.sampled
+
+
 def test_what_has_no_bounded_enclosure_is_called_sampled(comm):
     text, _ = wave(4, 1, 1.0, 1.0)
     text = text.replace('load = "', 'load = "abs(x - 0.31)^-0.4 + ')
