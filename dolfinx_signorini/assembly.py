@@ -18,12 +18,12 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import checks, compat, compiled
-from dolfinx_signorini.bodies import bodies
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.elements import coefficients_of, is_bernstein, nodal_space
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.squares import is_sum_of_squares
 from dolfinx_signorini.system import Layout, System
 from dolfinx_signorini.timing import Phases
 
@@ -185,13 +185,13 @@ class Assembly:
         vector.destroy()
         checks.check_entries(self.comm, diagonal, b.array_r)
         assembled = old.assembled + matrix if old is not None else 1
-        if old is None or matrix:
+        doubtful = (old is None or matrix) and not is_sum_of_squares(self._form)
+        if doubtful:
             checks.check_symmetry(A)
-            parts = bodies(self.layout.space) if old is None else old.bodies
-            fixed = self.layout.fixed_dofs
-            loose = checks.vanishes_on_constants(self._form, A, fixed, diagonal, parts)
+        if old is None or matrix:
+            loose = checks.vanishes_on_constants(self._form, A, self.layout, diagonal)
         else:
-            parts, loose = old.bodies, old.loose
+            loose = old.loose
         made = System(
             layout=self.layout,
             A=A,
@@ -199,12 +199,11 @@ class Assembly:
             obstacle=bounds[0],
             contact_diagonal=diagonal[self.layout.contact_dofs],
             fixed_values=bounds[1],
-            bodies=parts,
             loose=loose,
             assembled=assembled,
         )
         checks.check_range(made, diagonal)
-        if made.assembled != (old.assembled if old is not None else 0):
+        if doubtful:
             checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
         checks.check_held(made)
         return made

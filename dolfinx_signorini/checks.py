@@ -5,18 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import default_scalar_type, fem, la
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini import compiled
-from dolfinx_signorini.bodies import Bodies
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import box
-from dolfinx_signorini.system import System
+from dolfinx_signorini.system import Layout, System
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
@@ -159,7 +158,7 @@ def check_symmetry(A: PETSc.Mat) -> None:
 
 
 def vanishes_on_constants(
-    a: ufl.Form, A: PETSc.Mat, fixed: Indices, diagonal: Array, parts: Bodies
+    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array
 ) -> npt.NDArray[np.bool_]:
     """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
 
@@ -171,9 +170,11 @@ def vanishes_on_constants(
     Args:
         a: The form.
         A: The matrix of the form.
-        fixed: The owned dofs with Dirichlet data.
+        layout: The dofs with Dirichlet data.
         diagonal: The diagonal of the matrix, the rows of this rank.
-        parts: The bodies.
+
+    Returns:
+        One entry per body; none where each cell has a row sum beyond doubt or Dirichlet data.
 
     Raises:
         InputError: The subject is "form a".
@@ -181,15 +182,18 @@ def vanishes_on_constants(
     comm = A.comm.tompi4py()
     x, product = A.createVecRight(), A.createVecLeft()
     x.set(1.0)
-    x.array_w[fixed] = 0.0
+    x.array_w[layout.fixed_dofs] = 0.0
     A.mult(x, product)
     energy, bound = x.dot(product), comm.allreduce(float(diagonal.sum()))
-    left = parts.sums(np.abs(product.array_r))
+    sums = np.abs(product.array_r)
     x.destroy()
     product.destroy()
     definite = energy >= -VANISHING * bound
     require(comm, definite, "not positive definite, a(1, 1) is negative", "form a")
-    loose = (left <= DOUBTFUL * bound) & (parts.counts(fixed) == 0)
+    if _held_in_all_cells(layout, sums, DOUBTFUL * bound):
+        return np.empty(0, dtype=bool)
+    parts = layout.bodies
+    loose = (parts.sums(sums) <= DOUBTFUL * bound) & (parts.counts(layout.fixed_dofs) == 0)
     if not loose.any():
         return loose
     space = a.arguments()[0].ufl_function_space()
@@ -202,6 +206,16 @@ def vanishes_on_constants(
     energies = parts.sums(vector.array_r)
     vector.destroy()
     return loose & (energies <= VANISHING * _energy_of_coordinates(A, space))
+
+
+def _held_in_all_cells(layout: Layout, sums: Array, doubtful: float) -> bool:
+    """Whether each cell of each rank has Dirichlet data or an entry that is not doubtful."""
+    held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
+    held.array[: len(sums)] = sums > doubtful
+    held.array[layout.fixed_dofs] = 1
+    held.scatter_forward()
+    everywhere = bool(held.array[layout.space.dofmap.list].any(axis=1).all())
+    return bool(layout.space.mesh.comm.allreduce(everywhere, op=MPI.LAND))
 
 
 def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
@@ -318,7 +332,7 @@ def check_held(system: System) -> None:
     """
     if not system.singular:
         return
-    parts = system.bodies
+    parts = system.layout.bodies
     touchable = parts.counts(system.contact_dofs)
     work, loads = parts.sums(system.b.array_r), parts.sums(np.abs(system.b.array_r))
     for k in np.flatnonzero(system.loose):

@@ -4,7 +4,7 @@ Every problem keeps a ledger. To note an entry takes a few numbers and no commun
 are added up, and the terms of the forms put into words, when somebody reads the ledger.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 from ufl.differentiation import Derivative
 
+from dolfinx_signorini.squares import summands
 from dolfinx_signorini.tables import text_table
 
 Item: TypeAlias = "PETSc.Mat | PETSc.Vec | ufl.Form | int | None"
@@ -122,22 +123,13 @@ def describe(form: ufl.Form) -> str:
     words = []
     for integral in form.integrals():
         kind = integral.integral_type()
-        for term in _summands(integral.integrand()):
+        for term in summands(integral.integrand()):
             if bilinear:
                 word = "diffusion" if _differentiates_arguments(term) else "reaction"
             else:
                 word = "load" if kind == "cell" else "flux"
             words.append(f"{word} on {PLACES.get(kind, kind)}")
     return ", ".join(sorted(set(words))) or "no term"
-
-
-def _summands(term: Expr) -> Iterator[Expr]:
-    """The summands of an integrand, sums of sums taken apart."""
-    if isinstance(term, ufl.classes.Sum):
-        for operand in term.ufl_operands:
-            yield from _summands(operand)
-    else:
-        yield term
 
 
 def _differentiates_arguments(term: Expr) -> bool:

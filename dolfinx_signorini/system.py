@@ -21,7 +21,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import compiled
-from dolfinx_signorini.bodies import Bodies
+from dolfinx_signorini.bodies import Bodies, bodies
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.elements import is_bernstein
 from dolfinx_signorini.meshes import facet_cells
@@ -57,6 +57,11 @@ class Layout:
     def contact_dofs(self) -> Indices:
         """The owned dofs on the contact boundary without Dirichlet data."""
         return self.boundary_dofs[self.free]
+
+    @functools.cached_property
+    def bodies(self) -> Bodies:
+        """The connected parts of the mesh; the first call is collective."""
+        return bodies(self.space)
 
     @property
     def owned_facets(self) -> Indices:
@@ -117,9 +122,8 @@ class System:
         obstacle: The obstacle at the contact dofs.
         contact_diagonal: The diagonal entries of A at the contact dofs.
         fixed_values: The Dirichlet data at the fixed dofs.
-        bodies: The connected parts of the mesh.
         loose: For each body whether the form vanishes on the constants there, so that only contact
-            holds the body.
+            holds the body; empty where the form holds all bodies.
         assembled: How often the matrix has been assembled.
     """
 
@@ -129,7 +133,6 @@ class System:
     obstacle: Array
     contact_diagonal: Array
     fixed_values: Array
-    bodies: Bodies
     loose: npt.NDArray[np.bool_]
     assembled: int = 1
 

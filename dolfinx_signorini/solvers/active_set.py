@@ -128,7 +128,7 @@ def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Ma
 
     Without any dof held, no forces on the body balance.
     """
-    parts, dofs = system.bodies, system.contact_dofs
+    parts, dofs = system.layout.bodies, system.contact_dofs
     free = system.loose & (parts.counts(dofs[held]) == 0)
     if not free.any():
         return held
