@@ -70,7 +70,9 @@ def checked_facets(domain: mesh.Mesh, contact: Any) -> Indices:
     message = f"{bad[0]} is no facet, the mesh has {count} of them here" if len(bad) else ""
     require(domain.comm, not message, message, "contact")
     owned = facets[facets < index_map.size_local]
-    inner = np.setdiff1d(owned, boundary_facets(domain))
+    outer = np.zeros(index_map.size_local, dtype=bool)
+    outer[boundary_facets(domain)] = True
+    inner = np.sort(owned[~outer[owned]])
     message = f"facet {inner[0]} is not on the boundary" if len(inner) else ""
     require(domain.comm, not message, message, "contact")
     message = "there is no facet: the problem is linear, see dolfinx.fem.petsc.LinearProblem"

@@ -128,9 +128,7 @@ class Assembly:
         """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
         space, fixed = self.layout.space, self.layout.fixed_dofs
         obstacle, data = self._obstacle_at(), dirichlet_values(space, self.bcs, fixed)
-        upper = self.sign < 0.0
-        dofs = self.layout.boundary_dofs
-        obstacle = checks.check_bounds(space, dofs, obstacle, fixed, data, upper, self._reach)
+        obstacle = checks.check_bounds(self.layout, obstacle, data, self.sign < 0.0, self._reach)
         self.obstacle = obstacle
         return self.sign * obstacle[self.layout.free], self.sign * data
 

@@ -30,10 +30,8 @@ SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or 
 
 
 def check_bounds(
-    space: fem.FunctionSpace,
-    dofs: Indices,
+    layout: Layout,
     obstacle: Array,
-    fixed: Indices,
     data: Array,
     upper: bool,
     reach: Callable[[], float],
@@ -44,11 +42,9 @@ def check_bounds(
     size of the solution.
 
     Args:
-        space: The function space.
-        dofs: The owned dofs on the contact boundary, those with Dirichlet data included.
-        obstacle: The obstacle at these dofs.
-        fixed: The owned dofs with Dirichlet data.
-        data: The Dirichlet data at these dofs.
+        layout: The dofs on the contact boundary and those with Dirichlet data.
+        obstacle: The obstacle at the dofs on the contact boundary.
+        data: The Dirichlet data at their dofs.
         upper: Whether the obstacle is an upper one.
         reach: Tells about the size of the solution; asked for only where data lie beyond.
 
@@ -58,6 +54,7 @@ def check_bounds(
     Raises:
         InputError: The subject is "obstacle" or "Dirichlet data".
     """
+    space, dofs, fixed = layout.space, layout.boundary_dofs, layout.fixed_dofs
     comm = space.mesh.comm
     for subject, places, values in (
         ("obstacle", dofs, obstacle),
@@ -66,7 +63,8 @@ def check_bounds(
         bad = places[~np.isfinite(values)]
         message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
         require(comm, not message, message, subject)
-    common, i, j = np.intersect1d(dofs, fixed, return_indices=True)
+    i = np.flatnonzero(~layout.free)
+    j = np.searchsorted(fixed, dofs[i])
     beyond = (data[j] - obstacle[i]) if upper else (obstacle[i] - data[j])
     if not comm.allreduce(bool((beyond > 0.0).any()), op=MPI.LOR):
         return obstacle
@@ -76,7 +74,7 @@ def check_bounds(
     for k in np.flatnonzero(beyond > ROUNDING * size)[:1]:
         message = (
             f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
-            f"{data[j[k]]:.6g} at {_place(space, common[k])}"
+            f"{data[j[k]]:.6g} at {_place(space, fixed[j[k]])}"
         )
     require(comm, not message, message, "obstacle")
     clamped = obstacle.copy()

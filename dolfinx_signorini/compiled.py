@@ -5,7 +5,7 @@ folder is listed, and the code loaded, again each time. On a mesh of some thousa
 longer than everything else. Forms with the same signature have the same code, whatever their mesh.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -31,6 +31,28 @@ def form(item: ufl.Form, **options: Any) -> fem.Form:
         return fem.form(item, **options)
 
 
+def form_on(
+    item: ufl.Form,
+    spaces: Sequence[fem.FunctionSpace],
+    subdomains: dict[fem.IntegralType, list[tuple[int, npt.NDArray[np.int32]]]],
+) -> fem.Form:
+    """Return a compiled form on the mesh of its spaces; the call is collective.
+
+    The form is one of arguments on a `ufl.Mesh` without data: whoever keeps such a form for all
+    meshes of a kind pays for its making and its signature once.
+
+    Args:
+        item: The form, without coefficients and constants.
+        spaces: The spaces of its arguments.
+        subdomains: Where to integrate, by type of integral: numbers of subdomains, each with cells
+            or with (cell, local facet) pairs, flat.
+    """
+    domain = spaces[0].mesh
+    with _remembered():
+        code = fem.compile_form(domain.comm, item)
+    return fem.create_form(code, list(spaces), domain, subdomains, {}, {})
+
+
 def expression(item: Expr, points: npt.NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
     """Return a compiled expression, as `dolfinx.fem.Expression` does; the call is collective.
 
@@ -48,13 +70,13 @@ def _remembered() -> Iterator[None]:
     """Let DOLFINx find the codes that this module has seen."""
     look_up = jit.ffcx_jit
 
-    def remember(comm: MPI.Comm, item: Any, **options: Any) -> Any:
-        key = _signature(item), repr(options)
+    def remember(comm: MPI.Comm, item: Any, *args: Any, **options: Any) -> Any:
+        key = _signature(item), repr((args, options))
         known = key in _codes
         if comm.size > 1:  # to look a code up is collective
             known = comm.allreduce(known, op=MPI.LAND)
         if not known:
-            _codes[key] = look_up(comm, item, **options)
+            _codes[key] = look_up(comm, item, *args, **options)
         return _codes[key]
 
     jit.ffcx_jit = remember

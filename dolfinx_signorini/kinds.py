@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 from ufl.core.expr import Expr
-from ufl.domain import extract_domains
+from ufl.corealg.traversal import traverse_unique_terminals
 
 from dolfinx_signorini.errors import InputError
 
@@ -109,13 +109,16 @@ def on_mesh(domain: mesh.Mesh, tensor: bool = False) -> Kind:
         tensor: Whether square matrices of its dimension are data, too.
     """
     shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
+    home = domain.ufl_domain()
+    seen: set[Expr] = set()  # what one value has in common with another is looked at once
 
     def kind(value: Any) -> str:
         if isinstance(value, Expr):
             if value.ufl_shape not in shapes:
                 return f"must be scalar, has shape {value.ufl_shape}"
-            others = [other for other in extract_domains(value) if other != domain.ufl_domain()]
-            return "lives on another mesh" if others else ""
+            terminals = traverse_unique_terminals(value, seen)
+            strange = any(other != home for part in terminals for other in part.ufl_domains())
+            return "lives on another mesh" if strange else ""
         return "" if _is_number(value) else _not("a finite number or a UFL expression", value)
 
     return kind

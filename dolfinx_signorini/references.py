@@ -59,8 +59,9 @@ class Reference:
     singular: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        check(mesh=(self.mesh, MESH), u=(self.u, on_mesh(self.mesh)))
-        check(grad=(self.grad, sequence(on_mesh(self.mesh), "a tuple of the components")))
+        check(mesh=(self.mesh, MESH))
+        kind = on_mesh(self.mesh)
+        check(u=(self.u, kind), grad=(self.grad, sequence(kind, "a tuple of the components")))
         dimension = self.mesh.geometry.dim
         if len(self.grad) != dimension:
             raise InputError(f"has {len(self.grad)} components", "grad")

@@ -14,9 +14,7 @@ def is_sum_of_squares(form: ufl.Form) -> bool:
     negative weights: a form with such a rule does not count.
     """
     return not any(integral.metadata() for integral in form.integrals()) and all(
-        _is_square(term)
-        for integral in form.integrals()
-        for term in summands(integral.integrand())
+        _is_square(term) for integral in form.integrals() for term in summands(integral.integrand())
     )
 
 

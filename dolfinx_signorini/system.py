@@ -11,6 +11,7 @@ is neither assembled nor stored; the obstacle is an array over the contact dofs.
 
 import functools
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -69,12 +70,6 @@ class Layout:
         dimension = self.space.mesh.topology.dim - 1
         return self.facets[self.facets < self.space.mesh.topology.index_map(dimension).size_local]
 
-    @property
-    def measure(self) -> ufl.Measure:
-        """The UFL measure of the contact boundary."""
-        pairs = facet_cells(self.space.mesh, self.owned_facets).flatten()
-        return ufl.Measure("ds", self.space.mesh, subdomain_data=[(1, pairs)])(1)
-
     @functools.cached_property
     def weights(self) -> Array:
         """The share of the contact boundary that belongs to each contact dof of this rank.
@@ -86,14 +81,21 @@ class Layout:
 
         Source: Hinton, Rock and Zienkiewicz, Earthq. Eng. Struct. Dyn. 4 (1976) 245-249.
         """
-        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        if is_bernstein(self.space):
-            vector = fem_petsc.assemble_vector(compiled.form(v * self.measure))
+        domain, bernstein = self.space.mesh, is_bernstein(self.space)
+        pairs = facet_cells(domain, self.owned_facets).flatten()
+        coordinates = domain.ufl_domain().ufl_coordinate_element()
+        form = compiled.form_on(
+            _boundary_mass(coordinates, self.space.ufl_element(), bernstein),
+            [self.space] if bernstein else [self.space] * 2,
+            {fem.IntegralType.exterior_facet: [(1, pairs)]},
+        )
+        if bernstein:
+            vector = fem_petsc.assemble_vector(form)
             vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             integrals = vector.array_r[self.contact_dofs].copy()
             vector.destroy()
             return integrals
-        matrix = fem_petsc.assemble_matrix(compiled.form(u * v * self.measure))
+        matrix = fem_petsc.assemble_matrix(form)
         matrix.assemble()
         self.ledger.add("matrix", "boundary mass matrix", matrix)
         diagonal = matrix.getDiagonal()
@@ -105,6 +107,15 @@ class Layout:
         for item in (matrix, diagonal, ones, rows):
             item.destroy()
         return np.asarray(weights)
+
+
+@functools.cache
+def _boundary_mass(coordinates: Any, element: Any, lumped: bool) -> ufl.Form:
+    """The integrals of the basis functions, or of their products, over part 1 of the boundary."""
+    domain = ufl.Mesh(coordinates)
+    space = ufl.FunctionSpace(domain, element)
+    v = ufl.TestFunction(space)
+    return (v if lumped else ufl.TrialFunction(space) * v) * ufl.Measure("ds", domain)(1)
 
 
 @dataclass(frozen=True)

@@ -116,4 +116,4 @@ def parallel_norm(comm: MPI.Comm, values: Array) -> float:
 
 def power_of_two(value: float) -> float:
     """Return the power of two next below a positive number: a division by it is exact."""
-    return float(2.0 ** np.floor(np.log2(value)))
+    return math.ldexp(0.5, math.frexp(value)[1])
