@@ -28,19 +28,24 @@ def summands(term: Expr) -> Iterator[Expr]:
 
 
 def _is_square(term: Expr) -> bool:
-    if not isinstance(term, Product | Inner | Dot):
-        return False
-    one, other = term.ufl_operands
-    if isinstance(one, RealValue):
-        return float(one) > 0.0 and _is_square(other)
-    (first, order), (second, same) = _differentiated(one), _differentiated(other)
-    return {first, second} == {0, 1} and order == same
+    factors = list(_factors(term))
+    others = [factor for factor in factors if not isinstance(factor, RealValue)]
+    positive = all(float(factor) > 0.0 for factor in factors if isinstance(factor, RealValue))
+    numbers, orders = zip(*map(_differentiated, others), strict=True)
+    return positive and sorted(numbers) == [0, 1] and orders[0] == orders[1]
+
+
+def _factors(term: Expr) -> Iterator[Expr]:
+    if isinstance(term, Product | Inner | Dot | Conj):
+        for operand in term.ufl_operands:
+            yield from _factors(operand)
+    else:
+        yield term
 
 
 def _differentiated(factor: Expr) -> tuple[int, int]:
     """The number of an argument and how many gradients are taken of it; -1 for anything else."""
     order = 0
-    while isinstance(factor, Grad | Conj):
-        order += isinstance(factor, Grad)
-        (factor,) = factor.ufl_operands
+    while isinstance(factor, Grad):
+        order, (factor,) = order + 1, factor.ufl_operands
     return (factor.number() if isinstance(factor, Argument) else -1), order
