@@ -5,7 +5,7 @@ folder is listed, and the code loaded, again each time. On a mesh of some thousa
 longer than everything else. Forms with the same signature have the same code, whatever their mesh.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -48,8 +48,8 @@ def form_on(
             or with (cell, local facet) pairs, flat.
     """
     domain = spaces[0].mesh
-    with _remembered():
-        code = fem.compile_form(domain.comm, item)
+    key = item.signature(), "without a mesh"
+    code = _once(domain.comm, key, lambda: fem.compile_form(domain.comm, item))
     return fem.create_form(code, list(spaces), domain, subdomains, {}, {})
 
 
@@ -70,20 +70,24 @@ def _remembered() -> Iterator[None]:
     """Let DOLFINx find the codes that this module has seen."""
     look_up = jit.ffcx_jit
 
-    def remember(comm: MPI.Comm, item: Any, *args: Any, **options: Any) -> Any:
-        key = _signature(item), repr((args, options))
-        known = key in _codes
-        if comm.size > 1:  # to look a code up is collective
-            known = comm.allreduce(known, op=MPI.LAND)
-        if not known:
-            _codes[key] = look_up(comm, item, *args, **options)
-        return _codes[key]
+    def remember(comm: MPI.Comm, item: Any, **options: Any) -> Any:
+        key = _signature(item), repr(options)
+        return _once(comm, key, lambda: look_up(comm, item, **options))
 
     jit.ffcx_jit = remember
     try:
         yield
     finally:
         jit.ffcx_jit = look_up
+
+
+def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> Any:
+    known = key in _codes
+    if comm.size > 1:  # to look a code up is collective
+        known = comm.allreduce(known, op=MPI.LAND)
+    if not known:
+        _codes[key] = look_up()
+    return _codes[key]
 
 
 def _signature(item: Any) -> str:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem, graph, mesh
 from mpi4py import MPI
 
@@ -17,6 +19,8 @@ from dolfinx_signorini import compat
 from dolfinx_signorini.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
 
 Indices = npt.NDArray[np.int32]
+
+TRIANGLE = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))  # straight-sided, in the plane
 
 
 @dataclass(frozen=True)
@@ -97,10 +101,14 @@ def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
         InputError: n is no integer, or smaller than 1.
     """
     check(comm=(comm, COMMUNICATOR), n=(n, integer(1)))
+    rows = np.arange(n if comm.rank == 0 else 0)  # the first rank makes all cells and points
+    corners = np.add.outer((n + 1) * rows, np.arange(n))  # of the squares, their first ones
+    right, left = (0, 1, n + 2), (0, n + 1, n + 2)
+    cells = np.add.outer(corners, [right, left]).reshape(-1, 3)
+    sides = (1.0 / n) * np.arange(n + 1 if comm.rank == 0 else 0)
+    x = np.stack(np.meshgrid(sides, sides), axis=-1).reshape(-1, 2)
     partitioner = _blocks(comm, n) if comm.size > 1 else None
-    return mesh.create_unit_square(
-        comm, n, n, diagonal=mesh.DiagonalType.right, partitioner=partitioner
-    )
+    return mesh.create_mesh(comm, cells, x=x, e=ufl.Mesh(TRIANGLE), partitioner=partitioner)
 
 
 def _blocks(comm: MPI.Comm, n: int) -> Callable[..., Any]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -90,11 +90,9 @@ class Layout:
             {fem.IntegralType.exterior_facet: [(1, pairs)]},
         )
         if bernstein:
-            vector = fem_petsc.assemble_vector(form)
-            vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-            integrals = vector.array_r[self.contact_dofs].copy()
-            vector.destroy()
-            return integrals
+            vector = fem.assemble_vector(form)
+            vector.scatter_reverse(la.InsertMode.add)
+            return np.asarray(vector.array[self.contact_dofs])
         matrix = fem_petsc.assemble_matrix(form)
         matrix.assemble()
         self.ledger.add("matrix", "boundary mass matrix", matrix)
