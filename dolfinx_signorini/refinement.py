@@ -233,21 +233,7 @@ def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.
 
 def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
     """Return the coordinates of points in the reference cells of their straight-sided cells."""
-    dim = domain.topology.dim
-    first = domain.geometry.x[domain.geometry.dofmap[cells, 0], :dim]
-    x = (points[:, :dim] - first).T
-    edges = cell_edges(domain, cells).transpose(2, 1, 0)  # edge, coordinate, point
-    normals = [_normal(np.roll(edges, -k, axis=0)[1:]) for k in range(dim)]  # to the other edges
-    return np.column_stack(
-        [
-            (n * x).sum(axis=0) / (n * edge).sum(axis=0)
-            for n, edge in zip(normals, edges, strict=True)
-        ]
-    )
-
-
-def _normal(edges: Array) -> Array:
-    """Normals to one edge in the plane, to two in space: shapes (edges, dim, n), (dim, n)."""
-    if len(edges) == 1:
-        return np.stack((edges[0, 1], -edges[0, 0]))
-    return np.cross(edges[0], edges[1], axis=0)
+    dim, nodes = domain.topology.dim, domain.geometry.dofmap
+    inverses = np.linalg.inv(cell_edges(domain, np.arange(len(nodes), dtype=np.int32)))
+    offsets = points[:, :dim] - domain.geometry.x[nodes[cells, 0], :dim]
+    return np.asarray(np.einsum("nij,nj->ni", inverses[cells], offsets))
