@@ -29,10 +29,10 @@ def summands(term: Expr) -> Iterator[Expr]:
 
 def _is_square(term: Expr) -> bool:
     factors = list(_factors(term))
-    others = [factor for factor in factors if not isinstance(factor, RealValue)]
-    positive = all(float(factor) > 0.0 for factor in factors if isinstance(factor, RealValue))
-    numbers, orders = zip(*map(_differentiated, others), strict=True)
-    return positive and sorted(numbers) == [0, 1] and orders[0] == orders[1]
+    numbers = [float(factor) for factor in factors if isinstance(factor, RealValue)]
+    others = [_argument(factor) for factor in factors if not isinstance(factor, RealValue)]
+    # Of equal shape, for their product is a number: the same gradients of both arguments.
+    return min(numbers, default=1.0) > 0.0 and sorted(others) == [0, 1]
 
 
 def _factors(term: Expr) -> Iterator[Expr]:
@@ -43,9 +43,8 @@ def _factors(term: Expr) -> Iterator[Expr]:
         yield term
 
 
-def _differentiated(factor: Expr) -> tuple[int, int]:
-    """The number of an argument and how many gradients are taken of it; -1 for anything else."""
-    order = 0
+def _argument(factor: Expr) -> int:
+    """The number of the argument that is differentiated, if at all; -1 for anything else."""
     while isinstance(factor, Grad):
-        order, (factor,) = order + 1, factor.ufl_operands
-    return (factor.number() if isinstance(factor, Argument) else -1), order
+        (factor,) = factor.ufl_operands
+    return factor.number() if isinstance(factor, Argument) else -1
