@@ -1,6 +1,7 @@
 """The rooms of the package: imports point one way, and the paper stays in its own room."""
 
 import ast
+import re
 from pathlib import Path
 
 import dolfinx_signorini
@@ -54,3 +55,13 @@ def test_what_is_general_knows_nothing_of_the_paper():
     }
     rooms = {name.split(".")[1] for name in knowing}
     assert rooms - OF_THE_PAPER <= {"__init__"}
+
+
+def test_the_map_for_contributors_has_every_room():
+    text = (ROOT.parent / "CONTRIBUTING.md").read_text()
+    rooms = {path.name for path in ROOT.glob("[a-z]*.py")}
+    rooms |= {f"{path.parent.name}/" for path in ROOT.glob("[a-z]*/__init__.py")}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
+    files = {path.name for path in ROOT.rglob("*.py")}
+    for listed in re.findall(r"`([A-Za-z_/]+\.(?:py|md|json))`", text):
+        assert listed.split("/")[-1] in files or (ROOT.parent / listed).exists(), listed
