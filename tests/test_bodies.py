@@ -25,7 +25,7 @@ def squares(comm, places, n=N):
     if comm.rank:
         points, all_cells = points[:0], all_cells[:0]
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    return mesh.create_mesh(comm, all_cells, points, element)
+    return mesh.create_mesh(comm, all_cells, x=points, e=element)
 
 
 def on(domain, *conditions):

@@ -97,7 +97,7 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     if whole is not None:
         x, cells = whole.x, whole.cells
     element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))
-    new = mesh.create_mesh(comm, cells, x, element)
+    new = mesh.create_mesh(comm, cells, x=x, e=element)
     tagged, sides = comm.bcast(whole and (np.sort(whole.facets, axis=1), whole.sides))
     order = np.lexsort(tagged.T)
     facets = boundary_facets(new)
