@@ -32,6 +32,7 @@ DEGREES = (1, 2, 3)  # of the polynomials that extrapolate; the middle one is be
 SAFETY = 4.0  # times what extrapolations differ by
 ROUNDING = 1e-12  # of the size of the domain
 SPOILT = 1.5  # edges next to the end: on these the gap is of the size of its error
+NEWTON_STEPS = 20  # of which data that are about proportional take four
 
 
 @dataclass(frozen=True)
@@ -137,10 +138,21 @@ def _extrapolated(
 
 
 def _zero(s: Array, values: Array, degree: int) -> float:
-    """The zero next to 0 of a polynomial fit of what is about proportional to s; inf for none."""
-    roots = Polynomial.fit(s, values, degree, w=np.sqrt(s)).roots()
-    real = roots[np.abs(roots.imag) == 0.0].real
-    return float(real[np.argmin(np.abs(real))]) if len(real) else np.inf
+    """The zero next to 0 of a polynomial fit of what is about proportional to s; inf for none.
+
+    Newton's method: eigenvalues of a companion matrix are spoilt by a small leading coefficient.
+    """
+    fit = Polynomial.fit(s, values, degree, w=np.sqrt(s))
+    slope, zero = fit.deriv(), 0.0
+    for _ in range(NEWTON_STEPS):
+        rise = float(slope(zero))
+        step = float(fit(zero)) / rise if rise != 0.0 else np.inf
+        if not abs(step) <= s[-1]:
+            return np.inf
+        zero -= step
+        if abs(step) <= ROUNDING * s[-1]:
+            return zero
+    return np.inf
 
 
 def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Array]:
