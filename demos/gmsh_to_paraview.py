@@ -64,8 +64,9 @@ problem.plot(sides={"ground": tags.find(GROUND)})
 # ## The file for ParaView
 #
 # Solution, gap and pressure live in the same space, so that one VTX file takes all of them. In
-# ParaView: *File, Open* `plate.bp`, reader *ADIOS2 VTX*, *Apply*, and colour by `pressure`. Where
-# DOLFINx has no ADIOS2, `dolfinx.io.XDMFFile` writes one function after the other.
+# ParaView (5.12.1 or newer): *File, Open* `plate.bp`, reader *ADIOS2 VTX*, *Apply*, and colour by
+# `pressure`. An older ParaView needs `VTXWriter(..., engine="BP4")`. Where DOLFINx has no ADIOS2,
+# `dolfinx.io.XDMFFile` writes one function after the other.
 
 # %%
 from dolfinx.io import VTXWriter

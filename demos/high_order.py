@@ -67,8 +67,8 @@ for degree in (1, 2, 3):
 # %% [markdown]
 # ## Adapted meshes
 #
-# Degree 2 is the default where an accuracy is asked for. The mesh is graded by itself, and the full
-# order is back: compare the unknowns with those above.
+# Where an accuracy is asked for, the mesh is graded by itself, and the full order is back: compare
+# the unknowns with those above. Without `degree` the loop chooses one of 2 to 4.
 
 # %%
 for degree in (1, 2, 3):

@@ -32,6 +32,9 @@ ZERO = 1e-10  # entries of the small matrices between two bases that are roundin
 def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
     """Return the continuous piecewise polynomials in the Bernstein basis.
 
+    `fem.dirichletbc` takes a function of this space, and no number: from degree 2 on coefficients
+    are no values.
+
     Args:
         domain: A mesh of triangles or tetrahedra.
         degree: The polynomial degree, 1 to 8; of degree 1 the basis is that of Lagrange elements.

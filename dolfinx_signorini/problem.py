@@ -236,7 +236,8 @@ class SignoriniProblem:
     def gap(self) -> fem.Function:
         """The distance from u to the obstacle at the dofs on the contact boundary, 0 elsewhere.
 
-        The gap is never negative, and exactly 0 at the dofs in contact.
+        The gap is never negative, and exactly 0 at the dofs in contact. Each access makes a new
+        function, which later solves do not change.
 
         Raises:
             InputError: The problem has not been solved.
@@ -252,7 +253,8 @@ class SignoriniProblem:
         """The density of the contact pressure at the contact dofs, 0 elsewhere.
 
         The pressure is never negative, and exactly 0 at the dofs that are not in contact. The
-        pressure pushes u up from a lower obstacle, and down from an upper one.
+        pressure pushes u up from a lower obstacle, and down from an upper one. Each access makes a
+        new function, which later solves do not change.
 
         Raises:
             InputError: The problem has not been solved.
@@ -468,7 +470,7 @@ class SignoriniProblem:
     def _solution(self) -> PETSc.Vec:
         _ = self.system
         if self._x is None:
-            raise InputError("has not been solved yet", "problem")
+            raise InputError("has not been solved yet: call solve() first", "problem")
         return self._x
 
     def _at_contact(self, values: Array, name: str) -> fem.Function:

@@ -41,6 +41,12 @@ class AdaptiveSolution:
     steps: tuple[Step, ...]
     cells: Array
 
+    def __repr__(self) -> str:
+        return (
+            f"<AdaptiveSolution: {self.steps[-1].unknowns} unknowns, "
+            f"error about {self.estimate:.1e} in {self.request.target.name}; {self.stopped}>"
+        )
+
     @property
     def estimate(self) -> float:
         """The estimated error of the solution."""

@@ -102,6 +102,9 @@ class SceneResult:
     levels: tuple[Level, ...] = ()
     found: AdaptiveSolution | None = None
 
+    def __repr__(self) -> str:
+        return f"<SceneResult: {self.posed.scene.title}; {self.found or self.posed.problem}>"
+
     def plot(self, path: Path | str | None = None, *, what: str = "solution") -> "Picture | None":
         """Draw the solution with the parts of the boundary, or gap and pressure; collective.
 

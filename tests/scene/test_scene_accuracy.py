@@ -159,3 +159,4 @@ def test_the_mesh_of_a_file_is_refined(comm, demos):
     fine.destroy()
     assert fine.found.reached
     assert fine.posed.problem.unknowns > coarse.posed.problem.unknowns
+    assert "in H1; the accuracy is reached" in repr(fine) and len(repr(fine)) < 200
