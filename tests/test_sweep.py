@@ -124,9 +124,11 @@ def test_completion_without_shtab_is_refused(capsys, monkeypatch):
         assert "apt install python3-shtab" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("before", [True, False])
 @pytest.mark.parametrize(("option", "told"), [("-q", ()), ("-v", ("matrix", "1 linear solves"))])
-def test_quiet_and_verbose(scene, capsys, option, told):
-    assert cli.main(["solve", str(scene), option]) == 0
+def test_quiet_and_verbose(scene, capsys, option, told, before):
+    arguments = [option, "solve", str(scene)] if before else ["solve", str(scene), option]
+    assert cli.main(arguments) == 0
     said = capsys.readouterr()
     if COMM.rank:
         assert said.out == said.err == ""

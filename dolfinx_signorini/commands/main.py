@@ -65,6 +65,8 @@ def make_parser() -> argparse.ArgumentParser:
         choices=("bash", "zsh", "tcsh"),
         help="print a script that completes commands and options in a shell",
     )
+    add_talk(parser)
+    parser.set_defaults(quiet=None)
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
     for name, (module, summary) in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)

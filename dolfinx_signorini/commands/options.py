@@ -11,13 +11,14 @@ LEVELS = {True: logging.WARNING, None: logging.INFO, False: logging.DEBUG}
 
 
 def add_talk(parser: argparse.ArgumentParser) -> None:
-    """Add -q and -v."""
+    """Add -q and -v, which are read before and behind the name of a job."""
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument(
         "-q",
         "--quiet",
         action="store_const",
         const=True,
+        default=argparse.SUPPRESS,
         help="no progress: results and warnings only",
     )
     talk.add_argument(
@@ -26,6 +27,7 @@ def add_talk(parser: argparse.ArgumentParser) -> None:
         dest="quiet",
         action="store_const",
         const=False,
+        default=argparse.SUPPRESS,
         help="each mesh and each phase with its seconds",
     )
 
