@@ -372,8 +372,8 @@ class SignoriniProblem:
 
         Args:
             method: "cascade" predicts the active set from a coarse solution or from the last
-                solution, if one is at hand, solves linear systems with CG and algebraic multigrid,
-                and lets TAO accept the result. Any bound-constrained type of TAO
+                solution, if one is at hand, solves linear systems with CG and multigrid, and lets
+                TAO accept the result. Any bound-constrained type of TAO
                 (`dolfinx_signorini.METHODS`) does everything alone.
             coarse: The contact state of a solution on another mesh, for the cascade.
             start: A function of the space to start from, in place of the last solution.
