@@ -9,6 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 from ufl import as_ufl, as_vector
 from ufl.core.expr import Expr
+from ufl.domain import extract_domains
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
@@ -147,8 +148,8 @@ def values_at(
     result = np.zeros((len(entities), len(points), len(data)))
     compiled = []
     for k, item in enumerate(data):
-        if isinstance(item, int | float | np.number):
-            result[:, :, k] = float(item)
+        if isinstance(item, int | float | np.number) or not extract_domains(item):
+            result[:, :, k] = float(item)  # type: ignore[arg-type]
         else:
             compiled.append(k)
     if compiled:
