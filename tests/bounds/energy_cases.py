@@ -6,6 +6,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
+from dolfinx_signorini import compat
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
@@ -68,7 +69,7 @@ class Case:
         bcs = []
         if fixed:
             g = fem.Function(space)
-            g.interpolate(fem.Expression(u, space.element.interpolation_points()))
+            g.interpolate(fem.Expression(u, compat.interpolation_points(space.element)))
             bcs = [fem.dirichletbc(g, fem.locate_dofs_topological(space, d - 1, dirichlet))]
         self.terms = EnergyTerms(
             diffusion=A,
