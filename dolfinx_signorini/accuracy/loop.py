@@ -31,7 +31,8 @@ GAIN = 0.6  # more than the conforming mesh gains on the prediction is not count
 SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
 RESERVE = 1.2  # how much longer than predicted a step may take
 PATIENCE = 4  # steps in which the estimate does not fall
-ROUNDING = 1e-7  # of the size of the solution
+RISEN = 100.0  # times the smallest estimate
+ROUNDING = 1e-7  # of the size of the solution: so small are estimates that may be rounding
 ALGEBRAIC = 1e-2  # of the last estimate: the residual to reach, where both are relative
 SMALLEST_RTOL = 1e-13
 
@@ -227,9 +228,10 @@ class Loop:
         return min(max(estimate / self.predicted, GAIN), 1.0)
 
     def _standing(self) -> bool:
-        """Whether the estimate is small, and has not fallen in the last steps."""
+        """Whether the estimate is small, and has risen far, or not fallen in the last steps."""
         estimates = [step.estimate for step in self.steps]
-        if len(estimates) <= PATIENCE or min(estimates[-PATIENCE:]) <= min(estimates[:-PATIENCE]):
+        late, early = estimates[-PATIENCE:], estimates[:-PATIENCE]
+        if estimates[-1] < RISEN * min(estimates) and min(late) <= min(early, default=math.inf):
             return False
         return estimates[-1] < ROUNDING * size(self.problem.u, self.request.target)
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
-from ufl import as_ufl, as_vector
+from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
-from ufl.domain import extract_domains
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
@@ -148,15 +147,16 @@ def values_at(
     result = np.zeros((len(entities), len(points), len(data)))
     compiled = []
     for k, item in enumerate(data):
-        if isinstance(item, int | float | np.number) or not extract_domains(item):
-            result[:, :, k] = float(item)  # type: ignore[arg-type]
+        if isinstance(item, int | float | np.number):
+            result[:, :, k] = item
         else:
             compiled.append(k)
     if compiled:
-        vector = as_vector([as_ufl(data[k]) for k in compiled])
-        expression = fem.Expression(vector, points, comm=domain.comm)
+        # The coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
+        terms = [*(as_ufl(data[k]) for k in compiled), SpatialCoordinate(domain)[0]]
+        expression = fem.Expression(as_vector(terms), points, comm=domain.comm)
         values = compat.evaluate(expression, domain, entities.astype(np.int32))
-        result[:, :, compiled] = values.reshape(len(entities), len(points), len(compiled))
+        result[:, :, compiled] = values.reshape(len(entities), len(points), len(terms))[:, :, :-1]
     return result
 
 

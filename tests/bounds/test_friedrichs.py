@@ -1,6 +1,7 @@
 """Constants of Friedrichs against functions that are known to be large, and exact constants."""
 
 import math
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -28,6 +29,9 @@ def constant(domain, fixed, c=None):
     return friedrichs(domain.comm, frames, kinds, ends, lowest, reaction), facets
 
 
+NEEDS_PREFIX = "petsc_options_prefix" in signature(LinearProblem.__init__).parameters
+
+
 def ratio(domain, facets, c=0.0):
     """The norm of a function without a load of its own, over the energy norm."""
     space = fem.functionspace(domain, ("Lagrange", 2))
@@ -37,7 +41,9 @@ def ratio(domain, facets, c=0.0):
     dofs = fem.locate_dofs_topological(space, domain.topology.dim - 1, facets)
     bcs = [fem.dirichletbc(0.0, dofs, space)]
     a = (ufl.dot(ufl.grad(u), ufl.grad(v)) + c * u * v) * ufl.dx
-    e = LinearProblem(a, v * ufl.dx, bcs=bcs, petsc_options={"ksp_type": "cg"}).solve()
+    # From version 0.10 on DOLFINx asks for a prefix.
+    prefix = {"petsc_options_prefix": "ratio_"} if NEEDS_PREFIX else {}
+    e = LinearProblem(a, v * ufl.dx, bcs=bcs, petsc_options={"ksp_type": "cg"}, **prefix).solve()
     energy = (ufl.dot(ufl.grad(e), ufl.grad(e)) + c * e * e) * ufl.dx
     squares = [fem.assemble_scalar(fem.form(form)) for form in (e * e * ufl.dx, energy)]
     return math.sqrt(np.divide(*(domain.comm.allreduce(s) for s in squares)))
