@@ -21,7 +21,6 @@ GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
 DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere
 BISECTIONS = 60  # of the interval that the threshold is in
 SLACK = 1.2  # what deeper divisions would gain, and is given up
-SPARE = 0.7  # of the error that the slowest cell leaves in a sup norm: what others may leave
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
@@ -220,7 +219,7 @@ class _Choice:
         """
         aim = self.present * factor**self.exponent
         if math.isinf(self.power):
-            return threshold > max(aim, SPARE * self.least)
+            return threshold > max(aim, self.least)
         return self.error(levels) > max(aim, SLACK * self.least)
 
     def growth(self, levels: Array) -> float:
