@@ -12,14 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx import fem
+from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Indices
+from dolfinx_signorini.accuracy.cells import Indices, volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
 from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import SidedMesh
+from dolfinx_signorini.meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
 
@@ -181,9 +182,22 @@ class Loop:
         self.steps.append(step)
         whole = size(self.problem.u, self.request.target)
         if whole > 0.0:
-            rtol = ALGEBRAIC * estimate / whole
+            rtol = ALGEBRAIC * estimate / whole * self._slope_of_rounding()
             self.keywords = {"rtol": max(rtol, SMALLEST_RTOL)} if rtol < DEFAULT_RTOL else {}
         self.on_step(step)
+
+    def _slope_of_rounding(self) -> float:
+        """By what an algebraic error is to be smaller so that the largest derivatives are right.
+
+        On the smallest cells differences of values are divided by the size of the cell.
+        """
+        norm = self.request.target.norm
+        if norm is None or norm.derivatives == 0 or not math.isinf(norm.p):
+            return 1.0
+        domain = self.sided.mesh
+        smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / domain.topology.dim)
+        smallest = self.comm.allreduce(smallest, op=MPI.MIN)
+        return smallest / longest_side(self.comm, domain.geometry.x)
 
     def _next_mesh(self) -> Divided | None:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
@@ -209,6 +223,9 @@ class Loop:
             if growth < SMALLEST_GROWTH:
                 return None
             marks = mark(self.sided, self.estimator.outlook, goal, min(growth, GROWTH))
+            if not self.comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX):
+                self.stopped = "rounding: the cells with the error cannot be divided any more"
+                return None
             divided = marks.apply(self.sided)
             self.predicted = marks.factor * estimate
         self.fit(divided.sided)

@@ -14,7 +14,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, longest_side, owned_cells
 from dolfinx_signorini.refinement import refined
 
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
@@ -24,6 +24,7 @@ SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
+SMALLEST = 1e-11  # cell, over the size of the domain: rounding spoils smaller ones
 NEAR = 1e-6  # of the size of a cell
 
 
@@ -146,7 +147,10 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
     """
     comm = sided.mesh.comm
     points, isolated = _points(sided.mesh, outlook.remaining, outlook.singular)
-    choice = _Choice(comm, replace(outlook, singular=isolated), sided.mesh.topology.dim)
+    dimension, x = sided.mesh.topology.dim, sided.mesh.geometry.x
+    sizes = volumes(sided.mesh) ** (1.0 / dimension)
+    room = np.asarray(sizes / (SMALLEST * longest_side(comm, x)), dtype=np.float64)
+    choice = _Choice(comm, replace(outlook, singular=isolated), dimension, room)
     aim = max(goal, 2.0**-outlook.order)
     low, high = 1e-14, 1.0
     for _ in range(BISECTIONS):
@@ -156,7 +160,7 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
             high = threshold
         else:
             low = threshold
-    levels = np.maximum(choice.levels(low), choice.bulk())
+    levels = np.maximum(choice.levels(low), np.minimum(choice.bulk(), choice.deepest))
     factor = (choice.error(levels) / choice.present) ** (1.0 / choice.exponent)
     return Marks(levels.astype(np.int64), choice.singular, points, factor)
 
@@ -164,7 +168,7 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, comm: MPI.Comm, outlook: Outlook, dimension: int):
+    def __init__(self, comm: MPI.Comm, outlook: Outlook, dimension: int, room: Array):
         self.comm, self.singular, self.power = comm, outlook.singular, outlook.power
         self.dimension, remaining = dimension, outlook.remaining
         largest = self._largest(remaining) or 1.0
@@ -177,7 +181,8 @@ class _Choice:
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         self.child = np.where(self.singular, self.factors, shared)
         towards = np.where(outlook.confirmed, DEEPEST, DEEPER)
-        self.deepest = np.where(self.singular, towards, DEEP)
+        deepest = np.where(self.singular, towards, DEEP)
+        self.deepest = np.minimum(deepest, np.floor(np.log2(np.maximum(room, 1.0))))
         self.least = self.error(self.deepest)
         self.present = self.error(0 * self.deepest)
 

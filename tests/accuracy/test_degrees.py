@@ -68,3 +68,19 @@ def test_a_kink_of_the_obstacle_is_seen_inside_of_large_cells(comm, norm, accura
     assert result.found.reached
     assert true_error(result.u, known, norm) <= accuracy
     result.destroy()
+
+
+@pytest.mark.slow
+def test_the_largest_derivative_is_accurate_at_cells_of_a_millionth(comm):
+    """The derivative is like r^{1/2}: cells of 1e-8 of the square, on which residuals weigh."""
+    exact = {}
+
+    def pose(sided):
+        exact["u"] = ds.christof_haubner(sided.mesh)
+        return paper_problem(exact["u"], 4)
+
+    first = SidedMesh(friedrichs_keller(comm, 4), {})
+    found = ds.solve_adaptively(pose, first, norm="W1_inf", accuracy=1e-3)
+    assert found.reached
+    assert ds.error_norms(found.problem.u, exact["u"], ["W1_inf"])["W1_inf"] <= 1e-3
+    found.problem.destroy()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy import marking
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.marking import Outlook, mark, mark_worst
 from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
@@ -110,6 +111,16 @@ def test_a_cell_is_divided_towards_its_singular_point(comm):
     assert size[there] == pytest.approx(4.0**-deepest / N**2, rel=1e-9)
     assert count(comm, divided.sided) < 2 * N**2 + 100 * deepest
     assert (divided.away == (at[divided.owners] & ~there)).all()
+
+
+def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
+    sided, _middle = square(comm)
+    at = at_centre(sided)
+    values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
+    for smallest, deepest in ((0.02, 2), (0.1, 0)):
+        monkeypatch.setattr(marking, "SMALLEST", smallest)  # of cells of the size 1/8
+        marks = mark(sided, outlook(values, rates, at), 0.05, 5.0)
+        assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
 
 
 def test_a_singular_line_is_no_point(comm):
