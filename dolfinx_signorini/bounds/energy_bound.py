@@ -28,7 +28,7 @@ from dolfinx_signorini.bounds.condensation import (
     coefficients,
 )
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.frames import Frames, cell_frames
+from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.gaps import contact_energy, gap_means, gaps
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
@@ -39,6 +39,7 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, instance
+from dolfinx_signorini.meshes import longest_side
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -179,9 +180,9 @@ def _residual(values: CellValues, data: CellData, field: Array, reference: Refer
 
 def _ends(comm: MPI.Comm, values: CellValues) -> Marks:
     """Whether the reaction is strong enough in a cell to take up what is left there."""
-    return np.asarray(
-        values.l2_weight <= _size(comm, values.frames) / np.sqrt(values.diffusion.lowest)
-    )
+    corners = values.frames.corners.reshape(-1, values.frames.dimension)
+    least = longest_side(comm, corners) / np.sqrt(values.diffusion.lowest)
+    return np.asarray(values.l2_weight <= least)
 
 
 def _without_defects(
@@ -216,13 +217,6 @@ def _mean_constant(
     lowest, reaction = values.diffusion.lowest, values.least_reaction
     constant = friedrichs(comm, values.frames, data.kinds, ends, lowest, reaction)
     return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
-
-
-def _size(comm: MPI.Comm, frames: Frames) -> float:
-    """The longest side of the box around the domain."""
-    ends = np.concatenate((frames.corners, -frames.corners), axis=2)
-    largest = np.max(comm.allgather(ends.max(axis=(0, 1), initial=-np.inf)), axis=0)
-    return float((largest[: frames.dimension] + largest[frames.dimension :]).max())
 
 
 def _lifted(

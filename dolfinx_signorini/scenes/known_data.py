@@ -24,7 +24,7 @@ from dolfinx_signorini.bounds.strong_form import (
     Facets,
     polynomial_degree,
 )
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes import boundary_facets, longest_side
 from dolfinx_signorini.scenes.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.derivatives import load_and_current
@@ -65,8 +65,7 @@ class KnownData:
         self.d, count = frames.dimension, len(frames.order)
         x: Array = np.asarray(self.domain.geometry.x[:, : self.d], dtype=np.float64)
         self.corners = x[self.domain.geometry.dofmap[:count]]
-        ends = (x.max(axis=0, initial=-np.inf), (-x).max(axis=0, initial=-np.inf))
-        self.width = float(np.max(self.comm.allgather(ends), axis=0).sum(axis=0).max())
+        self.width = longest_side(self.comm, x)
         self.load, self.solution = self.scene.load, None
         self.current: list[Formula] = []  # A grad u of a manufactured solution u
         if self.scene.manufactured and self.scene.solution is not None:
