@@ -14,7 +14,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
-from dolfinx_signorini.meshes import SidedMesh, longest_side, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import refined
 
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
@@ -24,7 +24,7 @@ SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
-SMALLEST = 1e-11  # cell, over the size of the domain: rounding spoils smaller ones
+SMALLEST = 1e-11  # cell, over its coordinates: rounding spoils the shape of smaller ones
 NEAR = 1e-6  # of the size of a cell
 
 
@@ -147,10 +147,7 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
     """
     comm = sided.mesh.comm
     points, isolated = _points(sided.mesh, outlook.remaining, outlook.singular)
-    dimension, x = sided.mesh.topology.dim, sided.mesh.geometry.x
-    sizes = volumes(sided.mesh) ** (1.0 / dimension)
-    room = np.asarray(sizes / (SMALLEST * longest_side(comm, x)), dtype=np.float64)
-    choice = _Choice(comm, replace(outlook, singular=isolated), dimension, room)
+    choice = _Choice(comm, replace(outlook, singular=isolated), sided.mesh)
     aim = max(goal, 2.0**-outlook.order)
     low, high = 1e-14, 1.0
     for _ in range(BISECTIONS):
@@ -168,7 +165,10 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, comm: MPI.Comm, outlook: Outlook, dimension: int, room: Array):
+    def __init__(self, comm: MPI.Comm, outlook: Outlook, domain: mesh.Mesh):
+        dimension = domain.topology.dim
+        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+        room = volumes(domain) ** (1.0 / dimension) / (SMALLEST * np.abs(x).max(axis=(1, 2)))
         self.comm, self.singular, self.power = comm, outlook.singular, outlook.power
         self.dimension, remaining = dimension, outlook.remaining
         largest = self._largest(remaining) or 1.0

@@ -117,8 +117,8 @@ def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
     sided, _middle = square(comm)
     at = at_centre(sided)
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
-    for smallest, deepest in ((0.02, 2), (0.1, 0)):
-        monkeypatch.setattr(marking, "SMALLEST", smallest)  # of cells of the size 1/8
+    for smallest, deepest in ((0.02, 3), (0.2, 0)):  # for cells of the size 1/8 at 1/2
+        monkeypatch.setattr(marking, "SMALLEST", smallest)
         marks = mark(sided, outlook(values, rates, at), 0.05, 5.0)
         assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
 
