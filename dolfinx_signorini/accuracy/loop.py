@@ -101,6 +101,7 @@ class Loop:
         predicted: The estimate that was predicted for the present mesh; 0 for none.
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
+        whole: The size of the last solution in the norm that is asked for.
         stopped: Why the loop ended.
         keywords: Those of the next solves.
     """
@@ -109,6 +110,7 @@ class Loop:
     division: Refinement
     estimator: Estimator
     owners: Indices | None
+    whole: float
 
     def __init__(
         self,
@@ -164,7 +166,7 @@ class Loop:
         if accuracy is None or len(self.steps) > 1:
             return False
         estimate = self.steps[0].estimate
-        if estimate > RESOLVED * size(self.problem.u, self.request.target):
+        if estimate > RESOLVED * self.whole:
             return False
         ratio = estimate / accuracy
         best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
@@ -180,9 +182,9 @@ class Loop:
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
         self.steps.append(step)
-        whole = size(self.problem.u, self.request.target)
-        if whole > 0.0:
-            rtol = ALGEBRAIC * estimate / whole * self._slope_of_rounding()
+        self.whole = size(self.problem.u, self.request.target)
+        if self.whole > 0.0:
+            rtol = ALGEBRAIC * estimate / self.whole * self._slope_of_rounding()
             self.keywords = {"rtol": max(rtol, SMALLEST_RTOL)} if rtol < DEFAULT_RTOL else {}
         self.on_step(step)
 
@@ -250,7 +252,7 @@ class Loop:
         late, early = estimates[-PATIENCE:], estimates[:-PATIENCE]
         if estimates[-1] < RISEN * min(estimates) and min(late) <= min(early, default=math.inf):
             return False
-        return estimates[-1] < ROUNDING * size(self.problem.u, self.request.target)
+        return estimates[-1] < ROUNDING * self.whole
 
     def _affordable(self) -> float:
         """By how much the mesh may grow; where that is too little, note why."""
