@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.scenes.enclosures import enclosed_linearly, enclosed_on_simplices
-from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 from dolfinx_signorini.scenes.jumps import switch, switches
 from dolfinx_signorini.scenes.names import Names
 from dolfinx_signorini.scenes.pieces import divided
@@ -74,7 +74,8 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
 
     def made(pattern: Sequence[bool]) -> list[Formula]:
         signs = dict(zip(margins, pattern, strict=True))
-        return [_without(f, signs, names) for f in formulas]
+        chosen = _Chosen(signs, names)
+        return [Formula(f.text, chosen(f.root)) for f in formulas]
 
     others = [list(formulas)]
     if len(margins) <= MOST_SWITCHES:
@@ -116,21 +117,24 @@ def _shares(margin: Formula, corners: Array) -> Array:
     return np.stack(result)
 
 
-def _without(formula: Formula, positive: dict[int, bool], names: Names) -> Formula:
-    """A formula whose choices are those of switches with known signs."""
-    done: dict[int, Node] = {}
+class _Chosen(PerNode[Node]):
+    """The nodes of formulas whose choices are those of switches with known signs.
 
-    def made(node: Node) -> Node:
-        if id(node) not in done:
-            margin = switch(node)
-            if margin is None:
-                parts = tuple(made(a) for a in node.args)
-                done[id(node)] = Node(node.op, parts, node.value) if parts else node
-            else:
-                done[id(node)] = made(_chosen(node, positive[names[margin]]))
-        return done[id(node)]
+    Args:
+        positive: Whether a switch is positive, by its name.
+        names: The names of switches.
+    """
 
-    return Formula(formula.text, made(formula.root))
+    def __init__(self, positive: dict[int, bool], names: Names):
+        super().__init__()
+        self.positive, self.names = positive, names
+
+    def find(self, node: Node) -> Node:
+        margin = switch(node)
+        if margin is not None:
+            return self(_chosen(node, self.positive[self.names[margin]]))
+        parts = tuple(map(self, node.args))
+        return Node(node.op, parts, node.value) if parts else node
 
 
 def _chosen(node: Node, positive: bool) -> Node:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from dolfinx_signorini.scenes.formulas import Formula, Node, number
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode, number
 from dolfinx_signorini.scenes.simplification import simplified
 
 ZERO, ONE, TWO = (number(value).root for value in (0.0, 1.0, 2.0))
@@ -54,8 +54,8 @@ def load_and_current(
     return simplified(Formula("the load", load)), parts
 
 
-class Derivative:
-    """The derivative in the direction of a coordinate, which takes shared nodes only once:
+class Derivative(PerNode[Node]):
+    """The derivative in the direction of a coordinate, of the nodes of a formula:
 
         slope = Derivative(0)(formula.root)
 
@@ -64,15 +64,10 @@ class Derivative:
     """
 
     def __init__(self, k: int):
+        super().__init__()
         self.k = k
-        self.done: dict[int, Node] = {}
 
-    def __call__(self, node: Node) -> Node:
-        if id(node) not in self.done:
-            self.done[id(node)] = self._new(node)
-        return self.done[id(node)]
-
-    def _new(self, node: Node) -> Node:
+    def find(self, node: Node) -> Node:
         if node.op in ("number", "coordinate"):
             return ONE if node.op == "coordinate" and node.value == self.k else ZERO
         if node.op == "where":

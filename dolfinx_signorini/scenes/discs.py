@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 
 Array = npt.NDArray[np.float64]
 Truth = npt.NDArray[np.bool_]
@@ -42,16 +42,16 @@ def discs(formula: Formula, corners: Array, reach: float) -> Disc:
         analytic, or not found to be so.
     """
     low, high = corners.min(axis=1).T, corners.max(axis=1).T
-    tree = _Tree(0.5 * (low + high), 0.5 * (high - low), reach)
+    discs = _Discs(0.5 * (low + high), 0.5 * (high - low), reach)
     with np.errstate(all="ignore"):
-        centres, radii = tree.disc(formula.root)
+        centres, radii = discs(formula.root)
         both = np.broadcast_arrays(centres, radii, np.empty(len(corners)))
         unknown = ~(np.isfinite(both[0]) & np.isfinite(both[1]))
     return np.where(unknown, 0.0, both[0]), np.where(unknown, np.inf, both[1])
 
 
-class _Tree:
-    """Encloses the nodes of a formula, a node that is used twice only once.
+class _Discs(PerNode[Disc]):
+    """Discs around the values of the nodes of a formula.
 
     Args:
         centres, widths: Of boxes around the simplices, shape (dimension, simplices).
@@ -59,25 +59,20 @@ class _Tree:
     """
 
     def __init__(self, centres: Array, widths: Array, reach: float):
+        super().__init__()
         self.centres, self.radii, self.reach = centres, reach * widths, reach
-        self.done: dict[int, Disc] = {}
 
-    def disc(self, node: Node) -> Disc:
-        if id(node) not in self.done:
-            self.done[id(node)] = self._disc(node)
-        return self.done[id(node)]
-
-    def _disc(self, node: Node) -> Disc:
+    def find(self, node: Node) -> Disc:
         if node.op == "number":
             return np.array(node.value), np.array(0.0)
         if node.op == "coordinate":
             return self.centres[int(node.value)], self.radii[int(node.value)]
         if node.op == "where":
             comparison = node.args[0]
-            a, b = (self.disc(argument) for argument in comparison.args)
+            a, b = map(self, comparison.args)
             low, high = (a, b) if comparison.op in ("<", "<=") else (b, a)
-            return self._chosen(subtract(high, low), *map(self.disc, node.args[1:]))
-        parts = [self.disc(argument) for argument in node.args]
+            return self._chosen(subtract(high, low), *map(self, node.args[1:]))
+        parts = [self(argument) for argument in node.args]
         if node.op == "^":
             return power(parts[0], node.args[1].value)
         if node.op in ("min", "max"):

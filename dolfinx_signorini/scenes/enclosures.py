@@ -13,7 +13,7 @@ from functools import reduce
 
 import numpy as np
 
-from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 from dolfinx_signorini.scenes.intervals import (
     ONE,
     OPERATIONS,
@@ -156,11 +156,11 @@ def _slopes_on(formula: Formula, corners: Array) -> Array:
 def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
     ends = np.stack((low.T, high.T))
     with np.errstate(all="ignore"):
-        return _Tree(ends, slopes).enclosed(formula.root)
+        return _Enclosures(ends, slopes)(formula.root)
 
 
-class _Tree:
-    """Encloses the nodes of formulas on boxes, a node that is used twice only once.
+class _Enclosures(PerNode[Pair]):
+    """Enclosures of the nodes of formulas on boxes.
 
     Args:
         ends: The least and the largest coordinates, shape (2, dimension, boxes).
@@ -168,22 +168,17 @@ class _Tree:
     """
 
     def __init__(self, ends: Array, slopes: bool):
+        super().__init__()
         self.ends, self.slopes = ends, slopes
-        self.done: dict[int, Pair] = {}
 
-    def enclosed(self, node: Node) -> Pair:
-        if id(node) not in self.done:
-            self.done[id(node)] = self._enclosed(node)
-        return self.done[id(node)]
-
-    def _enclosed(self, node: Node) -> Pair:
+    def find(self, node: Node) -> Pair:
         if node.op == "number":
             return node.value * ONE, 0.0 * ONE if self.slopes else None
         if node.op == "coordinate":
             k = int(node.value)
             unit = np.eye(self.ends.shape[1])[None, :, k, None]
             return self.ends[:, k : k + 1], np.concatenate((unit, unit)) if self.slopes else None
-        pairs = [self.enclosed(a) for a in node.args]
+        pairs = [self(a) for a in node.args]
         values = [value for value, _ in pairs]
         if node.op == "^":
             result = power(values[0], node.args[1].value)

@@ -3,9 +3,10 @@
 import ast
 import math
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -63,10 +64,12 @@ NAMES = {
 OPERATIONS = {name: functions for name, (_, *functions) in FUNCTIONS.items()}
 OPERATIONS |= {sign: functions for sign, *functions in OPERATORS.values()}
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One operation of a formula.
+    """One operation of a formula, equal to nothing but to this very operation.
 
     For example, the product of 2 and the first coordinate:
 
@@ -89,6 +92,46 @@ class Node:
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
         object.__setattr__(self, "depth", 1 + max((a.depth for a in self.args), default=0))
+
+
+class PerNode(ABC, Generic[T]):
+    """What is found for the nodes of trees, for a node that is used twice only once.
+
+    For example, the number of levels below each node:
+
+        class Levels(PerNode[int]):
+            def find(self, node: Node) -> int:
+                return max((1 + self(a) for a in node.args), default=0)
+
+        levels = Levels()(formula.root)
+    """
+
+    def __init__(self) -> None:
+        self._done: dict[Node, T] = {}
+
+    def __call__(self, node: Node) -> T:
+        """Return what is found for a node."""
+        if node not in self._done:
+            self._done[node] = self.find(node)
+        return self._done[node]
+
+    @abstractmethod
+    def find(self, node: Node) -> T:
+        """Find the result for a node that is new, from the results for the operands."""
+
+
+def nodes(root: Node) -> list[Node]:
+    """Return the nodes of a tree, each of them once, and after all of its operands."""
+    found: dict[Node, None] = {}
+
+    def visit(node: Node) -> None:
+        if node not in found:
+            for argument in node.args:
+                visit(argument)
+            found[node] = None
+
+    visit(root)
+    return list(found)
 
 
 @dataclass(frozen=True)
@@ -127,7 +170,7 @@ class Formula:
             InputError: A part of the formula has no value anywhere, for example 1/(0*x).
         """
         try:
-            return ufl.as_ufl(_build(self.root, x, {}))
+            return ufl.as_ufl(_Values(x, lambda op: OPERATIONS[op][1])(self.root))
         except (ArithmeticError, TypeError, ValueError) as error:
             raise InputError(str(error), shortened(self.text)) from None
 
@@ -145,7 +188,8 @@ def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]
         x: The points, shape (..., dimension).
     """
     with np.errstate(all="ignore"):
-        values = _evaluated(node, x, {})
+        coordinates = np.moveaxis(x, -1, 0)
+        values = _Values(coordinates, lambda op: getattr(np, NAMES.get(op, op)))(node)
     return np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape[:-1])
 
 
@@ -164,26 +208,21 @@ def _value(node: Node, point: Sequence[float]) -> Any:
     return OPERATIONS[node.op][0](*(_value(a, point) for a in node.args))
 
 
-def _build(node: Node, x: Expr, done: dict[int, Any]) -> Any:
-    """Turn a tree into UFL, a node that is used twice only once."""
-    if id(node) not in done:
-        if node.op == "number":
-            done[id(node)] = node.value
-        elif node.op == "coordinate":
-            done[id(node)] = x[int(node.value)]
-        else:
-            done[id(node)] = OPERATIONS[node.op][1](*(_build(a, x, done) for a in node.args))
-    return done[id(node)]
+class _Values(PerNode[Any]):
+    """The values of the nodes of a formula, of UFL or of NumPy.
 
+    Args:
+        coordinates: The values of x, y and z.
+        functions: The function of each operation.
+    """
 
-def _evaluated(node: Node, x: npt.NDArray[np.float64], done: dict[int, Any]) -> Any:
-    """The value of a formula at points x."""
-    if id(node) not in done:
+    def __init__(self, coordinates: Any, functions: Callable[[str], Callable[..., Any]]):
+        super().__init__()
+        self.coordinates, self.functions = coordinates, functions
+
+    def find(self, node: Node) -> Any:
         if node.op == "number":
-            done[id(node)] = node.value
-        elif node.op == "coordinate":
-            done[id(node)] = x[..., int(node.value)]
-        else:
-            function: Callable[..., Any] = getattr(np, NAMES.get(node.op, node.op))
-            done[id(node)] = function(*(_evaluated(a, x, done) for a in node.args))
-    return done[id(node)]
+            return node.value
+        if node.op == "coordinate":
+            return self.coordinates[int(node.value)]
+        return self.functions(node.op)(*map(self, node.args))

@@ -17,7 +17,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
-from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, nodes
 from dolfinx_signorini.scenes.pieces import divided, inside
 
 Array = npt.NDArray[np.float64]
@@ -264,7 +264,8 @@ def switches(formula: Formula) -> list[Node]:
 
     What is inside of another part comes after that part.
     """
-    return list(_switches(formula.root, set()))
+    found = map(switch, reversed(nodes(formula.root)))
+    return [part for part in found if part is not None]
 
 
 def switch(node: Node) -> Node | None:
@@ -274,14 +275,3 @@ def switch(node: Node) -> Node | None:
     if node.op in ("min", "max"):
         return Node("-", node.args)
     return Node("-", node.args[0].args) if node.op == "where" else None
-
-
-def _switches(node: Node, seen: set[int]) -> Iterator[Node]:
-    if id(node) in seen:
-        return
-    seen.add(id(node))
-    own = switch(node)
-    if own is not None:
-        yield own
-    for argument in node.args:
-        yield from _switches(argument, seen)

@@ -12,13 +12,13 @@ class Names:
 
     def __init__(self) -> None:
         self.known: dict[tuple[object, ...], int] = {}
-        self.seen: dict[int, tuple[Node, int]] = {}  # with the node, whose id nothing else gets
+        self.seen: dict[Node, int] = {}
 
     def __getitem__(self, node: Node) -> int:
-        if id(node) not in self.seen:
+        if node not in self.seen:
             key = (node.op, node.value, *(self[a] for a in node.args))
-            self.seen[id(node)] = node, self.known.setdefault(key, len(self.known))
-        return self.seen[id(node)][1]
+            self.seen[node] = self.known.setdefault(key, len(self.known))
+        return self.seen[node]
 
 
 def operations(root: Node) -> int:

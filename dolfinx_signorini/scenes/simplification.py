@@ -8,7 +8,7 @@ sin^2 becomes 1 - cos^2. So -div grad of r^1.5 sin(1.5 t) turns out to be 0.
 from collections import defaultdict
 from functools import reduce
 
-from dolfinx_signorini.scenes.formulas import Formula, Node, number
+from dolfinx_signorini.scenes.formulas import Formula, Node, nodes, number
 from dolfinx_signorini.scenes.names import Names, operations
 
 Product = frozenset[tuple[int, float]]  # names of atoms with exponents
@@ -47,7 +47,8 @@ class _Expansion:
         self.done: dict[int, Sum] = {}
         self.distances: dict[frozenset[int], Node] = {}
         self.squares: dict[int, tuple[int, int]] = {}  # a to r and b, of a^2 = r^2 - b^2
-        self._find(root, set())
+        for node in nodes(root):
+            self._look_at(node)
 
     def sum_of(self, node: Node) -> Sum:
         """Return a node as a sum of products."""
@@ -90,12 +91,8 @@ class _Expansion:
             parts.append(node)
         return reduce(lambda a, b: Node("+", (a, b)), parts) if parts else number(0.0).root
 
-    def _find(self, node: Node, seen: set[int]) -> None:
-        if id(node) in seen:
-            return
-        seen.add(id(node))
-        for argument in node.args:
-            self._find(argument, seen)
+    def _look_at(self, node: Node) -> None:
+        """Take down which squares can be replaced."""
         if node.op == "hypot":
             key = frozenset(self.names[a] for a in node.args)
             r = self.names[self.distances.setdefault(key, node)]

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.scenes.enclosures import enclosed_gradients, enclosed_on_boxes
-from dolfinx_signorini.scenes.formulas import Formula, Node
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.scenes.intervals import (
     OPERATIONS,
     choose,
@@ -54,9 +54,9 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
         near = np.flatnonzero((radius[0] <= NEAR * radius[1]) & np.isfinite(radius[1]))
         if not len(near):
             continue
-        tree = _Tree(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)
+        scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)
         with np.errstate(all="ignore"):
-            n, t = tree.scaled(formula.root)
+            n, t = scaled(formula.root)
             most = np.broadcast_to(size(t)[1], len(near))
             found = most * np.sqrt(_mean_power(pair, corners[near], 2.0 * n, radius[1, near]))
         result[near] = np.fmin(result[near], found)
@@ -66,15 +66,9 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
 def _pairs(root: Node, names: Names) -> list[tuple[Node, Node]]:
     """The arguments of distances and angles in a formula."""
     found: dict[frozenset[int], tuple[Node, Node]] = {}
-    seen: set[int] = set()
-    open_ = [root]
-    while open_:
-        node = open_.pop()
-        if id(node) not in seen:
-            seen.add(id(node))
-            open_ += node.args
-            if node.op in ("hypot", "atan2"):
-                found.setdefault(_key(node, names), (node.args[0], node.args[1]))
+    for node in nodes(root):
+        if node.op in ("hypot", "atan2"):
+            found.setdefault(_key(node, names), (node.args[0], node.args[1]))
     return list(found.values())
 
 
@@ -102,8 +96,8 @@ def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) 
     return np.asarray(np.where(q > 0.0, q**n / (0.5 * n + 1.0), np.inf))
 
 
-class _Tree:
-    """Encloses the nodes of a formula on boxes as r^n t, a node that is used twice only once.
+class _ScaledNodes(PerNode[Scaled]):
+    """Enclosures of the nodes of a formula on boxes, as r^n t.
 
     Args:
         ends: The least and the largest coordinates, shape (2, dimension, boxes).
@@ -113,16 +107,11 @@ class _Tree:
     """
 
     def __init__(self, ends: Array, pair: tuple[Node, Node], most: Array, names: Names):
+        super().__init__()
         self.ends, self.most, self.names = ends, most, names
         self.key = frozenset(names[a] for a in pair)
-        self.done: dict[int, Scaled] = {}
 
-    def scaled(self, node: Node) -> Scaled:
-        if id(node) not in self.done:
-            self.done[id(node)] = self._scaled(node)
-        return self.done[id(node)]
-
-    def _scaled(self, node: Node) -> Scaled:
+    def find(self, node: Node) -> Scaled:
         if self.names[node] in self.key:
             return 1.0, np.array([[-1.0], [1.0]])
         if node.op == "number":
@@ -132,10 +121,10 @@ class _Tree:
         if node.op == "hypot" and _key(node, self.names) == self.key:
             return 1.0, np.ones((2, 1))
         if node.op == "where":
-            a, b = self._alike(*map(self.scaled, node.args[0].args))[1]
-            n, branches = self._alike(*map(self.scaled, node.args[1:]))
+            a, b = self._alike(*map(self, node.args[0].args))[1]
+            n, branches = self._alike(*map(self, node.args[1:]))
             return n, choose(OPERATIONS[node.args[0].op](a, b), *branches)
-        parts = [self.scaled(a) for a in node.args]
+        parts = [self(a) for a in node.args]
         n, t = parts[0]
         if node.op == "^":
             exponent = node.args[1].value

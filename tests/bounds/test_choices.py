@@ -16,6 +16,7 @@ FORMULAS = {
     "circle": "where((x - 0.5)^2 + (y - 0.4)^2 < 0.09, 1, 1000)",
     "kinks": "max(x - y, 0.1) + min(x, 0.6) + abs(y - 0.3)",
     "sign": "sign(sin(7*x) - y)*exp(x)",
+    "sums": "abs(x - 2) + 3*abs(y - 3) + 5*abs(x - 4) + sign(y - 5) + 7*abs(y - 9)",
     "inside of each other": "abs(abs(x - 0.5) - 0.2) + where(max(x, y) > 0.6, 1, 2)",
 }
 
