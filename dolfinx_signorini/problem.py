@@ -38,7 +38,7 @@ from dolfinx_signorini.system import Layout, System
 if TYPE_CHECKING:
     from dolfinx_signorini.picture import Picture
 
-# With it the algebraic error is about 1e-6 of the discretisation error in the norms of the paper.
+# In the norms of the paper, the algebraic error is then about 1e-6 of the discretisation error.
 DEFAULT_RTOL = 1e-7
 
 _counter = itertools.count()

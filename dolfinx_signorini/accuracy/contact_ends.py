@@ -1,7 +1,7 @@
 """The cells at the ends of the contact set, where a solution is like r^{3/2} and not smoother.
 
-A few meshes do not tell the rate there: the discrete contact set ends at a dof, which is now nearer
-to the true end and now farther away. The theory tells.
+A few meshes do not tell the rate at these cells, but theory does: the discrete contact set ends at
+a dof, which is now nearer to the true end and now farther away.
 
 Source: Christof and Haubner, Section 2.2, for the singularity.
 """
@@ -76,7 +76,7 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, npt.NDArray[n
 
 
 def _marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
-    """Whether dofs of this rank are among those that any rank names."""
+    """Whether dofs of this rank are named by any rank."""
     f = fem.Function(space)
     f.x.array[dofs] = 1.0
     f.x.scatter_reverse(la.InsertMode.add)

@@ -1,8 +1,8 @@
-"""Estimates of the error: the difference of two solutions, times the share of it that is left.
+"""Estimates of the error: the share that is left of the difference of two solutions.
 
-The solutions are those on a mesh and on the mesh with every cell divided. The measured rates of
-convergence tell what is left of the difference in the error of the second one. What no comparison
-shows is added: the obstacle between the nodes, and data inside of cells.
+One solution is computed on a mesh, the other one on the mesh with every cell divided. The measured
+rates of convergence tell what is left of the difference in the error of the other one. What no
+comparison shows is added: the obstacle between the nodes, and data inside of cells.
 """
 
 import math

@@ -81,7 +81,7 @@ class Request:
 
 
 class Loop:
-    """The loop between the solves: it decides on the next mesh when the last one is solved on.
+    """What the adaptive loop does between two solves: estimate, mark, refine.
 
     Args:
         poses: Functions that pose the problem on a mesh, by the degree of the elements.
@@ -96,14 +96,14 @@ class Loop:
         pose: The function that poses the problem, with elements of the present degree.
         problem: The problem that was solved last.
         division: The division of the present mesh.
-        owners: For each cell of the present mesh the cell of the mesh before, if there is one.
+        owners: For each cell of the present mesh the cell of the last mesh; None on the first mesh.
         rounds: The number of steps with elements of the present degree.
         predicted: The estimate that was predicted for the present mesh; 0 for none.
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
         whole: The size of the last solution in the norm that is asked for.
         stopped: Why the loop ended.
-        keywords: Those of the next solves.
+        keywords: The keywords of the next solves.
     """
 
     problem: SignoriniProblem

@@ -1,8 +1,8 @@
 """Marking: how often each cell is to be divided, and the mesh that follows.
 
 The cells with the largest remaining errors are divided until the predicted error is small enough,
-each so often that its parts are no worse than those of other cells. A cell with a singular point is
-divided towards the point: only the part at the point is divided again.
+each so often that its parts are no worse than the parts of other cells. A cell with a singular
+point is divided towards the point: only the part at the point is divided again.
 """
 
 import math
@@ -24,7 +24,7 @@ SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
-SMALLEST = 1e-11  # cell, over its coordinates: rounding spoils the shape of smaller ones
+SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
 NEAR = 1e-6  # of the size of a cell
 
 
@@ -38,9 +38,9 @@ class Outlook:
 
     Attributes:
         remaining: What each owned cell leaves in the error.
-        factors: By how much a division of a cell multiplies this part of the error.
+        factors: By how much a division of a cell multiplies what the cell leaves in the error.
         singular: Whether the cell has a singular point.
-        confirmed: Whether this was seen more than once.
+        confirmed: Whether the singular point was seen more than once.
         power: The exponent with which the parts add up.
         exponent: The exponent with which errors at separate places add up: to this power the parts
             fall, see `Target.exponent`.
@@ -65,7 +65,7 @@ class Marks:
     Attributes:
         levels: The number of divisions of each owned cell.
         singular: Whether the cell is divided towards a point.
-        points: These points, shape (cells, 3).
+        points: For each cell the point, shape (cells, 3).
         factor: By how much the divisions are predicted to multiply the error.
     """
 

@@ -1,15 +1,15 @@
-"""How fast the indicators of cells fall, and what they leave when all cells are divided.
+"""How fast the indicators of cells fall, and what a division of all cells leaves of the error.
 
 The indicator eta of a cell tells what the cell adds to the difference between a solution and the
-solution w on the divided mesh. What is sought is what remains of the cell in the error of w. If a
-division multiplies the error by rho = 2^-s, that is
+solution w on the divided mesh. If a division multiplies the error by rho = 2^-s, the cell leaves in
+the error of w
 
-    eta rho / (1 - rho)           for indicators that add up as they are,
-    eta rho / sqrt(1 - rho^2)     for local ones: the errors on a cell and on its parts are almost
-                                  orthogonal, and exactly so in the energy norm.
+    eta rho / (1 - rho)           for indicators that add up unsquared,
+    eta rho / sqrt(1 - rho^2)     for local indicators: the errors on a cell and on its parts are
+                                  almost orthogonal, and exactly so in the energy norm.
 
-The rate s is that of smooth solutions, or less. It is measured where a cell has been divided, from
-the indicators of the cell and of its parts. An indicator may be the product of a part of the
+The rate s is the rate for smooth solutions, or less, and is measured where a cell has been divided,
+from the indicators of the cell and of its parts. An indicator may be the product of a part of the
 solution and a part of a dual solution, which is another one on every mesh: then the part of the
 solution is measured alone, and the rate of the product is twice that of the part.
 """
@@ -25,11 +25,11 @@ from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import owned_cells
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
-UNKNOWN = 0.35  # of the rate for smooth solutions: before anything is measured
-NEARLY = 0.9  # of the same: next to a singular point
+UNKNOWN = 0.35  # of the rate for smooth solutions: before any measurement
+NEARLY = 0.9  # of the rate for smooth solutions: next to a singular point
 STEEPEST = 4.0  # power of the weights in averages of rates
 NOTABLE = 0.5  # of the largest indicator of the parts of a cell
-SINGULAR = 0.75  # of the same: a cell with a smaller rate has a singular point
+SINGULAR = 0.75  # of the rate for smooth solutions: a cell with a smaller rate has a singular point
 
 
 class Rates:
@@ -139,7 +139,7 @@ class Rates:
 
         Args:
             rates: The measured rates of cells of the last mesh.
-            weights: Their indicators.
+            weights: The indicators of these cells.
             told: Whether the rate of a cell is known.
         """
         space = fem.functionspace(self._domain, ("Lagrange", 1))

@@ -38,14 +38,14 @@ TOUCHING = 1e-12  # of the largest |u|: gaps that are rounding
 class FacetPoints:
     """Points on some facets of the frames of cells.
 
-    Functions of the space and data take their values there:
+    Functions of the space and data have values at the points:
 
         points = facet_points(domain, frames, kinds == NEUMANN, degree)
         flux = points.values(q)
 
     Attributes:
         domain: The mesh.
-        frames: Its cells.
+        frames: The cells of the mesh.
         cells, facets: The facets, as facets of the frames, shape (n,).
         reference: The points on the reference facet, shape (points, d - 1).
         weights: Weights of means over a facet.
@@ -105,7 +105,7 @@ class FacetPoints:
         """Return the polynomials on the facets at the points, shape (n, polynomials, points).
 
         Args:
-            degree: Their degree.
+            degree: The degree of the polynomials.
         """
         d = self.frames.dimension
         others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
@@ -135,9 +135,9 @@ def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) 
 
     Args:
         domain: The mesh.
-        frames: Its cells.
+        frames: The cells of the mesh.
         marked: The facets of the frames, shape (cells, d + 1).
-        degree: Of the polynomials that are integrated exactly.
+        degree: The degree of the polynomials that are integrated exactly.
     """
     points, weights = rule(frames.dimension - 1, degree)
     cells, facets = np.nonzero(marked)
@@ -151,13 +151,13 @@ def on_parts(
 
     Args:
         domain: The mesh of triangles.
-        frames: Its cells.
+        frames: The cells of the mesh.
         marked: The facets of the frames, shape (cells, d + 1).
         series: Polynomials on the facets, shape (n, polynomials).
 
     Returns:
-        The points, with a rule for products with polynomials of the degree of these, and the
-        values there, see `positive_on_parts`.
+        The points, with a rule for products of two polynomials of the degree of the series, and
+        the values at the points, see `positive_on_parts`.
     """
     degree = series.shape[1] - 1
     nodes, weights = rule(1, 2 * degree)
@@ -179,15 +179,15 @@ def facet_kinds(
 
     Args:
         problem: The solved problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
 
     Returns:
         Two arrays of the shape (cells, d + 1).
 
     Raises:
         InputError: A facet has Dirichlet data and is a contact facet or has a flux, or a dof has
-            Dirichlet data, and is on none of the facets that have.
+            Dirichlet data and is on none of the facets with Dirichlet data.
     """
     domain, comm = problem.space.mesh, problem.comm
     outer = on_frames(domain, frames, [boundary_facets(domain)])
@@ -228,7 +228,7 @@ def contact_closures(
 
     Args:
         problem: The problem.
-        frames: The cells of its mesh.
+        frames: The cells of the mesh.
         kinds: The kinds of the facets of the cells.
     """
     cells, facets = np.nonzero(kinds >= OPEN)
@@ -244,8 +244,8 @@ def contact_closures(
 def _weightless(problem: SignoriniProblem) -> Marks:
     """Whether the integral of the function of a dof over a facet is not positive.
 
-    So are those of the vertices in space at degree 2: contact forces at them are small and of any
-    sign, and tell nothing about contact.
+    The functions of vertices in space at degree 2 have the integral 0: contact forces at these
+    vertices are small and of any sign, and tell nothing about contact.
     """
     element = problem.space.element.basix_element
     d = problem.space.mesh.topology.dim
@@ -261,8 +261,8 @@ def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Mar
 
     Args:
         domain: The mesh; the call is collective.
-        frames: Its cells.
-        parts: Facets that some rank knows, which need not have their cell.
+        frames: The cells of the mesh.
+        parts: Facets that some rank knows, which need not have the cell of the facet.
     """
     marks = la.vector(domain.topology.index_map(domain.topology.dim - 1))
     for facets in parts:

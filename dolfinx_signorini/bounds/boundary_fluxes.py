@@ -18,17 +18,20 @@ Array = npt.NDArray[np.float64]
 def given_fluxes(
     problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, degree: int
 ) -> tuple[Array, Array, list[str]]:
-    """Return the fluxes on Neumann and Robin facets, and what polynomials miss of them.
+    """Return the fluxes on Neumann and Robin facets, and what polynomials miss of the fluxes.
 
     Args:
         problem: The solved problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
         degree: The degree of the polynomials on facets.
 
     Returns:
         The moments, shape (cells, d + 1, moments), the L2 norms of the rest on each facet, shape
         (cells, d + 1), both with the signs of a lower obstacle, and what is sampled.
+
+    Raises:
+        InputError: A Robin coefficient is negative at a point.
     """
     domain, d = problem.space.mesh, frames.dimension
     count = len(polynomials(d - 1, degree, np.zeros((1, d - 1))))
@@ -67,13 +70,13 @@ def given_fluxes(
 def robin_energy(
     problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, w: fem.Function
 ) -> Array:
-    """Return the integrals of k w^2 over the Robin facets of each cell.
+    """Return the integrals of k w^2, for the Robin coefficient k, over the facets of each cell.
 
     Args:
         problem: The solved problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
-        w: A function.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
+        w: The function.
     """
     result = np.zeros(len(frames.order))
     for data, facets in terms.robin:

@@ -26,11 +26,11 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
-# By how much rules for data that are no polynomials are better than for polynomials, by dimension,
-# and the best rules that there are.
+# By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
+# and the highest degree of a rule.
 MORE = {2: 10, 3: 6}
-FILLING = 3  # by how much elements in space that stand for boundary data are of higher degree
 BEST = {2: 30, 3: 20}
+FILLING = 3  # the degree of elements in space that stand for boundary data, above the solution's
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class CellValues:
         frames: The cells.
         points, weights: The rule on the reference cell of the mesh; the weights add up to 1.
         u: The solution, shape (cells, points).
-        gradient: Its gradient, shape (cells, points, d).
-        diffusion: A.
+        gradient: The gradient of the solution, shape (cells, points, d).
+        diffusion: The diffusion A.
         reaction, load: c and f, shape (cells, points).
         least_reaction: The smallest value of c in each cell, as far as that is known.
     """
@@ -129,8 +129,8 @@ def cell_values(
 
     Args:
         problem: The solved problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
         quadrature: The degree of the rule.
         rest: What the data have beside the terms.
 
@@ -178,7 +178,7 @@ def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Arr
 
     Args:
         u: The function.
-        frames: The cells of its mesh.
+        frames: The cells of the mesh.
         points: Points of the reference cell of the mesh.
     """
     space = u.function_space
@@ -236,7 +236,7 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
 
     Args:
         values: The solution and the coefficients of the equation.
-        coefficients: Those of the field, shape (cells, fields).
+        coefficients: The coefficients of the field, shape (cells, fields).
         reference: The fields.
     """
     frames = values.frames
@@ -255,8 +255,8 @@ def quadrature_degree(
 
     Args:
         terms: The strong form.
-        dimension: Of the domain.
-        degree: Of the solution.
+        dimension: The dimension of the domain.
+        degree: The degree of the solution.
         rest: What the data have beside the terms.
     """
     load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)

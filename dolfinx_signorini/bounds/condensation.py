@@ -37,9 +37,9 @@ class CellData:
     Attributes:
         vertices, facets: Global numbers, shape (cells, d + 1).
         kinds: `INTERIOR`, `DIRICHLET`, `NEUMANN`, or a contact facet that is `OPEN`, `PARTLY` or
-            `CLOSED`: touches the obstacle nowhere, here and there, or all over.
+            `CLOSED`: the facet touches the obstacle nowhere, in part, or all over.
         touching: Whether a vertex touches the obstacle, shape (cells, d + 1).
-        sizes: Of the cell in the first column, then of the facets.
+        sizes: The size of the cell in the first column, then the sizes of the facets.
         metric: J^T A^-1 J / |det J|, shape (cells, d, d).
         gradient: Coefficients of J^T B A grad u with the mean B of A^-1, shape
             (cells, d, polynomials).
@@ -150,7 +150,7 @@ def coefficients(data: CellData, reference: ReferenceFlux, fluxes: Array) -> Arr
 
 
 def _groups(data: CellData, reference: ReferenceFlux) -> Iterator[tuple[Indices, int]]:
-    """Yield cells with the number of their moments that are given, those on facets included."""
+    """Yield cells with the number of given moments in each cell and on the facets of the cell."""
     for strong in (False, True):
         cells = np.flatnonzero((data.strength > 0.0) == strong)
         if len(cells):

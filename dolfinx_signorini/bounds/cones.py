@@ -43,7 +43,7 @@ class Cones:
     Attributes:
         frames: The cells.
         cells, facets: The facets, shape (n,).
-        coefficients: Of polynomials in terms of `FacetPoints.polynomials`, shape (n, polynomials).
+        coefficients: Polynomials in terms of `FacetPoints.polynomials`, shape (n, polynomials).
         missed: What the functions and their derivatives from end to end have beside the
             polynomials, at most, and the root mean squares of the latter, shape (3, n).
         positive: Whether only the positive part of a function counts.
@@ -68,7 +68,7 @@ class Cones:
         Args:
             diffusion: A matrix that A does not exceed in each cell, shape (cells, d, d).
             reaction: A number that c does not exceed in each cell.
-            strip: The share of each cell where A may be larger, times the largest eigenvalue there.
+            strip: The share of each cell where A may be larger, times the largest eigenvalue of A.
         """
         degree, d = self.coefficients.shape[1] - 1, self.frames.dimension
         nodes, weights = rule(1, 2 * degree)
@@ -129,7 +129,7 @@ def lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: in
 
     Args:
         problem: The problem.
-        frames: The cells of its mesh.
+        frames: The cells of the mesh.
         marked: The facets, shape (cells, d + 1).
         degree: The degree.
     """
@@ -146,7 +146,7 @@ def fitted(points: FacetPoints, values: Array, degree: int) -> Array:
 
     Args:
         points: The lattice.
-        values: Shape (facets, points).
+        values: The values at the lattice, shape (facets, points).
         degree: The degree of the polynomials.
     """
     table = points.polynomials(degree).transpose(0, 2, 1)
@@ -160,8 +160,8 @@ def data_defects(
 
     Args:
         problem: The problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
         u: The solution at the dofs of this rank, with the signs of a lower obstacle.
     """
     order = problem.space.element.basix_element.degree + MORE
@@ -176,11 +176,11 @@ def data_defects(
 
 
 def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: float) -> str:
-    """Return why a solution cannot be made feasible on facets alone; "" where it can.
+    """Return why a solution cannot be made feasible on facets alone, or "".
 
     Args:
         comm: The communicator; the call is collective.
-        defects: Lattices with what the solution lacks there, for a plane domain.
+        defects: Lattices with what the solution lacks at the points, for a plane domain.
         tiny: Differences that are rounding.
     """
     loose = False
@@ -203,8 +203,9 @@ def cones_on(
 
     Args:
         frames: The cells.
-        defects: Lattices with values there, and what their polynomials miss on facets, see
-            `Remainders`; only positive parts count on contact facets that are not closed.
+        defects: Lattices, values at their points, and what the polynomials with these values miss
+            on facets, see `Remainders`; only positive parts count on contact facets that are not
+            closed.
         kinds: The kinds of the facets of cells.
         order: The degree that the lattices have been made for.
         tiny: Values that are rounding.

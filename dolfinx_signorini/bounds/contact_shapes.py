@@ -33,16 +33,16 @@ def hats(reference: ReferenceFlux) -> Array:
 def contact_shapes(data: CellData, reference: ReferenceFlux, cells: Indices) -> Array:
     """Return the shapes of contact fluxes, as means with polynomials.
 
-    The shape is the hat function of the vertex; on a partly closed facet a power of the sum of the
-    hat functions of those vertices that touch, if there are any.
+    The shape is the hat function of the vertex; on a partly closed facet with vertices that touch,
+    a power of the sum of the hat functions of these vertices.
 
     Args:
-        data: Cells.
+        data: The cells.
         reference: The fields.
-        cells: Those of the cells that are wanted.
+        cells: The numbers of the cells that are wanted.
 
     Returns:
-        Shape (cells, vertices d + 1, facets d + 1, moments).
+        The means, shape (cells, vertices d + 1, facets d + 1, moments).
     """
     d, degree = reference.dimension, reference.degree
     shapes = np.tile(hats(reference)[:, :, 0], (len(cells), 1, 1, 1))

@@ -10,15 +10,15 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Diffusion:
-    """A at points of cells.
+    """The diffusion A at points of cells.
 
     For example the energy of a gradient, shape (cells, points):
 
         (gradient * diffusion.times(gradient)).sum(axis=-1)
 
     Attributes:
-        values: Shape (cells, points, 1), or (cells, points, d, d) for matrices.
-        inverses: Those of the values.
+        values: The diffusion, shape (cells, points, 1), or (cells, points, d, d) for matrices.
+        inverses: The inverses of the values, with the same shape.
         lowest: The smallest eigenvalue of A at the points of each cell.
         upper: A matrix that A at the points of each cell does not exceed, shape (cells, d, d).
     """

@@ -64,10 +64,10 @@ class EnergyBound:
         contact: The root of sigma, the integral of contact flux times gap.
         mean: What the algebraic error and the quadrature of the discrete problem leave.
         lifting: The energy norm of the difference from u_h to a feasible function.
-        total: The bound; infinite where there is none.
+        total: The bound; infinite if no bound is found.
         cells: The share of each owned cell.
         sampled: Whether data are known at points only, so that nothing is proven between them.
-        notes: What is sampled, and why there is no bound.
+        notes: What is sampled, and why no bound is found.
     """
 
     flux: float
@@ -100,8 +100,8 @@ def energy_bound(
     Args:
         problem: The solved problem, of any degree on triangles or tetrahedra; the call is
             collective.
-        terms: Its strong form, where polynomials may stand for other data.
-        rest: What these data have beside the polynomials.
+        terms: The strong form of the problem, where polynomials may stand for other data.
+        rest: What the data have beside the polynomials that stand for the data.
 
     Raises:
         InputError: The terms contradict each other, or the mesh has curved or other cells.
@@ -179,7 +179,7 @@ def _residual(values: CellValues, data: CellData, field: Array, reference: Refer
 
 
 def _ends(comm: MPI.Comm, values: CellValues) -> Marks:
-    """Whether the reaction is strong enough in a cell to take up what is left there."""
+    """Whether the reaction in a cell is strong enough to take up what is left in the cell."""
     corners = values.frames.corners.reshape(-1, values.frames.dimension)
     least = longest_side(comm, corners) / np.sqrt(values.diffusion.lowest)
     return np.asarray(values.l2_weight <= least)
@@ -211,7 +211,7 @@ def _without_defects(
 def _mean_constant(
     comm: MPI.Comm, values: CellValues, data: CellData, stray: Array, ends: Marks
 ) -> tuple[float, list[str]]:
-    """The constant of Friedrichs for unknown means where they matter, and why there is none."""
+    """The constant of Friedrichs where unknown means matter, and why none is found."""
     if not comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
         return 0.0, []
     lowest, reaction = values.diffusion.lowest, values.least_reaction
@@ -253,7 +253,7 @@ def _bound(
     missing: str,
     notes: list[str],
 ) -> EnergyBound:
-    """Put the parts together: those tested with grad e, and those tested with c^(1/2) e."""
+    """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
     data, weak = parts.data, values.weak
     by_gradient = parts.flux + data.on_facets
     by_gradient += np.where(weak, data.projected + data.missed, 0.0)

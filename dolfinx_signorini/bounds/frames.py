@@ -1,4 +1,4 @@
-"""Cells with their vertices in the order of global numbers, and functions at points of them."""
+"""Cells with their vertices in the order of global numbers, and functions at points of cells."""
 
 import functools
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ class Frames:
     Attributes:
         order: The local vertices by global number, shape (cells, d + 1).
         corners: The coordinates of the vertices in this order, shape (cells, d + 1, d).
-        vertices, facets: Global numbers, shape (cells, d + 1).
+        vertices, facets: The global numbers of vertices and facets, shape (cells, d + 1).
         local_facets: The numbers of the facets on this rank.
     """
 
@@ -91,12 +91,12 @@ class Frames:
         """Return the means of functions times polynomials of `reference_flux.polynomials`.
 
         Args:
-            values: At points of the cells of the mesh, shape (cells, points, ...).
+            values: The functions at points of the cells of the mesh, shape (cells, points, ...).
             points, weights: The rule on the reference cell.
             degree: The degree of the polynomials.
 
         Returns:
-            Shape (cells, ..., polynomials).
+            The means, shape (cells, ..., polynomials).
         """
         first = polynomials(self.dimension, degree, points)
         result = np.zeros((len(values), *values.shape[2:], len(first)))
@@ -142,7 +142,7 @@ def values_at(
         entities: Cells, or (cell, local facet) pairs.
 
     Returns:
-        Shape (entities, points, data).
+        The values, shape (entities, points, data).
     """
     result = np.zeros((len(entities), len(points), len(data)))
     compiled = []

@@ -6,8 +6,8 @@ The discrete solution is feasible at its nodes. Where that is not enough,
   the least that makes the Bernstein coefficients of the gap non-negative;
 - in the plane: the solution is set to the obstacle on closed contact facets and to the
   larger of both on the others, and to the data on Dirichlet facets, see `cones`;
-- otherwise in space: the same is done at the nodes of elements of higher degree, and the data are
-  met at these nodes only; where polynomials for the obstacle are known, hat functions raise the
+- otherwise in space: the solution is set to the same values at the nodes of elements of higher
+  degree only; where polynomials for the obstacle are known, hat functions raise the
   function above the obstacle everywhere.
 
 An upper obstacle is a lower one for -u.
@@ -66,9 +66,9 @@ class Feasible:
         cones: What comes on top in the plane; None for nothing.
         gap: Polynomials on contact facets with what they miss of the gap, or in the plane of a
             function whose positive part is the gap, in terms of `FacetPoints.polynomials`; None
-            where the gap is that of u plus the change.
+            where u plus the change has the gap.
         meets: Whether the feasible function is the obstacle on closed contact facets.
-        missing: Why there is no feasible function; "" where there is one.
+        missing: Why no feasible function is found; "" if one is found.
         notes: What is known at points only.
     """
 
@@ -91,8 +91,8 @@ def feasible(
 
     Args:
         problem: The solved problem; the call is collective.
-        terms: Its strong form.
-        frames: The cells of its mesh.
+        terms: The strong form of the problem.
+        frames: The cells of the mesh.
         kinds: The kinds of the facets of the cells.
         rest: What is known of obstacle and data that are no polynomials.
     """

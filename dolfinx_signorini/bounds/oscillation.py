@@ -22,9 +22,9 @@ class Oscillation:
         math.sqrt((oscillation.stray**2).sum()) * constant_of_friedrichs
 
     Attributes:
-        projected: Of polynomials, beside their projections, weighted.
-        missed: Of data, beside the polynomials that stand for them, weighted.
-        on_facets: Of fluxes, weighted.
+        projected: What polynomials have beside their projections, weighted.
+        missed: What data have beside the polynomials that stand for the data, weighted.
+        on_facets: What fluxes have beside polynomials on facets, weighted.
         stray: The L2 norm of an unknown constant on each cell, without a weight.
     """
 
@@ -42,7 +42,7 @@ def oscillation(values: CellValues, fluxes: Array, rest: Remainders, degree: int
         fluxes: The L2 norms on facets of the rest of the given fluxes beside their projections,
             shape (cells, d + 1).
         rest: What data have beside the polynomials that stand for them.
-        degree: Of the polynomials.
+        degree: The degree of the polynomials.
     """
     frames, d, a = values.frames, values.frames.dimension, values.diffusion.lowest
     root, sizes = np.sqrt(frames.volumes), frames.facet_sizes

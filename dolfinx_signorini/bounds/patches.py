@@ -48,12 +48,12 @@ def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, modes: I
         data: The cells around the vertices, all of them.
         reference: The fields.
         here: Whether the field of a vertex is to be computed, shape (cells, d + 1).
-        modes: Which contact fluxes at a vertex are those that cost the least energy, of any sign,
-            and not given: `FREE`, those on facets closed and partly closed; `HALF`, on closed ones;
-            `SPREAD`, none.
+        modes: The contact facets at a vertex where the flux is the one that costs the least energy,
+            of any sign, and not given: closed and partly closed facets for `FREE`, closed ones for
+            `HALF`, none for `SPREAD`.
 
     Returns:
-        Shape (cells, d + 1, moments): outward fluxes.
+        The moments of the outward fluxes, shape (cells, d + 1, moments).
     """
     if not here.any():
         return np.zeros((*here.shape, reference.per_facet))
@@ -127,7 +127,7 @@ class _Patches:
         return np.asarray(self.sums(count) > 0.0)
 
     def _at_vertex(self, values: npt.NDArray[np.generic]) -> Array:
-        """The sum of values of facets over those facets that have the vertex."""
+        """For each vertex of a cell the sum of values of facets over the facets with the vertex."""
         sums = values.sum(axis=1, dtype=np.float64)[:, None] - values
         return np.asarray(sums)
 
@@ -136,7 +136,12 @@ class _Patches:
         return self.sums(self._at_vertex(values))
 
     def balanced(self, total: Array, sizes: Array) -> Array:
-        """Return total outward fluxes of cells that add up to zero where no facet is free."""
+        """Return total outward fluxes of cells that add up to zero where no facet is free.
+
+        Args:
+            total: The total flux of each cell for each vertex, shape (cells, d + 1).
+            sizes: The sizes of the cells, which share what is left over, shape (cells, 1).
+        """
         defect = np.where(self.held, 0.0, self.sums(total))
         shares = np.broadcast_to(sizes, self.shape)
         area = np.where(self.here, self.sums(shares), 1.0)
@@ -150,7 +155,7 @@ class _Patches:
         Yields:
             Cells and vertices, shape (patches, cells), for each facet at the vertex its number in
             the patch and its sign, shape (patches, cells, d), the number of such facets in a patch,
-            and whether the sum of the total fluxes of its cells is given.
+            and whether the sum of the total fluxes of the cells in a patch is given.
         """
         unknown = self.kind <= DIRICHLET
         keys = np.where(unknown, self.vertex[:, None] * (self.facets.max(initial=0) + 1), -1)

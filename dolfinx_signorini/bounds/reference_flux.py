@@ -1,9 +1,9 @@
 """Raviart-Thomas fields on the reference simplex, in a basis made for equilibration.
 
-The basis is dual to the moments of the normal flux on the facets and to those of the divergence. A
-field with given fluxes and a given divergence is then written down, not solved for, and what is
-left are the fields without flux and divergence. The vertices of each cell of a mesh are taken in
-the order of their global numbers, so that two cells agree about the moments on their facet.
+The basis is dual to the moments of the normal flux on the facets and of the divergence. A field
+with given fluxes and a given divergence is then written down, not solved for, and what is left are
+the fields without flux and divergence. The vertices of each cell of a mesh are taken in the order
+of their global numbers, so that two cells agree about the moments on their facet.
 
 Source: Brezzi and Fortin, Mixed and Hybrid Finite Element Methods, 1991, Section III.3.
 """
@@ -24,15 +24,15 @@ CELLS = {1: basix.CellType.interval, 2: basix.CellType.triangle, 3: basix.CellTy
 
 
 def polynomials(dimension: int, degree: int, points: Array) -> Array:
-    """Return polynomials on the reference simplex that are orthonormal for the mean over it.
+    """Return polynomials on the reference simplex that are orthonormal for the mean.
 
     Args:
-        dimension: Of the simplex.
+        dimension: The dimension of the simplex.
         degree: The total degree of the polynomials; the first one is 1.
         points: Points of the reference simplex, shape (points, dimension).
 
     Returns:
-        Their values, shape (polynomials, points).
+        The values of the polynomials, shape (polynomials, points).
     """
     kind, some = basix.PolynomialType.legendre, np.vstack((points, np.zeros((1, dimension))))
     values = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, some))
@@ -43,9 +43,9 @@ def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
     """Return lower bounds of polynomials on a simplex: their least Bernstein coefficients.
 
     Args:
-        dimension: Of the simplex.
-        degree: Of the polynomials.
-        coefficients: In terms of `polynomials`, shape (..., polynomials).
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials.
+        coefficients: The polynomials in terms of `polynomials`, shape (..., polynomials).
     """
     return np.asarray((coefficients @ _to_bernstein(dimension, degree)).min(axis=-1))
 
@@ -82,12 +82,12 @@ def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
     """Return upper bounds of polynomials on equal parts of the unit interval.
 
     Args:
-        degree: Of the polynomials.
-        count: Of the parts.
-        coefficients: In terms of `polynomials`, shape (n, polynomials).
+        degree: The degree of the polynomials.
+        count: The number of parts.
+        coefficients: The polynomials in terms of `polynomials`, shape (n, polynomials).
 
     Returns:
-        Shape (n, count).
+        The bounds, shape (n, count).
     """
     return np.asarray((coefficients @ _on_parts(degree, count)).max(axis=2).T)
 
@@ -102,7 +102,7 @@ def _on_parts(degree: int, count: int) -> Array:
 
 
 def _bernstein(dimension: int, degree: int) -> tuple[Array, Array]:
-    """A lattice, and the Bernstein basis there, shape (functions, points)."""
+    """A lattice, and the Bernstein basis at its points, shape (functions, points)."""
     kind = basix.LatticeType.equispaced
     points = np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
     family = basix.PolynomialType.bernstein
@@ -125,8 +125,8 @@ def rule(dimension: int, degree: int) -> tuple[Array, Array]:
     """Return points and positive weights on a reference simplex; the weights add up to 1.
 
     Args:
-        dimension: Of the simplex.
-        degree: Of the polynomials that are integrated exactly.
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials that are integrated exactly.
     """
     for kind in (basix.QuadratureType.default, basix.QuadratureType.gauss_jacobi):
         points, weights = map(np.asarray, basix.make_quadrature(CELLS[dimension], degree, kind))
@@ -146,9 +146,9 @@ class ReferenceFlux:
         values = np.einsum("i,qia->qa", coefficients, reference.fields(points))
 
     Attributes:
-        dimension: Of the simplex.
-        degree: The divergence has all polynomials of this degree.
-        combination: The fields in terms of those of Basix, one column each.
+        dimension: The dimension of the simplex.
+        degree: The degree of the divergence, which may be any polynomial of this degree.
+        combination: The fields in terms of the fields of Basix, one column each.
         mass: Integrals of products of components, shape (d, d, fields, fields).
         targets: Integrals of a hat function times a polynomial times a component, shape
             (vertices, d, polynomials, fields).
@@ -177,7 +177,7 @@ class ReferenceFlux:
 
     @property
     def given(self) -> int:
-        """The number of moments on facets and in the cell: what comes after has neither."""
+        """The number of moments on facets and in the cell: later fields have no moments."""
         return self.fluxes + self.products.shape[1] - 1
 
     @property
@@ -193,7 +193,12 @@ class ReferenceFlux:
 
 @functools.cache
 def reference_flux(dimension: int, degree: int) -> ReferenceFlux:
-    """Return the fields of a degree, at least 1, on the simplex of a dimension, 2 or 3."""
+    """Return fields on the reference simplex.
+
+    Args:
+        dimension: The dimension of the simplex, 2 or 3.
+        degree: The degree of the divergence, at least 1.
+    """
     element = _element(dimension, degree)
     functionals = np.concatenate((*_fluxes(element, degree), _divergences(element, degree)))
     combination = np.column_stack((np.linalg.pinv(functionals), null_space(functionals)))

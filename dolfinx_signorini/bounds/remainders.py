@@ -29,14 +29,14 @@ class Remainders:
             polynomial of the degree of the solution and with values of at most 1.
         diffusion, inverse: The largest spectral norm on each cell; the last one is about the
             inverse of the diffusion.
-        inverse_entries: The polynomials for the inverse of the diffusion, as `EnergyTerms.entries`
-            has those of the diffusion; () for a constant diffusion.
-        least_reaction, largest_reaction: The extrema of the reaction on each cell; None for those
-            of the polynomial at points.
+        inverse_entries: The polynomials for the entries of the inverse of the diffusion, in the
+            order of `EnergyTerms.entries`; () for a constant diffusion.
+        least_reaction, largest_reaction: The extrema of the reaction on each cell; None for the
+            extrema of the polynomial at points.
         least_diffusion, largest_diffusion: The same for eigenvalues; None for a constant diffusion.
         thin: The share of each cell where the diffusion may not be the one of the terms, with the
-            least and the largest eigenvalue there, shape (3, cells); None for no such places.
-        flux, flux_mean: As for the load, on the facets of the frames, shape (cells, d + 1).
+            least and the largest eigenvalue on this share, shape (3, cells); None for no share.
+        flux, flux_mean: The norm and the mean on each facet of the frames, shape (cells, d + 1).
         obstacle, dirichlet: What the interpolation of degree `cones.MORE` above that of the
             solution misses of the values, of their derivatives from end to end of a facet, and
             the root mean squares of the latter, shape (3, cells, d + 1); None where that is not

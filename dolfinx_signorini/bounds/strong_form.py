@@ -48,7 +48,8 @@ class FacetPolynomials:
 
     Attributes:
         degree: The degree of the polynomials.
-        coefficients: In terms of `FacetPoints.polynomials`, shape (cells, d + 1, polynomials).
+        coefficients: The polynomials in terms of `FacetPoints.polynomials`, shape
+            (cells, d + 1, polynomials).
     """
 
     degree: int
@@ -59,16 +60,16 @@ class FacetPolynomials:
 class EnergyTerms:
     """The problem -div(A grad u) + c u = f with its boundary conditions.
 
-    The signs are those of the problem, for lower and for upper obstacles. Boundary facets that are
-    named nowhere, and are not contact facets, have flux 0.
+    The signs are the signs of the problem, for lower and for upper obstacles. Boundary facets that
+    are named nowhere, and are not contact facets, have flux 0:
 
         terms = EnergyTerms(reaction=1.0, load=f, dirichlet=[(0.0, left)])
 
     Attributes:
-        diffusion: A, a number, a scalar or a symmetric matrix; None for 1.
-        reaction: c >= 0; None for 0.
-        load: f; None for 0.
-        neumann: Fluxes q = A grad u . n with the facets that have them.
+        diffusion: The number, scalar or symmetric matrix A; None for 1.
+        reaction: The coefficient c >= 0; None for 0.
+        load: The right-hand side f; None for 0.
+        neumann: Fluxes q = A grad u . n, each with its facets.
         robin: Coefficients k >= 0 with facets, where A grad u . n = q - k u.
         dirichlet: Data with facets; None as data are the values of the solution that was computed.
     """
@@ -91,6 +92,9 @@ class EnergyTerms:
 
         Args:
             domain: The mesh.
+
+        Raises:
+            InputError: An expression is of another mesh or shape, or an index is no facet.
         """
 
         def kind(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Fluxes that carry what is left in cells through the mesh, where nothing in the cells takes it.
+"""Fluxes that carry sources left in cells through the mesh, where the cells have no reaction.
 
 Algebraic errors and the quadrature of the discrete problem leave a source in some cells. Without a
 reaction in a cell, the source is carried from cell to cell along a tree, to a facet with Dirichlet
@@ -54,8 +54,8 @@ def transported(
 def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Marks, ends: Marks) -> Array:
     """Return outward fluxes of cells, nearly with given sums, that are nowhere large.
 
-    The fluxes are those of a potential with one value in each cell, which is 0 in the ends and
-    outside of the exits; the call is collective.
+    The fluxes belong to a potential with one value in each cell, which is 0 in the ends and outside
+    of the exits; the call is collective.
 
     Args:
         comm: The communicator.
@@ -63,7 +63,7 @@ def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Marks, ends: Ma
         wanted, exits, ends: See `transported`.
 
     Returns:
-        The fluxes, shape (cells, d + 1); 0 where there is neither an exit nor an end.
+        The fluxes, shape (cells, d + 1); 0 for a mesh with neither exits nor ends.
     """
     ease = frames.facet_sizes**2 / frames.volumes[:, None]  # over the distance from the middle
     parts = comm.gather((frames.facets, wanted, exits, ends, ease))

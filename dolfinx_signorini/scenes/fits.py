@@ -47,7 +47,7 @@ class Fit:
         found = fit(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
 
     Attributes:
-        coefficients: Of each polynomial Q in terms of `reference_flux.polynomials`.
+        coefficients: Each polynomial Q in terms of `reference_flux.polynomials`.
         missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
         mean: A bound of the mean of (f - Q) p on each simplex, for polynomials p of the same degree
             with values of at most 1.
@@ -124,7 +124,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
         degree: The degree of the polynomials.
 
     Returns:
-        Their coefficients, see `Fit`, and the bounds, shape (simplices,).
+        The coefficients of the polynomials, see `Fit`, and the bounds, shape (simplices,).
     """
     dimension = corners.shape[1] - 1
     order = ORDERS[dimension] // 2
@@ -151,8 +151,8 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
 def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
     """Return the same as `followed`, with less beside polynomials where a formula has kinks.
 
-    There, the polynomials follow the formula in the mean, and their differences from those that
-    follow the formula on small parts are bounded by Bernstein coefficients.
+    On simplices with kinks the polynomials follow the formula in the mean. Bernstein coefficients
+    bound the differences from polynomials that follow the formula on small parts of the simplices.
 
     Args:
         formula, corners, degree: See `followed`.
@@ -224,7 +224,7 @@ def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> 
     Args:
         formula: The formula.
         pieces: The vertices.
-        degree: Of the polynomials that the formula is tested with.
+        degree: The degree of the polynomials that the formula is tested with.
         allowed: What may be hidden, shape (2, pieces).
     """
     order = ORDERS[pieces.shape[1] - 1]

@@ -16,11 +16,11 @@ from dolfinx_signorini.kinds import callable_, check, integer, optional, sequenc
 from dolfinx_signorini.solvers.pressure import ContactState
 
 COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch costs little
-RATIO = {2: 8, 3: 4}  # between levels; the patch problems bridge it, 11 is too far in the plane
+RATIO = {2: 8, 3: 4}  # between levels; patch problems bridge a ratio of 8, but not of 11
 
 
 class Solvable(Protocol):
-    """What the cascade needs of a problem; `SignoriniProblem` has all of it."""
+    """What the cascade needs of a problem, for example of a `SignoriniProblem`."""
 
     def solve(
         self, method: str = ..., *, coarse: ContactState | None = ..., rtol: float | None = ...
@@ -55,6 +55,9 @@ def coarse_levels(
 
     Returns:
         The numbers of cells across.
+
+    Raises:
+        InputError: An argument is out of range.
     """
     check(n=(n, integer(1)), dimension=(dimension, integer(2, 3)))
     check(coarsest=(coarsest, optional(integer(1))), ratio=(ratio, optional(integer(2))))

@@ -47,11 +47,11 @@ GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # by dimension: BoomerAMG costs as much as 40 iterations in the plane and 80 in space.
 SLOW = 8
 LITTLE = {1: 1e-2, 2: 1e-2, 3: 1e-1}
-# Of the contact dofs, or 4 of them, may have changed since the set-up, by dimension: in space the
-# local solves around them cost more.
+# The share of the contact dofs that may have changed since the set-up, by dimension; 4 dofs always
+# may. In space local solves around changed dofs cost more.
 REUSE = {1: 0.2, 2: 0.2, 3: 0.05}
 MAX_ITERATIONS = 200
-ROUNDED = 1e-6  # of the first residual: below it a negative curvature may be rounding
+ROUNDED = 1e-6  # of the first residual: a negative curvature of a smaller one may be rounding
 
 
 class HeldSolver:
@@ -81,7 +81,7 @@ class HeldSolver:
         self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
         self.solves = self.setups = self.iterations = 0
         self._matrix: PETSc.Mat | None = None
-        self._held: Mask | None = None  # those of the set-up
+        self._held: Mask | None = None  # the held dofs of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._pace = self._excess = 0.0
         self._stop: Stop | None = None
