@@ -168,7 +168,7 @@ def check_limits(method: str, limits: Mapping[str, Any]) -> None:
 
 
 def checked_tolerance(rtol: Any, default: float, subject: str = "rtol") -> float:
-    """Return a tolerance between 0 and 1, or the default where there is none.
+    """Return a tolerance between 0 and 1, or the default in place of None.
 
     Args:
         rtol: The tolerance, or None.

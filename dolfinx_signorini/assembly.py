@@ -285,7 +285,12 @@ def _called(space: fem.FunctionSpace, value: Callable[[Array], Array], x: Array)
 
 
 def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> Indices:
-    """Return the owned dofs that some Dirichlet conditions fix."""
+    """Return the owned dofs that some Dirichlet conditions fix.
+
+    Args:
+        space: The space of the conditions.
+        bcs: The conditions.
+    """
     marked = np.zeros(space.dofmap.index_map.size_local, dtype=bool)
     for bc in bcs:
         dofs, owned = bc.dof_indices()
@@ -296,7 +301,13 @@ def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> 
 def dirichlet_values(
     space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: Indices
 ) -> Array:
-    """Return the data of Dirichlet conditions at dofs that they fix; the last condition wins."""
+    """Return the data of Dirichlet conditions at dofs; the last condition on a dof wins.
+
+    Args:
+        space: The space of the conditions.
+        bcs: The conditions.
+        dofs: Owned dofs that the conditions fix.
+    """
     values = np.zeros(len(dofs))
     if bcs:
         index_map = space.dofmap.index_map

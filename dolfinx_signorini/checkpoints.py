@@ -34,7 +34,7 @@ def write_checkpoint(
 ) -> None:
     """Write functions with their mesh; the call is collective.
 
-    A time loop that can be stopped writes one after some steps:
+    A time loop that can be stopped writes a checkpoint after some steps:
 
         write_checkpoint("step.npz", {"u": problem.u}, time=t)
 

@@ -40,8 +40,8 @@ def cpp_graph(graph: Any) -> Any:
 def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any]:
     """Return the mesh of a gmsh model that rank 0 holds, with its facet tags.
 
-    dolfinx 0.9 has the module gmshio and returns a tuple; from 0.10 on it is called gmsh and
-    returns an object.
+    dolfinx 0.9 has the module gmshio and returns a tuple; 0.10 has the module gmsh and returns an
+    object.
 
     Args:
         model: `gmsh.model`.
@@ -64,10 +64,10 @@ def evaluate(
 ) -> npt.NDArray[np.float64]:
     """Evaluate an expression on cells, shape (n,), or (cell, local facet) pairs, shape (n, 2).
 
-    0.9 takes pairs as a flat array and lays the points of a facet out from its first to its last
-    vertex in the order of the cell; 0.11 takes them as they are and goes by the global numbers of
-    the vertices. The order of 0.11 is undone here for edges, whose points must be symmetric about
-    1/2.
+    dolfinx 0.9 takes pairs as a flat array and lays the points of a facet out from its first to its
+    last vertex in the order of the cell; 0.11 takes pairs in two columns and goes by the global
+    numbers of the vertices. The order of 0.11 is undone here for edges, whose points must be
+    symmetric about 1/2.
 
     Args:
         expression: The expression.

@@ -50,7 +50,7 @@ class Solved(Protocol):
 class ContactBoundary:
     """Points and straight pieces of the contact boundary.
 
-    A solved problem has one, on rank 0:
+    The contact boundary of a solved problem, on rank 0:
 
         boundary = gather_contact_boundary(problem)
         if boundary is not None:

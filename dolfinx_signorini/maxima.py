@@ -2,10 +2,10 @@
 
 An error oscillates inside of cells, and may be smallest where it is easily sampled: the error of
 elements of degree 2 nearly vanishes at vertices and midpoints. The maximum is searched for in two
-steps. First every cell is sampled on a lattice that includes vertices and facets; of many cells
-whose largest values at some points are known those with the largest ones. Then boxes around
-the largest local maxima of the samples, and around the singular points of the solution, are sampled
-and made smaller until the maximum stands. Derivatives are one-sided, from inside of each cell.
+steps. First every cell is sampled on a lattice that includes vertices and facets; if values at some
+points of many cells are known, only the cells with the largest values are. Then boxes around the
+largest local maxima of the samples, and around the singular points of the solution, are sampled and
+made smaller until the maximum stands. Derivatives are one-sided, from inside of each cell.
 """
 
 import functools
@@ -30,7 +30,7 @@ FIRST, LAST = 18, 50  # steps: at least, and at most
 THRESHOLDS, ROUNDING = 64, 1e-12  # that values are counted above; of the largest value
 SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
-GROWING = 0.95  # from ring to ring, relative to the growth before: that of an unbounded function
+GROWING = 0.95  # from ring to ring, relative to the growth before: an unbounded function grows so
 
 Rows = npt.NDArray[np.int64]
 

@@ -90,8 +90,8 @@ def _sides_of(domain: mesh.Mesh) -> Kind:
 def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
     """Return the Friedrichs-Keller triangulation of the unit square.
 
-    The ranks share it in rectangular blocks: unlike a graph partitioner's, this partition is the
-    same in every run, and takes no time.
+    The ranks share the triangles in rectangular blocks: unlike a graph partitioner's, this
+    partition is the same in every run, and takes no time.
 
     Args:
         comm: The communicator that shares the mesh.

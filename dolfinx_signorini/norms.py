@@ -1,7 +1,7 @@
 """Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
 
 Every norm is made from one number for each cell or boundary facet, which `cell_errors` returns.
-Norms with p < inf are integrated by a named quadrature rule, and those with the same rule share one
+Norms with p < inf are integrated by a named quadrature rule, and norms with the same rule share one
 evaluation of the error, in blocks of cells. Powers are relative to the largest value in a cell, so
 that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20. Sup norms
 are maxima, see `dolfinx_signorini.maxima`.

@@ -229,7 +229,7 @@ def basix_element(function: fem.Function, subject: str = "") -> Any:
 
     Args:
         function: The function.
-        subject: What is refused where there is no such element; the function's name by default.
+        subject: The subject of the error; the function's name by default.
 
     Raises:
         InputError: The element is not a Lagrange element or one like it.

@@ -440,7 +440,7 @@ class SignoriniProblem:
     def update(self, matrix: bool = False) -> None:
         """Assemble again what depends on changed data; `solve` calls this method by itself.
 
-        Gap, pressure and active set are those of the system before, and are gone until `solve`.
+        Gap, pressure and active set belong to the system before, and are gone until `solve`.
 
         Args:
             matrix: Assemble matrix and load in any case, for example because the mesh has moved:

@@ -38,7 +38,7 @@ class Layout:
     Attributes:
         space: The function space.
         facets: The contact facets that this rank knows.
-        boundary_dofs: The owned dofs on the contact boundary, those with Dirichlet data included.
+        boundary_dofs: The owned dofs on the contact boundary, with or without Dirichlet data.
         fixed_dofs: The owned dofs with Dirichlet data.
         ledger: Where the costs of the problem are noted.
     """

@@ -27,7 +27,7 @@ class AdaptiveSolution:
 
     Attributes:
         problem: The solved problem of the last step, on the finest mesh.
-        sided: This mesh with its sides.
+        sided: The finest mesh with its sides.
         request: What was asked for.
         stopped: Why the loop ended, in words.
         steps: The steps.

@@ -22,8 +22,8 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
         found: What the adaptive loop found; the call is collective.
 
     Returns:
-        The figure on rank 0, and None on the other ranks. In space there is no mesh on it, and a
-        single step is no way to draw; None where both are missing.
+        The figure on rank 0, and None on the other ranks. The mesh is drawn in the plane only, the
+        way from two steps on; None where nothing is drawn.
     """
     domain = found.sided.mesh
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]

@@ -57,8 +57,8 @@ class Target:
     def exponent(self) -> float:
         """The exponent with which errors at separate places add up.
 
-        A dual solution of an L^p norm looks where the error is large: when the error at one place
-        falls by a factor, what the cells there add falls by the p-th power of the factor.
+        A dual solution of an L^p norm looks where the error is large: when the error at some cells
+        falls by a factor, what these cells add falls by the p-th power of the factor.
         """
         return 1.0 if self.norm is None else self.norm.p
 

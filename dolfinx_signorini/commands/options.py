@@ -33,7 +33,7 @@ def add_talk(parser: argparse.ArgumentParser) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, folder: str, holds: str, more: str = "") -> None:
-    """Add --out, the folder of a job whose runs go on from what they find there.
+    """Add --out, the folder of a job whose runs go on from what the folder holds.
 
     Args:
         parser: The parser of the job.

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         InputError: The scene is refused, or the folder cannot be written.
-        NotConvergedError: It could not be solved.
+        NotConvergedError: The scene could not be solved.
     """
     comm, phases = MPI.COMM_WORLD, Phases(MPI.COMM_WORLD)
     adapted = args.accuracy is not None or args.budget is not None

@@ -188,7 +188,11 @@ class Contact(BoundaryCondition):
         return f"{self.bound} obstacle {text} {self.on_sides()}"
 
     def obstacle(self, setting: Setting) -> float | Expr | fem.Function:
-        """Return the obstacle as a `SignoriniProblem` takes it."""
+        """Return the obstacle as a `SignoriniProblem` takes it.
+
+        Raises:
+            InputError: Neither an obstacle nor a manufactured solution is given.
+        """
         if self.value is not None:
             constant = self.value.constant
             return self.value.ufl(setting.x) if constant is None else constant

@@ -53,9 +53,9 @@ def solve_active_set(
 
     The method takes two short cuts, loose linear solves and local corrections. Where the short cuts
     lead nowhere, the method goes on without them: the sets of exact steps are monotone for an
-    M-matrix, and a set that comes back is a cycle. The first solve with a set that is trusted
-    whatever the residual, a predicted one, is interrupted after some digits: by then the ends of
-    the set show where they are wrong, and the rest of the solve has the right ones.
+    M-matrix, and a set that comes back is a cycle. The first solve with a predicted
+    set, which is trusted whatever the residual, is interrupted after some digits: by then the set
+    shows where its ends are wrong, and the rest of the solve has the right ends.
 
     Args:
         system: The system.

@@ -72,7 +72,7 @@ class ActiveSetSolver:
             rtol: The natural residual to reach, relative to the data.
             history: Earlier solutions on this mesh, to which the solution is added.
             held: A guess of the active set, one entry per contact dof, which goes with x; by
-                default that of the history, or everything in contact if the history is empty.
+                default the guess of the history, or everything if the history is empty.
             coarse: In place of a guess, a solution on another mesh that predicts the active set.
             early: Whether to stop where the discretisation error hides what is left, see `stop`.
 

@@ -1,7 +1,7 @@
 """Linear solves of small problems with some contact dofs held, by Cholesky factorizations.
 
 Up to some thousand dofs, on one rank, a factorization costs no more than the set-up of multigrid,
-and the next one, for another set of held dofs, a quarter of it: the pattern stays. The solutions
+and the next one, for another set of held dofs, a quarter: the pattern stays. The solutions
 are exact, so that the active set needs neither loose solves nor local corrections.
 """
 
@@ -28,7 +28,7 @@ class DirectSolver:
         solver = DirectSolver(system)
         solver.solve(system, x, held, atol=1e-10)
 
-    Where a factorization fails, as those of indefinite matrices do, a `HeldSolver` takes over.
+    Where a factorization fails, as for indefinite matrices, a `HeldSolver` takes over.
 
     Args:
         system: One of the systems, on one rank.
@@ -45,7 +45,7 @@ class DirectSolver:
         self.solves = self.setups = self.iterations = 0
         self._names = prefix, options
         self._iterative: HeldSolver | None = None
-        self._held: Mask | None = None  # those of the factors
+        self._held: Mask | None = None  # the held dofs of the factors
         self._assembled = 0  # how often the matrix of the factors had been assembled
         self._matrix = system.A.copy()
         self._rhs, self._correction = system.A.createVecs()
@@ -63,7 +63,7 @@ class DirectSolver:
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
     ) -> None:
-        """Solve for the dofs that are not held; the arguments are those of `HeldSolver.solve`.
+        """Solve for the dofs that are not held; see `HeldSolver.solve`.
 
         Raises:
             InputError: The form turned out to be indefinite.

@@ -120,7 +120,7 @@ class HeldSolver:
             held: Whether a contact dof of this rank is held at the obstacle.
             atol: The norm of the residual to reach.
             multiplier: A x - b for the start, where that is known.
-            stop: Ends the solve earlier, if there are coarser meshes to begin on.
+            stop: Ends the solve earlier, if coarser meshes are known to begin on.
 
         Raises:
             InputError: The form turned out to be indefinite.

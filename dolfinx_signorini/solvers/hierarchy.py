@@ -1,7 +1,7 @@
 """Prolongations from degree to degree and from mesh to mesh, down to a coarsest mesh.
 
-A space of degree k is followed by those of degree 2 and 1 on the same mesh, these by the meshes
-that the mesh was refined from, and those by the lattices behind a structured mesh.
+A space of degree k is followed by the spaces of degree 2 and 1 on the same mesh, then by the meshes
+that the mesh was refined from, and last by the lattices behind a structured mesh.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ Indices = npt.NDArray[np.int32]
 
 SMALL = 1000  # nodes: up to here BoomerAMG costs no more
 FEW = 200  # nodes of a coarsest lattice, about
-STEP = 0.6  # the nodes of a level over those of the next finer one, at most
+STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
 # The same for a refinement, by dimension: what is less of a step is left to BoomerAMG, whose set-up
 # on a plane mesh costs less than all the levels of local refinements.
 REFINEMENT = {2: 0.35, 3: 1.0}

@@ -1,10 +1,10 @@
 """The last solutions of a problem, from which the next one is guessed.
 
 In a loop over time steps or loads the solution moves steadily. The guess is the last solution plus
-those multiples of its backward differences whose residual and obstacle are nearest to what is asked
-for: with unchanged data that is the last solution, and in steady motion an extrapolation of third
-order. At an end of the contact set the pressure is like the root of the distance to the end. So the
-square of the pressure moves linearly with the end, and tells which dofs are released.
+the multiples of its backward differences whose residual and obstacle are nearest to what is asked
+for: with unchanged data the last solution, and in steady motion an extrapolation of third order. At
+an end of the contact set the pressure is like the root of the distance to the end. So the square of
+the pressure moves linearly with the end, and tells which dofs are released.
 
 Sources: Christof and Haubner, Section 2.2, for the singularity; Fischer, Comput. Methods Appl.
 Mech. Eng. 163 (1998) 193-204, for starts of linear solvers from earlier solutions.
@@ -35,7 +35,7 @@ class Guess:
         values: The values of the owned dofs.
         held: The active set, one entry per contact dof of this rank.
         doubtful: The contact dofs where the guess may be rough, because the last solutions and the
-            guess do not agree on the active set there.
+            guess do not agree about contact.
     """
 
     values: Array

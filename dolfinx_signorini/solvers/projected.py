@@ -110,7 +110,7 @@ class Projected:
 class LocalSolve:
     """A direct solve with the free dofs of a rank near some dofs, all others held.
 
-    On one rank the remainders need only the rows near the dofs; see before and after.
+    On one rank the remainders need only the rows near the dofs; see `before` and `after`.
 
     Args:
         system: The system.
@@ -148,7 +148,7 @@ class LocalSolve:
             y.array_w[self._dofs] = self._factors.solve(r.array_r[self._dofs])
 
     def before(self, r: PETSc.Vec, rest: PETSc.Vec) -> Array:
-        """Return the local solution for the right-hand side r, and set rest to the remainder."""
+        """Return the local solution for the right-hand side r, and set `rest` to the remainder."""
         r.copy(rest)
         if self._factors is None:
             return np.empty(0)
@@ -157,7 +157,7 @@ class LocalSolve:
         return solution
 
     def after(self, r: PETSc.Vec, y: PETSc.Vec, solution: Array) -> None:
-        """Add the local solution of before to y, and then that of what y leaves of r."""
+        """Add to y the solution from `before`, then the local solution of what y leaves of r."""
         if self._factors is None:
             return
         values = y.array_w

@@ -63,7 +63,7 @@ class NaturalResidual:
     def __call__(self, x: PETSc.Vec) -> float:
         """Return the relative natural residual of a vector with the right Dirichlet data.
 
-        The attributes `scale`, `norm` and `multiplier` are then those of this vector.
+        The attributes `scale`, `norm` and `multiplier` then belong to this vector.
         """
         system = self.system
         system.A.mult(x, self.multiplier)

@@ -1,12 +1,11 @@
-"""When algebra may stop: what is left of it is a small share of the discretisation error.
+"""When algebra may stop: its error is a small share of the discretisation error.
 
 On nested meshes the linear solve begins on the next coarser one. The distance of its solution to
-the present iterate tells the error of the coarser mesh, and with it that of the finer one: with
-degree 1 a mesh of half the width has at best a quarter of the error, and the distance is three
-times the error of the finer mesh, or less where the solution is singular. The last steps of
-conjugate gradients tell the error of the iterate. Both errors are measured in the 2-norm of the
-nodal values: in norms of gradients multigrid reduces errors faster, and discretisation errors are
-larger.
+the present iterate tells the errors of the coarser mesh and of the finer one: with degree 1 a mesh
+of half the width has at best a quarter of the error, and the distance is three times the error of
+the finer mesh, or less where the solution is singular. The last steps of conjugate gradients tell
+the error of the iterate. All errors are measured in the 2-norm of the nodal values: in norms of
+gradients multigrid reduces errors faster, and discretisation errors are larger.
 """
 
 import math
@@ -30,7 +29,7 @@ class Stop:
 
     Attributes:
         allowed: The norm of the residual above which no linear solve is ended.
-        error: The estimate of the discretisation error; 0 before there is one.
+        error: The estimate of the discretisation error; 0 before the first estimate.
         left: The estimate of the error of the last iterate.
         reached: Whether the last linear solve was ended.
         settled: Whether the active set is settled, too.

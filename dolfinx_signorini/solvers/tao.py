@@ -27,7 +27,7 @@ FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
 METHODS = FIRST_ORDER + SECOND_ORDER
 
-# One round reduces the residual by this factor at the most: the energy is then known to its square.
+# One round reduces the residual by this factor at most, and the error of the energy by its square.
 ROUND_REDUCTION = 1e-4
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 MAX_ITERATIONS = 50_000
@@ -136,7 +136,7 @@ class TaoRounds:
             x: The start, overwritten by the solution.
             measure: Measures the natural residual.
             rtol: The relative natural residual to reach.
-            residual: That of x, if x is the vector that was measured last.
+            residual: The residual of x, if x is the vector that was measured last.
 
         Raises:
             InputError: The form is found to be indefinite.
@@ -269,7 +269,7 @@ class TaoRounds:
             else:
                 gradient.set(0.0)
             curvature = v.dot(gradient)
-            # No exception from here: it would leave PETSc's line search half-way.
+            # An exception from here would leave PETSc's line search half-way.
             if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
                 self.indefinite = True
             value = 0.5 * curvature - v.dot(rhs)
