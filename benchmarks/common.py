@@ -29,6 +29,7 @@ from dolfinx_signorini import (
     solve_cascade,
 )
 from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.records import versions
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
 from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
@@ -131,21 +132,20 @@ def linear_solve(problem: SignoriniProblem, rtol: float, tuned: bool = False) ->
 
 
 def coarse_state(
-    comm: MPI.Comm, scene: str, n: int, rtol: float
+    pose: Callable[[int], SignoriniProblem], levels: Sequence[int], rtol: float | None
 ) -> tuple[ContactState | None, list[int]]:
-    """Solve all levels below n, and return the last contact state and each level's linear solves.
+    """Solve coarse levels, and return the last contact state and each level's linear solves.
 
     Args:
-        comm: The communicator that shares the meshes.
-        scene: The name of the scene.
-        n: Cells per side of the mesh to start from the state.
-        rtol: The tolerance of all levels.
+        pose: Poses the problem on the mesh with so many cells across.
+        levels: The cells across, see `coarse_levels`.
+        rtol: The tolerance of all levels; None for the default stop.
     """
-    levels, solves = coarse_levels(n), []
+    solves: list[int] = []
     if not levels:
-        return None, []
+        return None, solves
     problem = solve_cascade(
-        lambda level, coarser: SCENES[scene](comm, level),
+        lambda n, _: pose(n),
         levels,
         rtol=rtol,
         on_level=lambda problem: solves.append(problem.result.linear_solves),
@@ -155,19 +155,25 @@ def coarse_state(
     return state, solves
 
 
-def contact_solve(problem: SignoriniProblem, scene: str, n: int, rtol: float) -> list[int]:
+def contact_solve(
+    problem: SignoriniProblem,
+    pose: Callable[[int], SignoriniProblem],
+    n: int,
+    rtol: float | None = DEFAULT_RTOL,
+) -> list[int]:
     """Solve from nothing: all coarse levels with their meshes and assembly, then the problem.
 
     Args:
         problem: The problem on the finest mesh.
-        scene: The name of its scene.
-        n: Cells per side of the finest mesh.
-        rtol: The tolerance of all levels.
+        pose: Poses the problem on the mesh with so many cells across.
+        n: Cells across of the finest mesh.
+        rtol: The tolerance of all levels; None for the default stop.
 
     Returns:
         The linear solves of each level.
     """
-    state, solves = coarse_state(problem.comm, scene, n, rtol)
+    levels = coarse_levels(n, problem.space.mesh.topology.dim)
+    state, solves = coarse_state(pose, levels, rtol)
     problem.solve(coarse=state, rtol=rtol, warm_start=False)
     return [*solves, problem.result.linear_solves]
 

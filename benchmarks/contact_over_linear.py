@@ -8,6 +8,7 @@ The denominator is one CG + BoomerAMG solve, from zero, to the same relative res
 BoomerAMG as PETSc sets it up ("linear") and with the settings of the contact solve ("tuned").
 """
 
+from functools import partial
 from typing import Any
 
 from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
@@ -23,12 +24,13 @@ COLUMNS = (
 
 def measure(comm: MPI.Comm, scene: str, n: int, repeats: int) -> dict[str, Any]:
     """Measure the three solves in turn, some times over."""
-    problem = SCENES[scene](comm, n)
+    pose = partial(SCENES[scene], comm)
+    problem = pose(n)
     contact, linear, tuned, solves = [], [], [], []
     for _ in range(repeats):
         linear.append(timed(comm, linear_solve, problem, DEFAULT_RTOL)[0])
         tuned.append(timed(comm, linear_solve, problem, DEFAULT_RTOL, True)[0])
-        seconds, solves = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
+        seconds, solves = timed(comm, contact_solve, problem, pose, n)
         contact.append(seconds)
     result = problem.result
     problem.destroy()
@@ -57,7 +59,8 @@ def main() -> None:
     comm = MPI.COMM_WORLD
     rows, results = [], []
     for scene in args.scenes:
-        contact_solve(SCENES[scene](comm, 63), scene, 63, DEFAULT_RTOL)  # compiles the forms
+        pose = partial(SCENES[scene], comm)
+        contact_solve(pose(63), pose, 63)  # compiles the forms
         for n in args.cells:
             r = measure(comm, scene, n, args.repeats)
             results.append(r)

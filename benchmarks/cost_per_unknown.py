@@ -6,6 +6,8 @@ Microseconds per unknown of the contact solve, all its levels included, beside t
 solve of the same matrix. All sizes are measured in turn, --repeats times over.
 """
 
+from functools import partial
+
 from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
@@ -22,8 +24,9 @@ def main() -> None:
     comm = MPI.COMM_WORLD
     rows, results = [], []
     for scene in args.scenes:
-        problems = {n: SCENES[scene](comm, n) for n in args.cells}
-        contact_solve(problems[args.cells[0]], scene, args.cells[0], DEFAULT_RTOL)
+        pose = partial(SCENES[scene], comm)
+        problems = {n: pose(n) for n in args.cells}
+        contact_solve(problems[args.cells[0]], pose, args.cells[0])
         contact: dict[int, list[float]] = {n: [] for n in problems}
         linear: dict[int, list[float]] = {n: [] for n in problems}
         solves = {}
@@ -31,7 +34,7 @@ def main() -> None:
             for n, problem in problems.items():
                 seconds, _ = timed(comm, linear_solve, problem, DEFAULT_RTOL)
                 linear[n].append(MICRO * seconds / problem.unknowns)
-                seconds, solves[n] = timed(comm, contact_solve, problem, scene, n, DEFAULT_RTOL)
+                seconds, solves[n] = timed(comm, contact_solve, problem, pose, n)
                 contact[n].append(MICRO * seconds / problem.unknowns)
         for n, problem in problems.items():
             problem.destroy()

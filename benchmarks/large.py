@@ -16,12 +16,11 @@ from typing import Any
 
 import numpy as np
 import ufl
-from common import child, report
+from common import child, coarse_state, report
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, boundary_facets, coarse_levels, friedrichs_keller
-from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.timing import Phases
 
 COMM, MICRO = MPI.COMM_WORLD, 1e6
@@ -51,16 +50,10 @@ def measure(n: int, dimension: int, gigabytes: float) -> dict[str, Any]:
     limit = int(gigabytes * 1e9)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     pose(domain_of(6, dimension)).solve()  # compiles the forms
-    phases, solves, coarse = Phases(COMM), [], None
+    phases = Phases(COMM)
     with phases("coarse"):
-        if levels := coarse_levels(n, dimension):
-            below = solve_cascade(
-                lambda m, _: pose(domain_of(m, dimension)),
-                levels,
-                on_level=lambda solved: solves.append(solved.result.linear_solves),
-            )
-            coarse = below.contact_state()
-            below.destroy()
+        levels = coarse_levels(n, dimension)
+        coarse, solves = coarse_state(lambda m: pose(domain_of(m, dimension)), levels, None)
     with phases("mesh"):
         domain = domain_of(n, dimension)
     with phases("assembly"):

@@ -9,6 +9,7 @@ set of the process, as the kernel counts it; the table also shows that of an idl
 import argparse
 import json
 import resource
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ def measure(what: str, n: int) -> None:
         if what == "linear":
             linear_solve(problem, DEFAULT_RTOL)
         else:
-            contact_solve(problem, "paper", n, DEFAULT_RTOL)
+            contact_solve(problem, partial(paper, problem.comm), n)
     kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(json.dumps({"megabytes": kilobytes / 1024}))
 

@@ -19,17 +19,16 @@ from typing import Any
 
 import numpy as np
 import ufl
-from common import report
+from common import contact_solve, report
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import SignoriniProblem, boundary_facets, coarse_levels, friedrichs_keller
+from dolfinx_signorini import SignoriniProblem, boundary_facets, friedrichs_keller
 from dolfinx_signorini.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.held import BOOMERAMG, HeldSolver
 
 COMM = MPI.COMM_WORLD
@@ -99,18 +98,7 @@ def linear(problem: SignoriniProblem, repeats: int) -> dict[str, tuple[float, in
 
 def contact(problem: SignoriniProblem, make: Callable[[int], mesh.Mesh], n: int) -> list[int]:
     """Solve from nothing, with all coarse levels; return the linear solves of each level."""
-    solves: list[int] = []
-    levels, state = coarse_levels(n, problem.space.mesh.topology.dim), None
-    if levels:
-        coarser = solve_cascade(
-            lambda m, _: loaded(make(m)),
-            levels,
-            on_level=lambda solved: solves.append(solved.result.linear_solves),
-        )
-        state = coarser.contact_state()
-        coarser.destroy()
-    problem.solve(coarse=state, warm_start=False)
-    return [*solves, problem.result.linear_solves]
+    return contact_solve(problem, lambda m: loaded(make(m)), n, None)
 
 
 def cube(n: int) -> mesh.Mesh:

@@ -21,6 +21,7 @@ import json
 import signal
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -42,7 +43,7 @@ Peer = Callable[[SignoriniProblem], "np.ndarray[Any, Any]"]
 def cascade(problem: SignoriniProblem) -> Any:
     """The default of this package, with all its coarse levels."""
     n = round(np.sqrt(problem.unknowns)) - 1
-    contact_solve(problem, "paper", n, DEFAULT_RTOL)
+    contact_solve(problem, partial(paper, problem.comm), n)
     return problem.u.x.array
 
 

@@ -9,6 +9,7 @@ the contact solve, all its levels included: the median of 3 times each, in turn,
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,11 +26,12 @@ TURNS = 3
 def measure(scene: str, n: int) -> None:
     """Print the seconds of the solves."""
     comm = MPI.COMM_WORLD
-    problem = SCENES[scene](comm, n)
+    pose = partial(SCENES[scene], comm)
+    problem = pose(n)
     actions = {
         "linear": lambda: linear_solve(problem, DEFAULT_RTOL),
         "tuned": lambda: linear_solve(problem, DEFAULT_RTOL, tuned=True),
-        "contact": lambda: contact_solve(problem, scene, n, DEFAULT_RTOL),
+        "contact": lambda: contact_solve(problem, pose, n),
     }
     for action in actions.values():
         action()

@@ -6,11 +6,13 @@ The algebraic error is the difference to the same discrete problem solved down t
 residual of 1e-11; the table shows its norm over the norm of the discretisation error u - u_h.
 """
 
+from functools import partial
+
 from common import coarse_state, paper, parser, report
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import METHODS, christof_haubner, error_norms
+from dolfinx_signorini import METHODS, christof_haubner, coarse_levels, error_norms
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS
 from dolfinx_signorini.problem import DEFAULT_RTOL
@@ -29,7 +31,7 @@ def main() -> None:
     rows, results = [], []
     for n in args.cells:
         problem = paper(comm, n)
-        coarse, _ = coarse_state(comm, "paper", n, DEFAULT_RTOL)
+        coarse, _ = coarse_state(partial(paper, comm), coarse_levels(n), DEFAULT_RTOL)
         tight = problem.solve(coarse=coarse, rtol=TIGHT)
         errors = error_norms(tight, christof_haubner(problem.space.mesh), NORMS)
         values = tight.x.array.copy()

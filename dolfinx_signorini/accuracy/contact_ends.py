@@ -48,7 +48,7 @@ def cells_at_contact_ends(
         For each owned coarse cell whether the cell is at a facet with dofs in contact and others.
     """
     space = problem.space
-    dofs, touching = contact_on_facets(problem)
+    _, dofs, touching = contact_on_facets(problem)
     held = _marked(space, problem.fixed_dofs)[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
     cells = cells_with_dofs(space, _marked(space, dofs[ends].ravel()))
@@ -57,22 +57,24 @@ def cells_at_contact_ends(
     return result
 
 
-def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, npt.NDArray[np.bool_]]:
-    """Return the dofs of the contact facets of this rank, and whether they are in contact.
+def contact_on_facets(
+    problem: SignoriniProblem,
+) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
+    """Return the owned contact facets with their dofs, and whether the dofs are in contact.
 
     Args:
         problem: The solved problem; the call is collective.
 
     Returns:
-        Two arrays of the shape (facets, dofs of a facet).
+        The (cell, local facet) pairs, and two arrays of the shape (facets, dofs of a facet).
     """
     space = problem.space
     dim = space.mesh.topology.dim
     owned = problem.contact < space.mesh.topology.index_map(dim - 1).size_local
-    cells, local = facet_cells(space.mesh, problem.contact[owned]).T
+    pairs = facet_cells(space.mesh, problem.contact[owned])
     closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
-    dofs: Indices = space.dofmap.list[cells[:, None], closures[local]]
-    return dofs, _marked(space, problem.active)[dofs]
+    dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
+    return pairs, dofs, _marked(space, problem.active)[dofs]
 
 
 def _marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets
-from dolfinx_signorini.meshes import facet_cells, facet_scale, owned_cells
+from dolfinx_signorini.meshes import facet_scale, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import FormulaAtPoints, Points
 from dolfinx_signorini.problem import SignoriniProblem
@@ -36,8 +36,7 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
     misfits, dim = np.zeros(len(owned_cells(domain))), domain.topology.dim
     if isinstance(data, int | float | np.number) or (norm.derivatives and dim > 2):
         return misfits  # a number is met everywhere, and below it the nodes show
-    owned = domain.topology.index_map(dim - 1).size_local
-    pairs = facet_cells(domain, problem.contact[problem.contact < owned])
+    pairs, _, touching = contact_on_facets(problem)
     cell = problem.space.element.basix_element.cell_type
     facet = basix.cell.subentity_types(cell)[dim - 1][0]
     kind = basix.LatticeType.equispaced
@@ -46,8 +45,8 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
     points = Points(domain, pairs, lattice[np.lexsort(lattice.T[::-1])])
     (u,) = points.values(problem.u)
     gap = problem.sign * (u - _obstacle(problem, points))
-    touching = contact_on_facets(problem)[1].all(axis=1).reshape(-1, 1)
-    off: Array = np.where(touching, gap, np.minimum(gap, 0.0))
+    held = touching.all(axis=1).reshape(-1, 1)
+    off: Array = np.where(held, gap, np.minimum(gap, 0.0))
     scale = facet_scale(domain, pairs)
     if norm.derivatives:
         off = np.diff(off, axis=1) * SAMPLES / scale[:, None]
