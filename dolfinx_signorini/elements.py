@@ -106,18 +106,14 @@ def control_points(space: fem.FunctionSpace) -> Array:
     return places
 
 
-def values_at_control_points(
-    space: fem.FunctionSpace, coefficients: Array, cells: Indices | None = None
-) -> Array:
+def values_at_control_points(space: fem.FunctionSpace, coefficients: Array) -> Array:
     """Return the values of a function at the places of its dofs.
 
     Args:
         space: The space of the function.
         coefficients: The values of all dofs of this rank.
-        cells: Cells of this rank on which the values are wanted; None for all. The entries of dofs
-            of no such cell are not changed.
     """
-    return _changed(space, coefficients, cells, 0)
+    return _changed(space, coefficients, None, 0)
 
 
 def coefficients_of(space: fem.FunctionSpace, values: Array, cells: Indices | None = None) -> Array:

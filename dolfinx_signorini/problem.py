@@ -276,7 +276,7 @@ class SignoriniProblem:
         """
         x = self._solution()
         held, forces = self.system.touching(x), self.system.multiplier(x)
-        return self._at_contact(np.where(held, np.maximum(forces, 0.0), 0.0), "forces")
+        return self._forces(np.where(held, np.maximum(forces, 0.0), 0.0))
 
     def contact_state(self) -> ContactState:
         """Return the solution with its pressure, as the solve on a finer mesh takes them.
@@ -348,7 +348,7 @@ class SignoriniProblem:
         z = fem.Function(self.space)
         z.x.array[: x.getLocalSize()] = x.array_r
         z.x.scatter_forward()
-        forces = self._at_contact(np.where(held, linear.multiplier(x), 0.0), "forces")
+        forces = self._forces(np.where(held, linear.multiplier(x), 0.0))
         for item in (x, b):
             item.destroy()
         return z, forces
@@ -473,9 +473,9 @@ class SignoriniProblem:
             raise InputError("has not been solved yet: call solve() first", "problem")
         return self._x
 
-    def _at_contact(self, values: Array, name: str) -> fem.Function:
+    def _forces(self, values: Array) -> fem.Function:
         """The function with these coefficients at the contact dofs, 0 elsewhere."""
-        result = fem.Function(self.space, name=name)
+        result = fem.Function(self.space, name="forces")
         result.x.array[self.contact_dofs] = values
         result.x.scatter_forward()
         return result

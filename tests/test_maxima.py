@@ -318,8 +318,8 @@ def test_maxima_on_faces(comm, kind):
     assert norms["W1_inf"] == pytest.approx(6.0, rel=1e-12)
 
 
-def waves(coefficients, degree, kind="triangle", n=3):
-    domain = distorted(MPI.COMM_WORLD, kind, n)
+def waves(coefficients, degree, kind="triangle"):
+    domain = distorted(MPI.COMM_WORLD, kind, 3)
     function = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
     modes = [(1, 0), (0, 1), (2, 1), (3, 4), (7, 2)]
     function.interpolate(

@@ -91,7 +91,7 @@ def test_boundary_estimate_is_the_geometric_mean():
     assert norms["W1_2_boundary"] == norms["H1_boundary"]
 
 
-def test_error_against_a_closed_form_with_and_without_support(comm):
+def test_error_against_a_closed_form_with_and_without_support():
     # u_h = x against u = x^2: the same as the norms of x - x^2.
     line = field(lambda x: x[0])
     domain = line.function_space.mesh
@@ -176,7 +176,7 @@ def test_zero_has_norm_zero():
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("name", ["L4", "L1", "Linf", "W1_inf", "W1_16", "L2_boundary"])
 @pytest.mark.parametrize("corner", [(0.0, 0.0), (0.5, 0.0), (1.0, 1.0)])
-def test_not_a_number_is_raised_on_all_ranks(comm, name, value, corner):
+def test_not_a_number_is_raised_on_all_ranks(name, value, corner):
     # On one rank only, inside and outside of the support of the exact solution.
     function = field(lambda x: 0 * x[0], degree=1, n=40)
     at = np.abs(function.function_space.tabulate_dof_coordinates()[:, :2] - corner).max(axis=1)

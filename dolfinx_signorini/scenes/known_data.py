@@ -6,6 +6,7 @@ no bounded enclosure, the formula stays, and is known at points only.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -138,43 +139,51 @@ class KnownData:
     def _fluxes(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
         if all(polynomial_degree(data) is not None for data, _ in terms.neumann):
             return terms, rest
-        parts = [
-            (self.sided.facets(c.sides), [c.value])
-            for c in self.scene.conditions
-            if isinstance(c, Neumann) and c.value is not None
-        ]
-        if self.current:  # the flux is that through a facet with a normal
-            kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
-            parts = [(kinds[Neumann.acts_like], self.current)]
+        parts = self._given_fluxes()
         frames, shape = self.frames, self.frames.facets.shape
         degree = self.degree + 2
         coefficients = np.zeros((*shape, degree + 1 if self.d == 2 else math.comb(degree + 2, 2)))
         missed, means = np.zeros(shape), np.zeros(shape)
         lever = frames.facet_sizes / frames.volumes[:, None]
         inner, outer = self._weights(rest)[:, :, None] * np.sqrt(lever)
-        for sides, formulas in parts:
-            cells, facets, corners = self._facets(sides)
-            weights = np.stack((inner[cells, facets], outer[cells, facets]))
-            weights[0] *= FACET
-            normals = -frames.gradients[cells, facets]
-            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            for k, formula in enumerate(formulas):
-                share = normals[:, k] if self.current else np.ones(len(cells))
-                on = np.flatnonzero(np.abs(share) > FLAT)
-                share, at = np.abs(share[on]), (cells[on], facets[on])
-                own = weights[:, on] * share
-                found = fit(formula, self.comm, corners[on], degree, own, tolerance)
-                self.hidden = max(self.hidden, found.hidden)
-                if self._any(~np.isfinite(found.missed)):
-                    return terms, rest
-                signs = np.sign(normals[on, k]) if self.current else np.ones(len(on))
-                coefficients[at] += (signs * share)[:, None] * found.coefficients
-                missed[at] += share * found.missed
-                means[at] += share * found.mean
+        for formula, at, corners, factors in self._flux_terms(parts):
+            share = np.abs(factors)
+            weights = np.stack((FACET * inner[at], outer[at])) * share
+            found = fit(formula, self.comm, corners, degree, weights, tolerance)
+            self.hidden = max(self.hidden, found.hidden)
+            if self._any(~np.isfinite(found.missed)):
+                return terms, rest
+            coefficients[at] += factors[:, None] * found.coefficients
+            missed[at] += share * found.missed
+            means[at] += share * found.mean
         sides = np.concatenate([facets for facets, _ in parts])
         flux = FacetPolynomials(degree, coefficients)
         known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
         return replace(terms, neumann=[(flux, np.unique(sides))]), known
+
+    def _given_fluxes(self) -> list[tuple[Facets, list[Formula]]]:
+        """Facets with formulas of their flux, or of the components of a vector A grad u."""
+        if self.current:
+            kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
+            return [(kinds[Neumann.acts_like], self.current)]
+        return [
+            (self.sided.facets(c.sides), [c.value])
+            for c in self.scene.conditions
+            if isinstance(c, Neumann) and c.value is not None
+        ]
+
+    def _flux_terms(
+        self, parts: list[tuple[Facets, list[Formula]]]
+    ) -> Iterator[tuple[Formula, tuple[Indices, Indices], Array, Array]]:
+        """Yield formulas with facets of frames, their vertices, and the factor in the flux."""
+        for sides, formulas in parts:
+            cells, facets, corners = self._facets(sides)
+            normals = -self.frames.gradients[cells, facets]
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            for k, formula in enumerate(formulas):
+                factors = normals[:, k] if self.current else np.ones(len(cells))
+                on = np.flatnonzero(np.abs(factors) > FLAT)
+                yield formula, (cells[on], facets[on]), corners[on], factors[on]
 
     def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
         """What interpolations miss of values on the boundary; None where nothing or not known."""

@@ -186,8 +186,29 @@ def solve_scene(
     phases = Phases(comm) if phases is None else phases
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
-    norm = scene.norm if norm is None else norm
-    degrees = _degrees(scene) if degree is None else (degree,)
+    return _solve_on_adapted_meshes(
+        scene,
+        comm,
+        phases,
+        _degrees(scene) if degree is None else (degree,),
+        scene.norm if norm is None else norm,
+        max_unknowns,
+        accuracy=accuracy,
+        budget=budget,
+        on_step=on_step,
+    )
+
+
+def _solve_on_adapted_meshes(
+    scene: Scene,
+    comm: MPI.Comm,
+    phases: Phases,
+    degrees: tuple[int, ...],
+    norm: str,
+    max_unknowns: int,
+    **asked: Any,
+) -> SceneResult:
+    """Solve a scene by the adaptive loop; see `solve_adaptively` for what is asked."""
     scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
     expectation = _look_at_solution(scene, comm, norm)
     began = time.perf_counter()
@@ -204,10 +225,8 @@ def solve_scene(
         {degree: partial(pose_on, degree) for degree in degrees},
         first.sided,
         norm=norm,
-        accuracy=accuracy,
-        budget=budget,
         max_unknowns=max_unknowns,
-        on_step=on_step,
+        **asked,
         began=began,
         hidden=lambda problem, target: cut_errors(posed[0], target),
         fit=lambda refined: follow(refined, scene.diffusion_entries),

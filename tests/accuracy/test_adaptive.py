@@ -42,7 +42,7 @@ def square(comm, n=4):
     return SidedMesh(domain, {"bottom": bottom, "top": top, "rest": rest})
 
 
-def poser(degree=2, sign=1.0, contact="bottom"):
+def poser(degree=2, sign=1.0):
     """Pose -div grad u + u = f, with contact below and Dirichlet data elsewhere."""
 
     def pose(sided):
@@ -55,7 +55,7 @@ def poser(degree=2, sign=1.0, contact="bottom"):
         return SignoriniProblem(
             (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * dx,
             sign * known_in_ufl(sided.mesh) * v * dx,
-            contact=sided.sides[contact],
+            contact=sided.sides["bottom"],
             obstacle=0.0,
             bound="lower" if sign > 0.0 else "upper",
             bcs=[fem.dirichletbc(data, dofs)],
@@ -165,7 +165,7 @@ def test_the_errors_of_cells_add_up_to_the_estimate(comm):
     found.problem.destroy()
 
 
-def smooth_poser(comm, width, degree=2):
+def smooth_poser(width, degree=2):
     """Pose a problem whose solution, a bump of a width, is smooth; return the solution, too."""
 
     def value(domain):
@@ -195,7 +195,7 @@ def smooth_poser(comm, width, degree=2):
 @pytest.mark.parametrize("asked", ["L2", "W1_4", "L2_boundary", lambda v: v * ufl.dx])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_smooth_solutions_converge_as_fast_as_a_target_says(comm, degree, asked):
-    pose, exact = smooth_poser(comm, 0.4, degree)
+    pose, exact = smooth_poser(0.4, degree)
     wanted, errors = target(asked), []
     for n in (16, 32):
         problem = pose(square(comm, n))
@@ -212,7 +212,7 @@ def test_smooth_solutions_converge_as_fast_as_a_target_says(comm, degree, asked)
 
 @pytest.mark.parametrize("norm", ["H1", "L4", "Linf"])
 def test_estimates_of_smooth_solutions_are_safe_and_sharp(comm, norm):
-    pose, exact = smooth_poser(comm, 0.3)
+    pose, exact = smooth_poser(0.3)
     accuracy = {"H1": 1e-2, "L4": 1e-4, "Linf": 1e-3}[norm]
     found = solve_adaptively(pose, square(comm), norm=norm, accuracy=accuracy)
     error = true_error(found, norm, exact)
@@ -221,7 +221,7 @@ def test_estimates_of_smooth_solutions_are_safe_and_sharp(comm, norm):
 
 
 def test_a_bump_between_the_nodes_is_found(comm):
-    pose, exact = smooth_poser(comm, 0.03)
+    pose, exact = smooth_poser(0.03)
     found = solve_adaptively(pose, square(comm), norm="L4", accuracy=1e-3)
     assert true_error(found, "L4", exact) <= found.estimate <= 1e-3
     found.problem.destroy()
@@ -275,7 +275,7 @@ def test_a_functional_of_one_side_asks_for_cells_there(comm, two_solutions):
     assert np.median(lefts) > 3.0 * np.median(rights)
 
 
-def test_sup_norm_indicators_are_local(comm, two_solutions):
+def test_sup_norm_indicators_are_local(two_solutions):
     coarse, fine, parents = two_solutions
     found = indicators(coarse, fine, parents, target("Linf"))
     transfer = Transfer(coarse.u.function_space, fine.space, parents)

@@ -89,11 +89,11 @@ def test_discs_are_tight():
         assert discs(parse(text), corners, 3.0)[1] == pytest.approx(radius)
 
 
-def composite(formula, corners, levels=5):
+def composite(formula, corners):
     """A fine rule on a triangle: points of the reference triangle, weights, and values."""
     unit = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     pieces = np.concatenate((unit, corners), axis=1)[None]
-    for _ in range(levels):
+    for _ in range(5):
         pieces, _ = divided(pieces, np.zeros(len(pieces), dtype=int))
     points, weights = rule(2, 9)
     places = inside(pieces, points).reshape(-1, 4)

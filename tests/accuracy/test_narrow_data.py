@@ -234,9 +234,9 @@ def test_a_pin_is_not_overlooked(comm):
     assert highest(u, (0.4713, 0.0), 5e-3) == pytest.approx(0.2, abs=5e-3)
 
 
-def first_mesh(comm, text, degree=2):
+def first_mesh(comm, text):
     scene = parse_scene(text, Path("scene.toml"), comm)
-    scene = replace(scene, domain=scene.domain.first(), degree=degree)
+    scene = replace(scene, domain=scene.domain.first(), degree=2)
     sided = scene.domain.make(comm)
     return scene, sided, resolved_mesh(scene, sided)
 

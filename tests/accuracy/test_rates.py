@@ -34,8 +34,8 @@ def all_of_them(sided, count):
     return mark_worst(sided, np.ones(count), ORDER, 2.0)
 
 
-def fallen(comm, power, marks, rate):
-    """Return the rates after cells of a mesh whose largest parts fall by a rate were divided."""
+def after_division(comm, power, marks):
+    """Return rates, division and indicators of a mesh before the divided cells are measured."""
     sided = SidedMesh(friedrichs_keller(comm, 4), {})
     count = len(owned_cells(sided.mesh))
     divided = marks(sided, count).apply(sided)
@@ -48,14 +48,14 @@ def fallen(comm, power, marks, rate):
 @pytest.mark.parametrize("power", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("rate", [1.0, 2.0, ORDER])
 def test_the_rate_of_a_divided_cell_is_measured(comm, power, rate):
-    rates, divided, before = fallen(comm, power, all_of_them, rate)
+    rates, divided, before = after_division(comm, power, all_of_them)
     share = 4.0 ** (-1.0 / power)
     rates.measure(before[divided.owners] * 2.0**-rate * share)
     assert rates.values == pytest.approx(rate, rel=1e-9)
 
 
 def test_rates_are_those_of_smooth_solutions_at_most(comm):
-    rates, divided, before = fallen(comm, 2.0, all_of_them, 9.0)
+    rates, divided, before = after_division(comm, 2.0, all_of_them)
     rates.measure(before[divided.owners] * 2.0**-9.0)
     assert rates.values == pytest.approx(ORDER, rel=1e-12)
     rates.measure(before[divided.owners] * 2.0**9.0)
@@ -73,7 +73,7 @@ def test_towards_a_singular_point_the_cells_at_the_point_tell(comm, power):
         at = np.linalg.norm(x, axis=2).min(axis=1) < 1e-9
         return Marks(np.where(at, levels, 0), at, np.zeros((count, 3)))
 
-    rates, divided, before = fallen(comm, power, marks, 0.5)
+    rates, divided, before = after_division(comm, power, marks)
     towards = marks(SidedMesh(friedrichs_keller(comm, 4), {}), len(before)).singular
     tips = np.flatnonzero(towards[divided.owners] & ~divided.away)
     assert comm.allreduce(len(tips)) == comm.allreduce(int(towards.sum()))

@@ -48,7 +48,7 @@ def test_tao_takes_no_step_on_several_ranks(ranks, every, serial, record):
 
 
 @pytest.mark.parametrize("share", [0.5, 0.6, 0.85])
-def test_a_negative_multiplier_within_the_tolerance_is_accepted(share, comm):
+def test_a_negative_multiplier_within_the_tolerance_is_accepted(share):
     """TAO's measure of such a dof is twice the natural residual."""
     rtol = 1e-5
     problem = Large(unit_square(8), obstacle=lambda x: 0.0 * x[0]).problem()

@@ -203,7 +203,7 @@ def test_output_that_nobody_can_read_costs_no_files(solve, comm, folder, monkeyp
         assert printed.err == message
 
 
-def test_a_title_that_a_terminal_cannot_show_is_written_otherwise(comm, monkeypatch):
+def test_a_title_that_a_terminal_cannot_show_is_written_otherwise():
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     guarded = Guarded(stream)
     print("Höhe", file=guarded)

@@ -138,7 +138,7 @@ def test_the_command_says_why_orders_are_reduced(job, comm, folder, capsys):
         assert "(0.5, 0), angle 180 degrees, Dirichlet meets Neumann: u ~ r^0.5" in out
 
 
-def test_a_scene_with_more_unknowns_starts_from_coarser_meshes(comm, demos):
+def test_a_scene_with_more_unknowns_starts_from_coarser_meshes():
     levels = [domain.cells for domain in Square(1001).levels()]
     assert levels[-1] == 1001 and levels[0] <= 80
     assert all(n % 2 == 1 for n in levels)

@@ -92,7 +92,7 @@ def test_all_results_of_a_scene_are_written(name, run, comm, demos, folder):
         assert f"results: {out}/" in printed
 
 
-def test_csv_and_record_fit_together(run, comm, parse):
+def test_csv_and_record_fit_together(run):
     out, _ = run(UPPER, "--outputs", "boundary")
     record = json.loads((out / "record.json").read_text())
     rows = rows_of(out)
@@ -156,7 +156,7 @@ def test_the_record_repeats_the_run(run, comm, parse):
     assert record["ranks"] == comm.size
 
 
-def test_the_report_is_one_page_that_needs_nothing_else(run, comm):
+def test_the_report_is_one_page_that_needs_nothing_else(run):
     out, _ = run(UPPER, "--report")
     assert {p.name for p in out.iterdir()} == {"record.json", "report.html"}
     text = (out / "report.html").read_text()
@@ -171,7 +171,7 @@ def test_the_report_is_one_page_that_needs_nothing_else(run, comm):
     assert "<ceiling>" not in text
 
 
-def test_fields_without_adios2_are_xdmf(run, comm, demos, folder, monkeypatch, parse):
+def test_fields_without_adios2_are_xdmf(comm, folder, monkeypatch, parse):
     scene = parse(UPPER)
     result = solve_scene(scene, comm)
     monkeypatch.setattr(dolfinx, "has_adios2", False)
@@ -186,7 +186,7 @@ def test_fields_without_adios2_are_xdmf(run, comm, demos, folder, monkeypatch, p
         assert file.read_mesh(name="mesh").topology.index_map(0).size_global == 13**2
 
 
-def test_earlier_results_are_replaced_and_other_files_stay(run, comm, folder):
+def test_earlier_results_are_replaced_and_other_files_stay(run, comm):
     out, _ = run(UPPER, "--outputs", "boundary,pictures")
     if comm.rank == 0:
         (out / "notes.txt").write_text("mine")
