@@ -20,7 +20,7 @@ from dolfinx_signorini.bounds.condensation import (
     PARTLY,
 )
 from dolfinx_signorini.bounds.frames import Frames, values_at
-from dolfinx_signorini.bounds.reference_flux import polynomials, positive_on_parts, rule
+from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
@@ -108,8 +108,7 @@ class FacetPoints:
             degree: The degree of the polynomials.
         """
         d = self.frames.dimension
-        others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
-        columns = others[self.facets][:, None, 1:]
+        columns = others(d)[self.facets][:, None, 1:]
         inside = np.take_along_axis(self.coordinates, columns, axis=2).reshape(-1, d - 1)
         values = polynomials(d - 1, degree, inside)
         return values.reshape(len(values), len(self.cells), len(self.weights)).transpose(1, 0, 2)

@@ -19,6 +19,7 @@ from dolfinx_signorini.bounds.reference_flux import (
     highest_on_parts,
     largest,
     lowest,
+    others,
     rule,
 )
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -80,7 +81,7 @@ class Cones:
         slope = 2.0 * legendre.legval(2.0 * t - 1.0, legendre.legder(series))
         kept = ~self.positive[:, None] | (self._highest() > self.tiny)
         weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
-        ends = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])[self.facets]
+        ends = others(d)[self.facets]
         own = np.take_along_axis(self.frames.gradients[self.cells], ends[:, :, None], axis=1)
         both = own.sum(axis=1)[:, None]
         A, c, size = diffusion[self.cells], reaction[self.cells], self.frames.volumes[self.cells]

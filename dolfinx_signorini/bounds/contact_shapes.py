@@ -7,17 +7,13 @@ from dolfinx_signorini.bounds.condensation import PARTLY, CellData
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
+    others,
     polynomials,
     rule,
 )
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-
-
-def others(d: int) -> Indices:
-    """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
-    return np.array([[k for k in range(d + 1) if k != a] for a in range(d + 1)])
 
 
 def hats(reference: ReferenceFlux) -> Array:

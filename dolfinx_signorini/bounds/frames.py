@@ -1,6 +1,7 @@
 """Cells with their vertices in the order of global numbers, and functions at points of cells."""
 
 import functools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -58,8 +59,7 @@ class Frames:
     @functools.cached_property
     def volumes(self) -> Array:
         """The sizes of the cells."""
-        factor = 1.0 if self.dimension == 1 else (0.5 if self.dimension == 2 else 1.0 / 6.0)
-        return factor * np.abs(np.linalg.det(self.jacobians))
+        return 1.0 / math.factorial(self.dimension) * np.abs(np.linalg.det(self.jacobians))
 
     @functools.cached_property
     def diameters(self) -> Array:

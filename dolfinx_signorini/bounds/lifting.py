@@ -35,7 +35,7 @@ from dolfinx_signorini.bounds.cones import (
     loose_ends,
 )
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import lowest
+from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import (
     EnergyTerms,
@@ -199,8 +199,8 @@ def _raised(
 
     lack = np.maximum(unseen - lowest(2, order, series()), 0.0)
     hats = fem.Function(fem.functionspace(problem.space.mesh, ("Lagrange", 1)))
-    others = np.array([[j for j in range(4) if j != k] for k in range(4)])[points.facets]
-    local = np.take_along_axis(frames.order[points.cells], others, axis=1)
+    corners = others(3)[points.facets]
+    local = np.take_along_axis(frames.order[points.cells], corners, axis=1)
     dofs = np.take_along_axis(hats.function_space.dofmap.list[points.cells], local, axis=1)
     np.add.at(hats.x.array, dofs, lack[:, None])  # at least the largest of the facets at a vertex
     hats.x.scatter_reverse(la.InsertMode.add)

@@ -28,9 +28,9 @@ from dolfinx_signorini.bounds.condensation import (
     condensed,
     divergences,
 )
-from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats, others
+from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats
 from dolfinx_signorini.bounds.patch_systems import solved
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, others
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

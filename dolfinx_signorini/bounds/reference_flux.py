@@ -116,6 +116,12 @@ def _to_bernstein(dimension: int, degree: int) -> Array:
     return np.asarray(polynomials(dimension, degree, points) @ np.linalg.inv(bernstein))
 
 
+def others(dimension: int) -> npt.NDArray[np.int64]:
+    """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
+    numbers = range(dimension + 1)
+    return np.array([[k for k in numbers if k != a] for a in numbers])
+
+
 def barycentric(points: Array) -> Array:
     """Return the barycentric coordinates of points of a reference simplex, one column each."""
     return np.column_stack((1.0 - points.sum(axis=1), points))

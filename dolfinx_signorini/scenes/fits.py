@@ -13,7 +13,7 @@ misses at most (1 + L) t(n) of f at every point.
 """
 
 from dataclasses import dataclass
-from math import comb
+from math import comb, factorial
 
 import numpy as np
 import numpy.typing as npt
@@ -264,7 +264,7 @@ def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
 def _sizes(corners: Array) -> Array:
     """The sizes of simplices in any space."""
     edges = corners[:, 1:] - corners[:, :1]
-    factor = 1.0 if edges.shape[1] == 1 else (0.5 if edges.shape[1] == 2 else 1.0 / 6.0)
+    factor = 1.0 / factorial(edges.shape[1])
     square = np.linalg.det(edges @ edges.transpose(0, 2, 1))
     return np.asarray(factor * np.sqrt(np.maximum(square, 0.0)))
 

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, nodes
@@ -119,8 +120,7 @@ def integrable_on_facets(
         on, nodes = _on_facet(space.element.basix_element, vertices[local])
         table = np.array(element.tabulate(0, nodes))[0, :, :, 0]
         trace.x.array[space.dofmap.list[cells][:, on]] = values[chosen] @ table.T
-        x = marks.element.basix_element.points
-        shares = np.column_stack((1.0 - x.sum(axis=1), x))
+        shares = barycentric(marks.element.basix_element.points)
         bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
         for function in (trace, bubble):
             function.x.scatter_forward()
@@ -132,8 +132,7 @@ def _on_facet(
     element: basix.finite_element.FiniteElement, vertices: npt.NDArray[np.int32]
 ) -> tuple[Indices, Array]:
     """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
-    x = np.array(element.points)
-    shares = np.column_stack((1.0 - x.sum(axis=1), x))
+    shares = barycentric(np.array(element.points))
     on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
     return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
 

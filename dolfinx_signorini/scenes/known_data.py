@@ -18,6 +18,7 @@ from dolfinx_signorini.bounds.boundary_facets import on_frames
 from dolfinx_signorini.bounds.cell_values import BEST, FILLING
 from dolfinx_signorini.bounds.cones import MORE
 from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.reference_flux import others
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import (
     EnergyTerms,
@@ -226,12 +227,11 @@ class KnownData:
 
     def _facets(self, sides: Facets) -> tuple[Indices, Indices, Array]:
         """Facets of the mesh as facets of frames, with their vertices."""
-        frames, d = self.frames, self.d
+        frames = self.frames
         marks = on_frames(self.domain, frames, [sides])
         marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
         cells, facets = np.nonzero(marks)
-        others = np.array([[j for j in range(d + 1) if j != k] for k in range(d + 1)])
-        return cells, facets, frames.corners[cells[:, None], others[facets]]
+        return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
 
     def _weights(self, rest: Remainders) -> Array:
         """The energies of unit values, and of unit means, on cells of size 1."""

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.bounds.reference_flux import barycentric
+
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 
@@ -36,8 +38,7 @@ def inside(pieces: Array, points: Array) -> Array:
         pieces: The pieces.
         points: The points, shape (points, dimension of the pieces).
     """
-    shares = np.column_stack((1.0 - points.sum(axis=1), points))
-    return np.tensordot(shares, pieces, axes=(1, 1))
+    return np.asarray(np.tensordot(barycentric(points), pieces, (1, 1)), dtype=np.float64)
 
 
 def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
