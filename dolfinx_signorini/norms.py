@@ -1,6 +1,6 @@
 """Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
 
-Every norm is made from one number for each cell or boundary facet, which `cell_errors` returns.
+Every norm is made from one number for each cell, see `cell_errors`, or for each boundary facet.
 Norms with p < inf are integrated by a named quadrature rule, and norms with the same rule share one
 evaluation of the error, in blocks of cells. Powers are relative to the largest value in a cell, so
 that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20. Sup norms
@@ -96,21 +96,18 @@ def error_norms(
     return {name: values[norm] for name, norm in wanted.items()}
 
 
-def cell_errors(
-    u_h: fem.Function, exact: Reference | None, norm: str, rule: QuadratureRule | None = None
-) -> npt.NDArray[np.float64]:
+def cell_errors(u_h: fem.Function, exact: Reference | None, norm: str) -> npt.NDArray[np.float64]:
     """Return the norm of the error u_h - u on each cell.
 
     Args:
         u_h: The discrete solution, see `error_norms`.
         exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
         norm: Name of an L^p or W^{1,p} norm on the domain.
-        rule: Quadrature rule on cells; None for `sufficient_rule`.
 
     Returns:
         One number for each cell that this rank owns: for p < inf the integral over the cell to the
-        power 1/p, so that the p-th powers add up to that of the norm, and for p = inf the largest
-        of samples, on a lattice with the vertices, without a search for what lies between them.
+        power 1/p, so that the p-th powers add up to the power of the norm; for p = inf the largest
+        of samples on a lattice with the vertices, without a search for what lies between samples.
 
     Raises:
         ValueError: The norm is unknown.
@@ -125,7 +122,7 @@ def cell_errors(
     if math.isinf(parsed.p):
         values = Maxima(error, cells).sampled[int(parsed.derivatives)]
     else:
-        values = _integrated(error, cells, [parsed], rule)[parsed]
+        values = _integrated(error, cells, [parsed], None)[parsed]
     _total(error.domain.comm, values, math.inf)  # refuses what is not a number on any rank
     return values
 
@@ -277,7 +274,7 @@ def _integrated(
 def _blocks(
     domain: mesh.Mesh, places: Indices, rule: QuadratureRule
 ) -> Iterator[tuple[npt.NDArray[np.int64], Points, Array]]:
-    """Yield rows of the places, the points of a rule there, and the weights of the points."""
+    """Yield rows of the places, with the points of a rule and the weights of the points."""
     cell = basix.CellType[domain.topology.cell_name()]
     turned: npt.NDArray[np.bool_] = np.zeros(len(places), dtype=bool)
     if places.ndim == 2:

@@ -1,4 +1,4 @@
-"""Orders of convergence: measured, by regression, and those that approximation and theorems allow.
+"""Orders of convergence: measured, by regression, and as approximation and theorems allow.
 
 At a detachment point a solution is like r^{3/2} sin(3/2 theta), whatever the data, and near a
 corner like another power of the distance r. Lagrange elements of degree k on uniform meshes

@@ -13,7 +13,7 @@ def typeset_norm(name: str) -> str:
     """Return the name of a norm as matplotlib sets it, for example "W1_inf" as W^{1,inf}.
 
     Args:
-        name: The name; one that is not known is returned as it is.
+        name: The name; an unknown name is returned unchanged.
     """
     match = NORM.fullmatch(name)
     if match is None:

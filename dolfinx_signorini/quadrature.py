@@ -21,7 +21,7 @@ class QuadratureRule:
 
     Attributes:
         scheme: Name of the rule: "Gauss-Jacobi", "default", or in forms "vertex".
-        degree: Degree of the polynomials that it integrates exactly.
+        degree: Degree of the polynomials that the rule integrates exactly.
     """
 
     scheme: str

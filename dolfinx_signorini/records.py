@@ -41,7 +41,7 @@ class Records:
         keys: The keys that every row must have.
 
     Attributes:
-        rows: The finished rows, those that were found in the file included.
+        rows: The finished rows, from the file and of this run.
 
     Raises:
         InputError: The file cannot be written, is not a records file, or has other settings.

@@ -108,7 +108,7 @@ def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:
 
 
 def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: Indices) -> Indices:
-    """Return for each owned node of a refined mesh the edge of the parent mesh it is the middle of.
+    """Return for each owned node of a refined mesh the edge of the parent mesh around the node.
 
     Args:
         coarse: The parent mesh.

@@ -102,7 +102,7 @@ def stress_intensity(
 
     Args:
         problem: A problem on triangles that has been solved; the call is collective.
-        point: The point, such as `detachment_points` finds it.
+        point: The point, as `detachment_points` finds it.
         terms: The strong form of the problem: diffusion (a number), reaction and load.
         radius: Where the cut-off function ends; by default as far as the conditions above allow.
 

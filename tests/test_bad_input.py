@@ -102,7 +102,7 @@ def test_coefficient_that_is_not_finite(parts, value):
 
 
 def test_obstacle_above_the_dirichlet_data(parts):
-    # They meet in one dof, the origin.
+    # The two parts meet in one dof, the origin.
     bottom = {"contact": parts.bottom, "bcs": [parts.left(0.25)]}
     with pytest.raises(InputError, match=r"obstacle: 0\.5 .* Dirichlet data 0\.25 at \(0, 0, 0\)"):
         parts.problem(obstacle=0.5, **bottom)

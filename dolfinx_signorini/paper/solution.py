@@ -1,4 +1,4 @@
-"""The solution of Christof and Haubner's experiment, and the problem that it solves."""
+"""The solution of Christof and Haubner's experiment, and its problem."""
 
 import ufl
 from dolfinx import mesh

@@ -88,7 +88,7 @@ class PaperTable:
 
 
 def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
-    """Return the errors of a study beside those of the paper's Table 1.
+    """Return the errors of a study beside the errors of the paper's Table 1.
 
     Args:
         rows: Rows with "n" (cells per side) and "errors" (by norm), in the order of n.
@@ -104,7 +104,7 @@ def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
 
 
 def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
-    """Return the experimental orders of a study beside those of the paper's Table 2.
+    """Return the experimental orders of a study beside the orders of the paper's Table 2.
 
     Args:
         rows: At least two rows with "n" and "errors", in the order of n.

@@ -33,7 +33,7 @@ THIN = 1e-6  # shares that are small enough
 
 @dataclass(frozen=True)
 class Decided:
-    """Some simplices with formulas that choose nothing there:
+    """Some simplices with formulas that choose nothing on them:
 
         for part in decided(formulas, corners):
             low, high = enclosed_on_simplices(part.formulas[0], corners[part.cells])
@@ -88,7 +88,7 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
 
 
 def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Whether a function is positive in most of a simplex, and on what share it may not be."""
+    """Whether a function is positive in most of a simplex, and on what share it may be negative."""
     total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
     pieces, size = corners, 1.0
     owners: Indices = np.arange(len(corners))

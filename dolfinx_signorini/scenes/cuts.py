@@ -34,7 +34,7 @@ Indices = npt.NDArray[np.int64]
 
 STEP = 1e-5  # of a cell, in differences
 RTOL = 1e-8  # the diffusion may jump by many powers of ten
-NOISE = 0.5  # of the flux next to a cell: what the mean flux of the cell may be away from it
+NOISE = 0.5  # of the flux next to a cell: how far off the mean flux of the cell may be
 
 
 def cut_errors(posed: PosedScene, target: Target) -> Array:
@@ -77,7 +77,7 @@ def cut_errors(posed: PosedScene, target: Target) -> Array:
 
 
 class _Cuts:
-    """The points of the cells that are cut, shape (points of a piece, pieces), and functions there.
+    """The points of cells that are cut, shape (points of a piece, pieces), and functions at points.
 
     Attributes:
         cells: The cells that are cut.

@@ -40,7 +40,7 @@ class Simplices:
     Attributes:
         x: The vertices, shape (vertices, dimension).
         cells: The numbers of the vertices of each cell.
-        facets: The same for the facets of the boundary.
+        facets: The numbers of the vertices of each facet of the boundary.
         sides: For each of these facets a number that stands for its sides.
         fixed: Whether a vertex is on zeros that the mesh has been fitted to.
     """
@@ -157,7 +157,7 @@ def _moved(whole: Simplices, edges: Ids, places: Array) -> tuple[Simplices, Flag
 
 
 def _shapes(corners: Array) -> Array:
-    """The volumes of cells over those of cubes of their widths, with the sign of the numbering."""
+    """The volumes of cells over cubes of their widths, with the sign of the numbering."""
     lengths = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(np.linalg.det(edges) / lengths ** edges.shape[1])

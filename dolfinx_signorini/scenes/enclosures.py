@@ -193,7 +193,7 @@ class _Enclosures(PerNode[Pair]):
 
 
 def _slopes(node: Node, values: list[Array], result: Array, slopes: list[Array]) -> Array:
-    """Enclose the derivatives of an operation by those of its arguments."""
+    """Enclose the derivatives of an operation by the derivatives of its arguments."""
     a, b = values[0], values[-1]
     da, db = slopes[0], slopes[-1]
     if node.op in DERIVATIVES:

@@ -164,7 +164,7 @@ def cost(scene: Scene) -> tuple[float, float]:
 
 
 def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:
-    """Add what is to be said of the corners of a plane domain; return those that limit orders."""
+    """Add what is to be said of the corners of a plane domain; return corners that limit orders."""
     diffusion = _constant_diffusion(scene)
     facets = facets_by_kind(boundary_parts(scene, sided))
     corners = singular_corners(sided.mesh, facets, diffusion)

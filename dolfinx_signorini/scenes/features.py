@@ -160,7 +160,7 @@ class _Search:
         )
 
     def _looked(self, pieces: Array) -> tuple[Array, Array, Array]:
-        """Return volumes, values at the points of pieces, and what they hide between the points."""
+        """Return volumes, values at the points of pieces, and what is hidden between the points."""
         formula, volumes = self.datum.formula, _volumes(pieces)
         values = evaluated(formula.root, inside(pieces, self.lattice)).T
         known = np.isfinite(values)

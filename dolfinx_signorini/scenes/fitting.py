@@ -1,9 +1,9 @@
 """Meshes fitted to the straight lines and planes where a coefficient of a scene jumps.
 
-Where the diffusion jumps inside a cell, the solution has a kink there which no polynomial follows,
+Where the diffusion jumps inside a cell, the solution has a kink which no polynomial follows,
 and cells of width h leave an error of h^(1/2) in H^1. With the jump on facets the solution is as
 smooth in each cell as without a jump. So vertices near the jump are moved onto the jump, and the
-edges that still cross it are split there. Refinement keeps straight lines and planes on facets.
+edges that still cross the jump are split. Refinement keeps straight lines and planes on facets.
 
 Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM Trans. Graph. 26
 (2007) 57, who also move vertices first, and split afterwards.

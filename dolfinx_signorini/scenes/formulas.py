@@ -79,7 +79,7 @@ class Node:
         op: "number", "coordinate", or the name of an operator or a function.
         args: The operands.
         value: The number, or the index of the coordinate.
-        size: The number of nodes of the tree, shared nodes counted as often as they are used.
+        size: The number of nodes of the tree, shared nodes counted at every use.
         depth: The number of levels of the tree.
     """
 
@@ -144,7 +144,7 @@ class Formula:
         L = load.ufl(ufl.SpatialCoordinate(domain)) * v * ufl.dx
 
     Attributes:
-        text: The formula as it was written.
+        text: The formula as text.
         root: The formula as a tree.
     """
 

@@ -1,6 +1,6 @@
 """Meshes that gmsh makes or reads, with the facets of their physical groups as sides.
 
-gmsh runs on rank 0, and an error there is raised on all ranks.
+gmsh runs on rank 0, and an error of gmsh is raised on all ranks.
 """
 
 import re

@@ -1,8 +1,8 @@
 """Interval arithmetic: enclosures of all values that operations have on intervals.
 
 An interval is an array of shape (2, ...) with the lower and the upper ends; intervals of different
-shapes are broadcast. Ends are rounded outwards. An operation takes the values of those arguments
-for which it is defined; where it is defined for none, the result is the whole line.
+shapes are broadcast. Ends are rounded outwards. An operation takes the values of all arguments for
+which the operation is defined; without any such argument the result is the whole line.
 
 Source: IEEE Standard 1788-2015 for interval arithmetic, set-based flavour.
 """
@@ -27,7 +27,7 @@ def outward(low: Array, high: Array, least: float = SMALLEST) -> Array:
     """Return an interval whose ends are rounded outwards; ends that are no numbers become infinite.
 
     Args:
-        low, high: The ends as they were computed.
+        low, high: The ends as computed.
         least: The absolute error of an end; 0 for sums, which do not underflow.
     """
     ends: Array = np.stack(np.broadcast_arrays(low, high))

@@ -24,7 +24,7 @@ from dolfinx_signorini.scenes.pieces import divided, inside
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-ON_FACET = 1e-6  # what is positive on a facet is at least that at the points of a rule
+ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
 SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more

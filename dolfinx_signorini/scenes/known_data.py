@@ -187,7 +187,7 @@ class KnownData:
                 yield formula, (cells[on], facets[on]), corners[on], factors[on]
 
     def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
-        """What interpolations miss of values on the boundary; None where nothing or not known."""
+        """What interpolations miss of values on the boundary; None for nothing, or if not known."""
         degree, result = self.degree + MORE, np.zeros((3, *self.frames.facets.shape))
         found = False
         for condition in self.scene.conditions:
@@ -207,7 +207,7 @@ class KnownData:
         return result if found else None
 
     def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
-        """Polynomials for the obstacle on facets in space, and what they miss."""
+        """Polynomials for the obstacle on facets in space, and what these polynomials miss."""
         contact = self.scene.contact
         if (
             self.d == 2
@@ -253,7 +253,7 @@ class KnownData:
     def _fit(
         self, formula: Formula, weights: Array, tolerance: float
     ) -> tuple[fem.Function, Array, Array] | None:
-        """Polynomials on cells, and the L2 norms and means that they miss; None if unbounded."""
+        """Polynomials on cells, and the L2 norms and means of what is missed; None if unbounded."""
         degree = min(self.degree + 2, ORDERS[self.d] // 2)
         found = fit(formula, self.comm, self.corners, degree, weights, tolerance)
         self.hidden = max(self.hidden, found.hidden)

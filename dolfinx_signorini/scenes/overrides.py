@@ -1,4 +1,4 @@
-"""Values that stand in place of those of a scene file: domain.cells=200."""
+"""Values that stand in place of values of a scene file: domain.cells=200."""
 
 import tomllib
 from collections.abc import Sequence

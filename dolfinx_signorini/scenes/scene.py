@@ -1,6 +1,6 @@
 """Scenes: one Signorini problem as data.
 
-A scene names what there is: the domain, the conditions on its boundary, the coefficients, the load
+A scene names its parts: the domain, the conditions on its boundary, the coefficients, the load
 and, where it is known, the solution. What a scene does not name is neither assembled nor stored.
 """
 
@@ -48,7 +48,7 @@ class Scene:
             a solution on the domain's mesh.
         norm: The norm of this error.
         title: What the scene shows.
-        outputs: The names of those `OUTPUTS` that are to be written.
+        outputs: The names of the `OUTPUTS` that are to be written.
         text: The scene file that the scene is from.
         overrides: The values, written as KEY=VALUE, that stand in place of those of the file.
     """

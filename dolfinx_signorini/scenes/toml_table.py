@@ -103,7 +103,7 @@ class TomlTable:
         return self.finite(key, self.value(key, (int, float), "a number"))
 
     def finite(self, key: str, value: Any) -> float:
-        """Return the value of a key, or an item of the list there, as a finite float."""
+        """Return the value of a key, or an item of its list, as a finite float."""
         if isinstance(value, int | float) and not isinstance(value, bool):
             try:
                 result = float(value)
@@ -131,7 +131,7 @@ class TomlTable:
         """Return the sides that the key `sides` names: one, a list of them, or "all" as `ALL`.
 
         Args:
-            known: The names of the sides that there are; numbers stand for names, too.
+            known: The names of all sides; numbers stand for names, too.
         """
         value = self.value("sides", object, "names or numbers of sides")
         names = value if isinstance(value, list) else [value]

@@ -122,7 +122,7 @@ def _powers(rows: Sequence[Row], norm: str) -> list[float]:
 
 
 def _best(rows: Sequence[Row], norm: str) -> list[float]:
-    """The smallest error of uniform P1, where there is one."""
+    """The smallest error of uniform P1, or nothing without uniform P1."""
     errors = [row["errors"][norm] for row in rows if is_baseline(row)]
     return [min(errors)] if errors else []
 
@@ -130,7 +130,7 @@ def _best(rows: Sequence[Row], norm: str) -> list[float]:
 def slope(rows: Sequence[Row], norm: str) -> float | None:
     """Return s for an error like unknowns^-s, by regression over the finer half of some rows.
 
-    At least four rows count where there are as many.
+    At least four rows count, or all if fewer are known.
 
     Args:
         rows: Rows of one kind that are compared in the norm.

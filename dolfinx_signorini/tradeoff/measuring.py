@@ -74,8 +74,8 @@ class Meter:
     def climbed(self, items: Iterable[Item]) -> list[Row]:
         """Return the rows of the adaptive loop for one accuracy after the other.
 
-        An accuracy that the loop has reached with the one before is left out. The climb ends where
-        the loop does not reach an accuracy within its limit; what it came to is the last row.
+        An accuracy that the loop has reached with the one before is left out. The climb ends with
+        the first accuracy that the loop does not reach within its limit.
 
         Args:
             items: Items on adapted meshes, see `grid.ladder`.

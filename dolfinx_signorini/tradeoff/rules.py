@@ -230,7 +230,7 @@ def _cost(row: Row) -> str:
 
 
 def _required(rows: Sequence[Row], norm: str, target: float) -> Row:
-    """The cheapest row that reaches an error, which must be there."""
+    """The cheapest row that reaches an error; one must exist."""
     row = cheapest(rows, norm, target)
     if row is None:
         raise ValueError(f"no row is accurate enough in {norm}")
@@ -241,7 +241,7 @@ def rules(rows: Sequence[Row]) -> list[Rule]:
     """Return the rules with their titles.
 
     Args:
-        rows: All rows; those on one rank alone decide, but on the number of ranks.
+        rows: All rows; only the rule about ranks reads rows on several ranks.
 
     Raises:
         ValueError, KeyError, IndexError, StopIteration: Some rule has no rows.

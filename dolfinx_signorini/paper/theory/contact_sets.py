@@ -179,6 +179,6 @@ def _matched(boundaries: list[Array], length: float) -> Array:
 
 
 def _distance(low: float, high: float, point: float, length: float) -> float:
-    """Distance of a point on the closed curve from an interval, 0 if it lies in it."""
+    """Distance of a point on the closed curve from an interval, 0 inside of the interval."""
     images = point + length * np.arange(-1.0, 2.0)
     return float(np.maximum(np.maximum(low - images, images - high), 0.0).min())

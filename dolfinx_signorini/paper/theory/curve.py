@@ -110,7 +110,7 @@ class BoundaryCurve:
         return np.array(sorted(connectivity.links(c)[k] for c, k in mine), dtype=np.int32)
 
     def _owned(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-        """Whether this rank owns a node, and the local dofs of the nodes that it owns."""
+        """Whether this rank owns a node, and the local dofs of the owned nodes."""
         first, last = self.space.dofmap.index_map.local_range
         owned = (self.dofs >= first) & (self.dofs < last)
         return owned, self.dofs[owned] - first

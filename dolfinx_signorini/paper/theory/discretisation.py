@@ -25,7 +25,7 @@ from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.solvers.held import HeldSolver
 
 # On the cells near a singular point the gradient of u is like the root of the distance to the
-# point. On cells away from there the rule is the paper's.
+# point. On other cells the rule is the paper's.
 NEAR_CELL_RULE = QuadratureRule("Gauss-Jacobi", 63)
 NEAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 127)
 FAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 15)

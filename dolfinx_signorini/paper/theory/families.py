@@ -1,7 +1,7 @@
 """The experiments: families of meshes, what is measured on each, and the rows on disk.
 
-A row is one experiment on one mesh. Rows are stored as they are done, and rows found on disk are
-not computed again.
+A row is one experiment on one mesh. Each row is stored when the row is done, and rows found on disk
+are not computed again.
 """
 
 import math

@@ -62,7 +62,7 @@ def supercloseness_order(p: float) -> ProvenOrder:
 def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder:
     """Return the best order of ||u - u_h|| in a norm that follows from the paper's statements.
 
-    W^{1,q} and L^q with a q that the statements do not name follow from those they name by
+    W^{1,q} and L^q with a q that the statements do not name follow from the named ones by
     inverse estimates, for q above, and by Hoelder's inequality, for q below, as in the last row of
     the paper's Table 2. A solution with p > 4 is in W^{2,4-eps} as well, and for p < 8 some orders
     are better that way.

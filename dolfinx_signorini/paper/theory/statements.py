@@ -54,7 +54,7 @@ class Statement:
         return names | set(DRAWN.get(self.figure, ())) if self.checks else names
 
 
-# What pictures read besides the checks of the statements that they belong to.
+# What the picture of a statement reads besides the checks of the statement.
 DRAWN = {
     "errors": ("paper",),
     "powers": tuple(map(power_name, POWER_EXPONENTS)),

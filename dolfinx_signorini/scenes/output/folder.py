@@ -104,7 +104,7 @@ def _own_files(folder: Path) -> set[str]:
 
 
 def _move(part: Path, folder: Path) -> None:
-    """Replace the files of an earlier run by those in the temporary folder, the record first."""
+    """Replace the files of an earlier run by the files in another folder, the record first."""
     for name in _own_files(folder) - {RECORD}:
         old = folder / name
         if old.is_dir() and not old.is_symlink():
@@ -117,7 +117,7 @@ def _move(part: Path, folder: Path) -> None:
 
 
 def _discard(part: Path, folder: Path, made: bool) -> None:
-    """Delete the temporary folder, and the folder around it if that is new and empty."""
+    """Delete the temporary folder, and the folder around it if this folder is new and empty."""
     if part != folder:
         shutil.rmtree(part, ignore_errors=True)
     if made:

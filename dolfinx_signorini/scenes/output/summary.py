@@ -151,7 +151,7 @@ def listing(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _place(point: Sequence[float], uncertainty: float) -> str:
-    """Return coordinates with as many digits as are known, without those that are only rounding."""
+    """Return coordinates with as many digits as are known, without digits of rounding."""
     size = max(map(abs, point))
     digits = 4
     if 0.0 < uncertainty < size:
