@@ -204,20 +204,25 @@ def facet_kinds(
     cells, facets, dofs = contact_closures(problem, frames, kinds)
     size = max(comm.allgather(float(np.abs(problem.u.x.array).max(initial=0.0))))
     touching = problem.gap.x.array <= TOUCHING * size
-    held = fem.Function(problem.space)
-    held.x.array[problem.fixed_dofs] = 1.0
-    held.x.scatter_forward()
-    optional = _weightless(problem)[None, :] & (held.x.array[dofs] == 0.0)
-    closed = (touching[dofs] | optional).all(axis=1)
-    kinds[cells[closed], facets[closed]] = CLOSED
-    element = problem.space.element.basix_element
-    # Of higher degree: where a facet touches with a vertex alone, the force is on its neighbours.
-    inner = dofs if element.degree == 1 else dofs[:, frames.dimension :]
-    partly = (touching[inner] & (held.x.array[inner] == 0.0)).any(axis=1) & ~closed
-    kinds[cells[partly], facets[partly]] = PARTLY
-    corners = np.array([dofs[0] for dofs in element.entity_dofs[0]])[frames.order]
+    kinds[cells, facets] = _contact_kinds(problem, dofs, touching)
+    vertices = problem.space.element.basix_element.entity_dofs[0]
+    corners = np.array([dofs[0] for dofs in vertices])[frames.order]
     corners = np.take_along_axis(problem.space.dofmap.list[: len(corners)], corners, axis=1)
     return kinds.astype(np.int64), touching[corners].astype(np.int64)
+
+
+def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Marks) -> Indices:
+    """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
+    fixed = fem.Function(problem.space)
+    fixed.x.array[problem.fixed_dofs] = 1.0
+    fixed.x.scatter_forward()
+    free = fixed.x.array == 0.0
+    closed = (touching[dofs] | (_weightless(problem)[None, :] & free[dofs])).all(axis=1)
+    # Of higher degree: where a facet touches with a vertex alone, the force is on its neighbours.
+    degree, d = problem.space.element.basix_element.degree, problem.space.mesh.topology.dim
+    inner = dofs if degree == 1 else dofs[:, d:]
+    partly = (touching[inner] & free[inner]).any(axis=1)
+    return np.where(closed, CLOSED, np.where(partly, PARTLY, OPEN))
 
 
 def contact_closures(

@@ -4,10 +4,16 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.bounds.boundary_facets import facet_points, on_frames
+from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_frames
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import polynomials
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.strong_form import (
+    EnergyTerms,
+    FacetPolynomials,
+    Facets,
+    polynomial_degree,
+)
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
@@ -46,18 +52,7 @@ def given_fluxes(
     quadrature = 2 * (max(found, default=0) + degree) + (8 if sampled else 0)
     notes = ["a flux is known at quadrature points only"] if sampled else []
     points = facet_points(domain, frames, marked, quadrature)
-    total = np.zeros((len(points.cells), len(points.weights)))
-    for data, facets in terms.neumann:
-        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
-        total += np.where(inside[:, None], points.values(data), 0.0)
-    if terms.robin:
-        u = points.function(problem.space, problem.u.x.array)
-    for data, facets in terms.robin:
-        inside = on_frames(domain, frames, [facets])[points.cells, points.facets]
-        coefficient = np.where(inside[:, None], points.values(data), 0.0)
-        require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")
-        total -= coefficient * u
-    total *= problem.sign
+    total = problem.sign * _flux_at(points, problem, terms)
     p = points.polynomials(degree)
     means = np.einsum("q,nq,njq->nj", points.weights, total, p)
     rest = total - np.einsum("nj,njq->nq", means, p)
@@ -65,6 +60,24 @@ def given_fluxes(
     moments[at] = means * points.sizes[:, None]
     squares[at] = np.square(rest) @ points.weights * points.sizes
     return moments, np.sqrt(squares), notes
+
+
+def _flux_at(points: FacetPoints, problem: SignoriniProblem, terms: EnergyTerms) -> Array:
+    """The flux q - k u at points of facets, shape (facets, points)."""
+    total = np.zeros((len(points.cells), len(points.weights)))
+
+    def inside(data: "Data | FacetPolynomials", facets: Facets) -> Array:
+        marks = on_frames(points.domain, points.frames, [facets])[points.cells, points.facets]
+        return np.where(marks[:, None], points.values(data), 0.0)
+
+    for data, facets in terms.neumann:
+        total += inside(data, facets)
+    u = points.function(problem.space, problem.u.x.array) if terms.robin else 0.0
+    for data, facets in terms.robin:
+        coefficient = inside(data, facets)
+        require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")
+        total -= coefficient * u
+    return total
 
 
 def robin_energy(
