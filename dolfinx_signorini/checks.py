@@ -30,11 +30,7 @@ SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or 
 
 
 def check_bounds(
-    layout: Layout,
-    obstacle: Array,
-    data: Array,
-    upper: bool,
-    reach: Callable[[], float],
+    layout: Layout, obstacle: Array, data: Array, upper: bool, reach: Callable[[], float]
 ) -> Array:
     """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
 
@@ -56,10 +52,7 @@ def check_bounds(
     """
     space, dofs, fixed = layout.space, layout.boundary_dofs, layout.fixed_dofs
     comm = space.mesh.comm
-    for subject, places, values in (
-        ("obstacle", dofs, obstacle),
-        ("Dirichlet data", fixed, data),
-    ):
+    for subject, places, values in (("obstacle", dofs, obstacle), ("Dirichlet data", fixed, data)):
         bad = places[~np.isfinite(values)]
         message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
         require(comm, not message, message, subject)

@@ -164,10 +164,7 @@ def sufficient_rule(domain: mesh.Mesh, degree: int, norm: Norm) -> QuadratureRul
 
 
 def _norms(
-    u_h: fem.Function,
-    exact: Reference | None,
-    norms: Sequence[Norm],
-    rule: QuadratureRule | None,
+    u_h: fem.Function, exact: Reference | None, norms: Sequence[Norm], rule: QuadratureRule | None
 ) -> dict[Norm, float]:
     """Norms that are all on the domain or all on its boundary."""
     ends = [Norm(0.0, 2.0, True), Norm(1.0, 2.0, True)]  # of the interpolation of H^{1/2}

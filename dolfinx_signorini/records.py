@@ -48,11 +48,7 @@ class Records:
     """
 
     def __init__(
-        self,
-        comm: MPI.Comm,
-        path: Path,
-        settings: Mapping[str, Any],
-        keys: Sequence[str] = (),
+        self, comm: MPI.Comm, path: Path, settings: Mapping[str, Any], keys: Sequence[str] = ()
     ):
         self.comm, self.path = comm, path
         self.rows: list[dict[str, Any]] = on_first(

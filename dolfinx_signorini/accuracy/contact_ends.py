@@ -57,9 +57,7 @@ def cells_at_contact_ends(
     return result
 
 
-def contact_on_facets(
-    problem: SignoriniProblem,
-) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
+def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
     """Return the owned contact facets with their dofs, and whether the dofs are in contact.
 
     Args:

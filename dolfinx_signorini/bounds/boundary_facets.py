@@ -11,14 +11,7 @@ from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.assembly import Data
-from dolfinx_signorini.bounds.condensation import (
-    CLOSED,
-    DIRICHLET,
-    INTERIOR,
-    NEUMANN,
-    OPEN,
-    PARTLY,
-)
+from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets

@@ -21,12 +21,7 @@ from dolfinx_signorini.bounds.cell_values import (
     function_values,
     quadrature_degree,
 )
-from dolfinx_signorini.bounds.condensation import (
-    DIRICHLET,
-    OPEN,
-    CellData,
-    coefficients,
-)
+from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs

@@ -37,10 +37,7 @@ from dolfinx_signorini.bounds.cones import (
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
-from dolfinx_signorini.bounds.strong_form import (
-    EnergyTerms,
-    polynomial_degree,
-)
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -150,11 +147,7 @@ def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> fem.F
 
 
 def _raise_edges(
-    problem: SignoriniProblem,
-    frames: Frames,
-    kinds: Indices,
-    change: fem.Function,
-    tiny: float,
+    problem: SignoriniProblem, frames: Frames, kinds: Indices, change: fem.Function, tiny: float
 ) -> str:
     """Raise a function of degree 2 at the middles of edges; return why that fails, or ""."""
     space, d = problem.space, frames.dimension

@@ -37,9 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "1001 is the paper's whole table)",
     )
     parser.add_argument(
-        "--method",
-        default="cascade",
-        help=f"solver: {', '.join(METHODS)} (default cascade)",
+        "--method", default="cascade", help=f"solver: {', '.join(METHODS)} (default cascade)"
     )
     parser.add_argument(
         "--norms",

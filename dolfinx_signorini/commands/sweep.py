@@ -13,13 +13,7 @@ from dolfinx_signorini.logs import log
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.picture import typeset_norm
 from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import (
-    ROWS,
-    Records,
-    check_outputs,
-    on_first,
-    write_file,
-)
+from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first, write_file
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file

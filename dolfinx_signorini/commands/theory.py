@@ -9,12 +9,7 @@ from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.paper.theory.examples import paper_example
-from dolfinx_signorini.paper.theory.families import (
-    Row,
-    discretise,
-    experiments,
-    run_experiments,
-)
+from dolfinx_signorini.paper.theory.families import Row, discretise, experiments, run_experiments
 from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
 from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.paper.theory.report import PICTURES, Document

@@ -21,9 +21,7 @@ PAPER_RULE = QuadratureRule("Gauss-Jacobi", 7)
 
 
 def christof_haubner(
-    domain: mesh.Mesh,
-    detachment: tuple[float, float] = DETACHMENT,
-    radius: float = SUPPORT_RADIUS,
+    domain: mesh.Mesh, detachment: tuple[float, float] = DETACHMENT, radius: float = SUPPORT_RADIUS
 ) -> ManufacturedSolution:
     r"""Return the paper's solution (28) on the unit square, with its gradient and load.
 

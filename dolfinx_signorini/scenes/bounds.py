@@ -7,12 +7,7 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.scenes.conditions import Dirichlet, Neumann, Setting
 from dolfinx_signorini.scenes.known_data import KnownData
-from dolfinx_signorini.scenes.posing import (
-    PosedScene,
-    boundary_parts,
-    diffusion,
-    facets_by_kind,
-)
+from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, diffusion, facets_by_kind
 
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 MADE = "the bound is that of the problem with the obstacle that was made at the nodes"

@@ -71,11 +71,7 @@ def load_scene(
 
 
 def parse_scene(
-    text: str,
-    path: Path,
-    comm: MPI.Comm,
-    overrides: Sequence[str] = (),
-    adapted: bool = False,
+    text: str, path: Path, comm: MPI.Comm, overrides: Sequence[str] = (), adapted: bool = False
 ) -> Scene:
     """Return the scene that a text describes.
 

@@ -186,17 +186,10 @@ def solve_scene(
     phases = Phases(comm) if phases is None else phases
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
-    return _solve_on_adapted_meshes(
-        scene,
-        comm,
-        phases,
-        _degrees(scene) if degree is None else (degree,),
-        scene.norm if norm is None else norm,
-        max_unknowns,
-        accuracy=accuracy,
-        budget=budget,
-        on_step=on_step,
-    )
+    degrees = _degrees(scene) if degree is None else (degree,)
+    norm = scene.norm if norm is None else norm
+    asked = {"accuracy": accuracy, "budget": budget, "on_step": on_step}
+    return _solve_on_adapted_meshes(scene, comm, phases, degrees, norm, max_unknowns, **asked)
 
 
 def _solve_on_adapted_meshes(

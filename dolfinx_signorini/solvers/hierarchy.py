@@ -43,9 +43,7 @@ def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc
     return degrees, mesh_prolongations(space) if _straight(space.mesh) else []
 
 
-def degree_prolongations(
-    space: fem.FunctionSpace,
-) -> tuple[list[PETSc.Mat], fem.FunctionSpace]:
+def degree_prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], fem.FunctionSpace]:
     """Return the prolongations to a space from degree 2 and degree 1, and the space of degree 1.
 
     With degree 2 in between CG takes about half as many iterations for nodal degrees 3 and 4.

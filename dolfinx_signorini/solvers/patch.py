@@ -45,12 +45,7 @@ def patch_dofs(system: System, seeds: Indices, reach: int = 1, more: int = 0) ->
 
 
 def active_in_patch(
-    system: System,
-    x: PETSc.Vec,
-    multiplier: PETSc.Vec,
-    held: Mask,
-    seeds: Indices,
-    reach: int = 1,
+    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices, reach: int = 1
 ) -> Mask:
     """Solve the patch problem near the seeds, and return the active set with that of the patch.
 

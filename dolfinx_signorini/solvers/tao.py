@@ -124,11 +124,7 @@ class TaoRounds:
         self._assembled = system.assembled
 
     def run(
-        self,
-        x: PETSc.Vec,
-        measure: NaturalResidual,
-        rtol: float,
-        residual: float | None = None,
+        self, x: PETSc.Vec, measure: NaturalResidual, rtol: float, residual: float | None = None
     ) -> float:
         """Run rounds from a feasible vector, and return the relative natural residual reached.
 

@@ -102,11 +102,7 @@ CHECKS: dict[str, tuple[Check, ...]] = {
             Within(0.5, 1.0),
         ),
         Check(
-            "bound of the force",
-            "order 1",
-            ("bounds",),
-            entry("force", "bound"),
-            Order(1.0, 1.0),
+            "bound of the force", "order 1", ("bounds",), entry("force", "bound"), Order(1.0, 1.0)
         ),
         Check(
             "error of the force over its bound by a dual solution",

@@ -109,11 +109,7 @@ def experiments() -> dict[str, Experiment]:
         result[name] = _known(cells, paper_example, m.errors, m.shape, make=make)
     for p in ROUGH_EXPONENTS:
         result[rough_name(p)] = _known(
-            (25, 51, 101, 201),
-            partial(rough_example, p),
-            m.supercloseness,
-            m.one_sided,
-            m.infimum,
+            (25, 51, 101, 201), partial(rough_example, p), m.supercloseness, m.one_sided, m.infimum
         )
     for p in POWER_EXPONENTS:
         result[power_name(p)] = Experiment(odd, partial(m.powers, p=p))

@@ -45,10 +45,7 @@ POINT = (0.5, 0.0)  # the detachment point of the paper's solution
 
 def errors(d: Discretisation) -> Row:
     """Return norms of u - u_h, and the L^4 norms of both signs."""
-    return {
-        "errors": error_norms(d.u_h, d.exact, ERROR_NORMS),
-        "signed": parts.signed_parts(d),
-    }
+    return {"errors": error_norms(d.u_h, d.exact, ERROR_NORMS), "signed": parts.signed_parts(d)}
 
 
 def projection(d: Discretisation) -> Row:

@@ -9,11 +9,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.theory.discretisation import (
-    THEORY_RTOL,
-    Discretisation,
-    difference,
-)
+from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation, difference
 from dolfinx_signorini.paper.theory.one_sided import edge_data, solve_linear_program
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule

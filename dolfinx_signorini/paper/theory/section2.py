@@ -2,15 +2,7 @@
 
 import math
 
-from dolfinx_signorini.paper.theory.checks import (
-    Check,
-    Limit,
-    Order,
-    Row,
-    Settles,
-    Within,
-    entry,
-)
+from dolfinx_signorini.paper.theory.checks import Check, Limit, Order, Row, Settles, Within, entry
 from dolfinx_signorini.paper.theory.families import power_name
 
 ANY = math.inf
@@ -90,12 +82,7 @@ CHECKS: dict[str, tuple[Check, ...]] = {
     ),
     "2.3": (
         Check(
-            "1. factor of r^{1/2} at (1/2, 0), paper",
-            "-> 0",
-            ("paper",),
-            half,
-            Order(1.8, 2.5),
-            31,
+            "1. factor of r^{1/2} at (1/2, 0), paper", "-> 0", ("paper",), half, Order(1.8, 2.5), 31
         ),
         Check(
             "1. factor of r^{1/2} times N at the point that is found, load without known solution",

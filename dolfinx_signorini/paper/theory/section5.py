@@ -102,14 +102,7 @@ def _lemma(part: str, numbers: tuple[str, str]) -> tuple[Check, ...]:
 def _proposition(part: str) -> tuple[Check, ...]:
     what = f"(u - u_h)^{SIGNS[part]} in L^4"
     orders = tuple(
-        Check(
-            f"{what}, {name}",
-            "2 - eps",
-            (name,),
-            entry("signed", part),
-            Order(2.0, 2.0),
-            49,
-        )
+        Check(f"{what}, {name}", "2 - eps", (name,), entry("signed", part), Order(2.0, 2.0), 49)
         for name in ("paper", "two", "three", "weak", "corner")
     )
     return (
