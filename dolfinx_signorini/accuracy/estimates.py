@@ -93,7 +93,10 @@ class Estimator:
         ends = cells_at_contact_ends(fine, parents, len(found.cells))
         self.rates.limit(ends, rate_at_ends(self._target))
         self.outlook = self.rates.outlook(found.cells)
-        value = self._with_misfits(self._left_over(found), fine, parents)
+        value = self._left_over(found)
+        if math.isinf(self.rates.power):
+            value = self._with_least(value)
+        value = self._with_misfits(value, fine, parents)
         value = self._with_hidden(value, fine, parents)
         if owners is not None:
             self._try_out(value, fine, owners[parents])
@@ -116,6 +119,19 @@ class Estimator:
         )
         apart = max(found.difference, whole) if math.isinf(power) else found.difference
         return apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
+
+    def _with_least(self, value: float) -> float:
+        """Raise an estimate, and the outlook, to what cells leave at least in a sup norm.
+
+        Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
+        farther apart than what the finer one has beyond its interpolant.
+        """
+        outlook, found = self.outlook, self.found
+        shares = outlook.remaining / np.where(found.cells > 0.0, found.cells, 1.0)
+        least = np.where(outlook.singular, 0.0, found.left)
+        least = np.where(outlook.confirmed, found.moved * shares, least)
+        self.outlook = replace(outlook, remaining=np.maximum(outlook.remaining, least))
+        return max(value, total(least, self.rates.power, self._comm))
 
     def _try_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> None:
         u, parents, before = self._last

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
+from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.elements import coefficients_of, values_at_control_points
 from dolfinx_signorini.meshes import owned_cells
@@ -65,11 +66,16 @@ class Indicators:
             power with which these numbers add up is that of the target.
         local: For each cell the part of this number that the solution alone tells: with a dual
             solution |w - I w|_a, which adds up in squares, and else the whole.
+        moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
+            `cells`.
+        left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
     """
 
     difference: float
     cells: Array
     local: Array
+    moved: Array
+    left: Array
 
 
 def indicators(
@@ -96,11 +102,18 @@ def indicators(
         )
         released = coarse.forces, transfer.restrict(dual)
         changes = contact_changes(released, (forces, error), parents)
-        return Indicators(apart, primal * weight + changes, primal)
+        cells = primal * weight + changes
+        return Indicators(apart, cells, primal, cells, np.zeros(count))
     assert norm is not None
-    local = _detail(transfer, fine.u) if math.isinf(norm.p) else error
-    cells = collected(cell_norms(local, norm), parents, count, norm.p)
-    return Indicators(apart, cells, cells)
+    moved = collected(cell_norms(error, norm), parents, count, norm.p)
+    if not math.isinf(norm.p):
+        return Indicators(apart, moved, moved, moved, np.zeros(count))
+    detail = _detail(transfer, fine.u)
+    cells, left = (
+        collected(values, parents, count, norm.p)
+        for values in (cell_norms(detail, norm), left_by_derivatives(detail, norm.derivatives))
+    )
+    return Indicators(apart, cells, cells, np.maximum(cells, moved), left)
 
 
 def difference(one: fem.Function, other: fem.Function) -> fem.Function:

@@ -215,7 +215,8 @@ class _Choice:
     def is_short_of(self, factor: float, threshold: float, levels: Array) -> bool:
         """Whether divisions do not multiply the error by a factor, and deeper ones would be better.
 
-        In a sup norm a cell that stays slow hardly spares the others their divisions.
+        In a sup norm a slow cell does not spare the others their divisions: in the end they are to
+        be below the same number.
 
         Args:
             factor: The factor that is aimed at.
@@ -224,7 +225,7 @@ class _Choice:
         """
         aim = self.present * factor**self.exponent
         if math.isinf(self.power):
-            return threshold > max(aim, self.least)
+            return threshold > aim
         return self.error(levels) > max(aim, SLACK * self.least)
 
     def growth(self, levels: Array) -> float:

@@ -30,6 +30,7 @@ NEARLY = 0.9  # of the rate for smooth solutions: next to a singular point
 STEEPEST = 4.0  # power of the weights in averages of rates
 NOTABLE = 0.5  # of the largest indicator of the parts of a cell
 SINGULAR = 0.75  # of the rate for smooth solutions: a cell with a smaller rate has a singular point
+AT_ENDS = 2.0  # of the indicator, at least, in sup norms: what cells leave where contact ends
 
 
 class Rates:
@@ -82,7 +83,7 @@ class Rates:
         singular = self.values < SINGULAR * self.order
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
-        at_ends = np.maximum(rho / (1.0 - rho), 1.0) if np.isinf(self.power) else 1.0
+        at_ends = np.maximum(rho / (1.0 - rho), AT_ENDS) if np.isinf(self.power) else 1.0
         remaining = cells * np.where(self._limited, at_ends, rho / rest)
         return Outlook(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order

@@ -1,5 +1,7 @@
 """The solution of Christof and Haubner's experiment, and its problem."""
 
+from dataclasses import replace
+
 import ufl
 from dolfinx import mesh
 
@@ -89,17 +91,19 @@ def christof_haubner(
 
 
 def paper_problem(
-    exact: ManufacturedSolution, degree: int = 1, rule: QuadratureRule = PAPER_RULE
+    exact: ManufacturedSolution, degree: int = 1, rule: QuadratureRule | None = None
 ) -> SignoriniProblem:
     """Return the paper's problem (S_h): (u, v)_H1, load f, contact everywhere, obstacle 0.
 
     Args:
         exact: Solution and load; the load is integrated on the cells of the support only.
         degree: Polynomial degree of the Lagrange elements.
-        rule: Quadrature rule of the load.
+        rule: Quadrature rule of the load; by default the paper's for degree 1, and two degrees more
+            for each further degree, so that the rule does not limit the order.
 
     Source: Christof and Haubner, Section 2.3.
     """
+    rule = rule or replace(PAPER_RULE, degree=PAPER_RULE.degree + 2 * (degree - 1))
     domain = exact.mesh
     space = bernstein_space(domain, degree)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)

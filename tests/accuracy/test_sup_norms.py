@@ -1,0 +1,100 @@
+"""Errors in sup norms: what the derivatives of a solution tell, and requests that come of it."""
+
+import basix
+import dolfinx
+import numpy as np
+import pytest
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_signorini as ds
+from dolfinx_signorini.accuracy.cells import collected
+from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
+from dolfinx_signorini.elements import bernstein_space
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.refinement import Transfer, refined
+
+CELLS = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
+
+
+def interpolated(space, function):
+    """Interpolate in a space of any basis, by its nodal twin."""
+    nodal = fem.Function(
+        fem.functionspace(space.mesh, ("Lagrange", space.element.basix_element.degree))
+    )
+    nodal.interpolate(function)
+    result = fem.Function(space)
+    result.interpolate(nodal)
+    return result
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-5])
+@pytest.mark.parametrize("derivatives", [0, 1])
+@pytest.mark.parametrize(("dimension", "degree"), [(2, 1), (2, 2), (2, 3), (2, 4), (3, 1), (3, 2)])
+def test_the_next_derivatives_are_about_what_interpolation_leaves(
+    comm, dimension, degree, derivatives, scale
+):
+    make = {2: dolfinx.mesh.create_unit_square, 3: dolfinx.mesh.create_unit_cube}[dimension]
+    domain = make(comm, *[4 if dimension == 2 else 3] * dimension)
+    domain.geometry.x[:] *= scale
+    division = refined(SidedMesh(domain, {}))
+    coarse, fine = (bernstein_space(m, degree) for m in (domain, division.sided.mesh))
+    direction = np.array([1.0, -0.6, 0.8])[:dimension] / scale
+
+    def u(x):
+        return np.exp(2.0 * direction @ x[:dimension])
+
+    w = interpolated(fine, u)
+    transfer = Transfer(coarse, fine, division.parents)
+    detail = fem.Function(fine)
+    detail.x.array[:] = w.x.array - transfer.prolong(transfer.restrict(w)).x.array
+    found = left_by_derivatives(detail, derivatives)
+
+    lattice = basix.create_lattice(CELLS[dimension], 12, basix.LatticeType.equispaced, True)
+    cells = owned_cells(fine.mesh)
+    corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells]][:, :, :dimension]
+    edges = corners[:, 1:] - corners[:, :1]
+    points = corners[:, :1] + np.einsum("qj,cji->cqi", lattice, edges)
+    table = fine.element.basix_element.tabulate(1, lattice)[..., 0]
+    values = np.einsum("jqd,cd->jcq", table, w.x.array[fine.dofmap.list[cells]])
+    exact = np.exp(2.0 * points @ direction)
+    if derivatives:
+        slopes = np.einsum("jcq,cij->cqi", values[1:], np.linalg.inv(edges))
+        slopes -= 2.0 * exact[..., None] * direction
+        error = np.linalg.norm(slopes, axis=2).max(axis=1, initial=0.0)
+    else:
+        error = np.abs(values[0] - exact).max(axis=1, initial=0.0)
+    # A part in the middle of a cell hardly differs from the mean of all parts.
+    error, found = (
+        collected(v, division.parents, len(owned_cells(domain)), np.inf) for v in (error, found)
+    )
+    assert (error <= 1.4 * found).all()
+    largest = comm.allreduce(error.max(initial=0.0), op=MPI.MAX)
+    assert (found <= 1.6 * largest).all()
+
+
+@pytest.mark.parametrize(
+    ("degree", "norm", "accuracy"),
+    [
+        (2, "W1_inf", 0.344),
+        (4, "W1_inf", 1e-2),
+        pytest.param(4, "Linf", 1e-6, marks=pytest.mark.slow),
+        pytest.param(3, "W1_inf", 1e-1, marks=pytest.mark.slow),
+        pytest.param(3, "Linf", 1e-6, marks=pytest.mark.slow),
+    ],
+)
+def test_requests_with_the_solution_of_the_paper(comm, degree, norm, accuracy):
+    # At the radius where the solution ends its derivatives of high order have a kink.
+    exact = {}
+
+    def pose(sided):
+        exact["u"] = ds.christof_haubner(sided.mesh)
+        return paper_problem(exact["u"], degree)
+
+    first = SidedMesh(ds.friedrichs_keller(comm, 8), {})
+    found = ds.solve_adaptively(pose, first, norm=norm, accuracy=accuracy)
+    assert found.reached
+    error = ds.error_norms(found.problem.u, exact["u"], [norm])[norm]
+    assert 0.05 * accuracy < error <= accuracy
+    found.problem.destroy()
