@@ -25,6 +25,7 @@ PARTS = 64  # of a segment where a formula is not smooth
 SMALL = 1e-6  # of the values: derivatives that need no parts
 LARGE = 16  # of these where interpolations may follow the formula
 JUMP = 1e-6  # of the values: more than continuous data change in `EDGE` of a segment
+UNIT = 1e-15  # of coordinates: more than rounding
 LEBESGUE = 4.0  # more than the constant of up to 20 Gauss-Lobatto points
 
 
@@ -47,19 +48,25 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     with np.errstate(over="ignore"):
         slope[rough] = np.minimum(slope[rough], apart.max(axis=1, initial=0.0))
         root[rough] = np.minimum(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
-    slope[broken := _jumps_at_ends(formula, corners)] = np.inf
-    root[broken] = np.inf
+    broken = _jumps_at_ends(formula, corners)
+    parts = _divided(corners[rough], LARGE)
+    broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
+    slope[broken] = root[broken] = np.inf
     # The difference vanishes at both ends.
     return np.stack((0.5 * root, slope, root)) * ROUNDING
 
 
 def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
-    """Whether the values at the ends, where interpolations have nodes, are not those next to them.
+    """Whether the values at the ends of segments, or of parts, are not those next to them.
 
-    Discs and intervals know of no jump within `EDGE` of an end.
+    Discs know of no jump within `EDGE` of an end.
     """
-    near = np.array([[0.0], [2.0 * EDGE], [1.0 - 2.0 * EDGE], [1.0]])
-    values = evaluated(formula.root, inside(corners, near))
+    way = corners[:, 1] - corners[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
+    step = np.maximum(2.0 * EDGE, rounding)[:, None] * way
+    near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
+    values = evaluated(formula.root, near)
     apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
     return ~(apart <= JUMP * (np.abs(values).max(axis=0, initial=0.0) + JUMP))
 

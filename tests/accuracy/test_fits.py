@@ -197,6 +197,18 @@ def test_interpolations_of_smooth_formulas_miss_little():
     assert kink[:, 0].max() < 1e-12 and 0.01 < kink[2, 1] < 0.1
 
 
+@pytest.mark.parametrize("part", [1, 3, 8, 16])
+@pytest.mark.parametrize("start", [0.0, 10.42])
+@pytest.mark.parametrize("text", ["where(x < {m!r}, 1, 2)", "atan2(x - {m!r}, y)"])
+def test_derivatives_of_data_that_jump_have_no_bound(text, start, part):
+    width = 1e-6 if start else 0.5
+    ends = start, start + width
+    corners = np.array([[[ends[0], -1.0], [ends[1], -1.0]]])
+    jump = ends[1] if part == 16 else start + part / 16 * (ends[1] - start)
+    _, slope, root = missed_by_interpolation(parse(text.format(m=jump)), corners, 7)[:, 0]
+    assert math.isinf(slope) and math.isinf(root)
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_inverses_of_matrices(n):
     matrix = np.random.default_rng(n).random((n, n)) + 4.0 * np.eye(n)
