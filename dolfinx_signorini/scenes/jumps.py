@@ -107,7 +107,8 @@ def integrable_on_facets(
     vertices = facet_vertices(domain)
     corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
     kind = basix.cell.subentity_types(cell)[dimension - 1][0]
-    element = basix.create_element(basix.ElementFamily.P, kind, degree)
+    variant = basix.LagrangeVariant.gll_warped
+    element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
     found, values = _Projection(formula, parts, domain, element, corners).coefficients()
     space = fem.functionspace(domain, ("DG", degree))
     marks = fem.functionspace(domain, ("DG", dimension))
