@@ -119,13 +119,13 @@ def energy_bound(
     means = gap_means(points, gap, degree)
     data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
-    ends = _ends(domain.comm, values)
+    ends = _ends(domain.comm, values, kinds == DIRICHLET)
     moments, reason = _without_defects(domain.comm, values, data, moments, ends)
     field = coefficients(data, reference, moments)
     parts = _Parts(
         flux=_distance(values, flux_values(values, field, reference), rest, degree),
         data=oscillation(values, missed, rest, degree),
-        mean=_residual(values, data, field, reference),
+        mean=_residual(values, data, field, reference, ends),
         lifting=_lifted(problem, terms, values, near, rest),
         contact=contact_energy(points, gap, moments, degree),
     )
@@ -165,19 +165,25 @@ def _defects(data: CellData, moments: Array) -> Array:
     return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
 
 
-def _residual(values: CellValues, data: CellData, field: Array, reference: ReferenceFlux) -> Array:
-    """What is left of the polynomial f - c u + div y in cells with a reaction, as a bound."""
+def _residual(
+    values: CellValues, data: CellData, field: Array, reference: ReferenceFlux, ends: Marks
+) -> Array:
+    """What is left of the polynomial f - c u + div y as a bound; rounding outside of the ends."""
     inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
     first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
     size = np.sqrt((np.square(inner).sum(axis=1) + first**2) / values.frames.volumes)
-    return np.asarray(np.where(np.isfinite(values.l2_weight), values.l2_weight, 0.0) * size)
+    weight = np.where(ends, values.l2_weight, np.minimum(values.l2_weight, values.gradient_weight))
+    return np.asarray(weight * size)
 
 
-def _ends(comm: MPI.Comm, values: CellValues) -> Marks:
-    """Whether the reaction in a cell is strong enough to take up what is left in the cell."""
+def _ends(comm: MPI.Comm, values: CellValues, exits: Marks) -> Marks:
+    """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
     corners = values.frames.corners.reshape(-1, values.frames.dimension)
     least = longest_side(comm, corners) / np.sqrt(values.diffusion.lowest)
-    return np.asarray(values.l2_weight <= least)
+    ends = np.asarray(values.l2_weight <= least)
+    if comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+        return ends
+    return np.asarray(values.least_reaction > 0.0)
 
 
 def _without_defects(
@@ -185,8 +191,6 @@ def _without_defects(
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without much reaction; also return why not, or ""."""
     exits, moments, ends = data.kinds == DIRICHLET, moments.copy(), ends.copy()
-    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
-        ends = values.least_reaction > 0.0
     wanted = np.where(ends, 0.0, -_defects(data, moments))
     if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
         return moments, ""

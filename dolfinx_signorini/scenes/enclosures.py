@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 from dolfinx_signorini.scenes.intervals import (
@@ -32,6 +33,10 @@ from dolfinx_signorini.scenes.intervals import (
     sine,
     subtract,
 )
+from dolfinx_signorini.scenes.pieces import divided
+
+DIVISIONS = 6  # of simplices in search for a sign
+MOST_PIECES = 20_000  # on a rank that are divided once more
 
 # A value and, where asked for, its derivatives: shapes (2, 1, boxes) and (2, dimension, boxes).
 Pair = tuple[Array, Array | None]
@@ -114,6 +119,23 @@ def _both(formula: Formula, corners: Array) -> tuple[Array, Array]:
             change = reduce(add, (terms[:, k : k + 1] for k in range(len(offset))))
             means.append(np.broadcast_to(add(middle, change)[:, 0], (2, len(corners))))
     return value, np.stack(means, axis=1)
+
+
+def nowhere_negative(formula: Formula, corners: Array, tiny: float) -> npt.NDArray[np.bool_]:
+    """Return whether a formula is known to have no value below 0 on simplices.
+
+    Args:
+        formula, corners: See `enclosed_on_simplices`.
+        tiny: Negative values of this size are none.
+    """
+    owners, result = np.arange(len(corners)), np.ones(len(corners), dtype=bool)
+    for level in range(DIVISIONS + 1):
+        open_ = enclosed_on_simplices(formula, corners)[0] < -tiny
+        if level == DIVISIONS or np.count_nonzero(open_) > MOST_PIECES:
+            result[owners[open_]] = False
+            break
+        corners, owners = divided(corners[open_], owners[open_])
+    return result
 
 
 def enclosed_slopes(formula: Formula, corners: Array) -> Array:

@@ -26,11 +26,12 @@ from dolfinx_signorini.bounds.strong_form import (
     Facets,
     polynomial_degree,
 )
+from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets, longest_side
 from dolfinx_signorini.scenes.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.derivatives import load_and_current
-from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
+from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices, nowhere_negative
 from dolfinx_signorini.scenes.fits import ORDERS, fit, followed_in_parts
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
@@ -43,6 +44,8 @@ Marks = npt.NDArray[np.bool_]
 Known = tuple[EnergyTerms, Remainders]
 
 FLAT = 1e-12  # of a normal: components that are rounding
+ROUNDING = 1e-12  # of a reaction: negative values that are none
+NEGATIVE = "whether the reaction is negative somewhere is known at points only"
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
 
 
@@ -116,6 +119,10 @@ class KnownData:
         low, high = enclosed_on_simplices(formula, self.corners)
         if self._any(np.isinf(low) | np.isinf(high)):
             return terms, rest
+        require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
+        tiny = ROUNDING * max(self.comm.allgather(float(high.max(initial=0.0))))
+        if self._any(~nowhere_negative(formula, self.corners, tiny)):
+            rest = replace(rest, sampled=(*rest.sampled, NEGATIVE))
         extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
         if polynomial_degree(terms.reaction) is not None:
             return terms, replace(rest, **extrema)

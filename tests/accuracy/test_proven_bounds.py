@@ -279,6 +279,43 @@ def test_a_solution_with_a_bump_between_all_points(comm):
     assert error <= bound.total and not bound.sampled
 
 
+REACTING = """
+degree = 2
+[domain]
+shape = "square"
+cells = 5
+[equation]
+reaction = "{c}"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = "top"
+[solution]
+u = "y^2*x - y*(1 + x)"
+manufactured = true
+"""
+
+
+@pytest.mark.parametrize(
+    ("c", "most"),
+    [("where(x + 0.3*y < 0.37, 0, 1000)", 1e3), ("exp(0 - 2000*((x - 0.3)^2 + y^2))", 1.0)],
+)
+def test_a_steep_reaction_whose_polynomials_are_negative_somewhere(c, most, comm):
+    posed = solved(REACTING.format(c=c), comm)
+    bound = bound_of_scene(posed)
+    error = energy_error(posed, lambda x: x[1] ** 2 * x[0] - x[1] * (1 + x[0]), "1", c)
+    assert error <= bound.total < most and not bound.sampled
+
+
+@pytest.mark.parametrize(
+    ("c", "sampled"), [("x - 0.0001", True), ("(x - 0.3)^2 - 1e-8", True), ("x*(1 - x)", False)]
+)
+def test_a_reaction_that_may_be_negative_between_points(c, sampled, comm):
+    bound = bound_of_scene(solved(REACTING.format(c=c), comm))
+    assert bound.sampled == sampled and any("negative" in n for n in bound.notes) == sampled
+
+
 def test_what_has_no_bounded_enclosure_is_called_sampled(comm):
     text, _ = wave(4, 1, 1.0, 1.0)
     text = text.replace('load = "', 'load = "abs(x - 0.31)^-0.4 + ')
