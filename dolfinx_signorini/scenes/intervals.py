@@ -143,8 +143,8 @@ def inside(function: Operation, low: float, high: float) -> Operation:
 
 
 def cut(y: Array, x: Array) -> Truth:
-    """Whether the angle of (x, y) jumps by 2 pi inside of the intervals."""
-    return (y[0] < 0.0) & (y[1] >= 0.0) & (x[0] < 0.0)
+    """Whether the angle of (x, y) jumps by 2 pi inside of the intervals, or from -0.0 to 0.0."""
+    return np.signbit(y[0]) & (y[1] >= 0.0) & (x[0] < 0.0)
 
 
 def angle(y: Array, x: Array) -> Array:
