@@ -128,7 +128,8 @@ def nowhere_negative(formula: Formula, corners: Array, tiny: float) -> npt.NDArr
         formula, corners: See `enclosed_on_simplices`.
         tiny: Negative values of this size are none.
     """
-    owners, result = np.arange(len(corners)), np.ones(len(corners), dtype=bool)
+    result = np.ones(len(corners), dtype=bool)
+    owners: npt.NDArray[np.int64] = np.arange(len(corners))
     for level in range(DIVISIONS + 1):
         open_ = enclosed_on_simplices(formula, corners)[0] < -tiny
         if level == DIVISIONS or np.count_nonzero(open_) > MOST_PIECES:
@@ -178,10 +179,10 @@ def _slopes_on(formula: Formula, corners: Array) -> Array:
 def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
     ends = np.stack((low.T, high.T))
     with np.errstate(all="ignore"):
-        return _Enclosures(ends, slopes)(formula.root)
+        return Enclosures(ends, slopes)(formula.root)
 
 
-class _Enclosures(PerNode[Pair]):
+class Enclosures(PerNode[Pair]):
     """Enclosures of the nodes of formulas on boxes.
 
     Args:

@@ -37,6 +37,7 @@ from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
 from dolfinx_signorini.scenes.known_diffusion import with_known_diffusion
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
+from dolfinx_signorini.scenes.smoothness import load_is_a_function
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -46,6 +47,7 @@ Known = tuple[EnergyTerms, Remainders]
 FLAT = 1e-12  # of a normal: components that are rounding
 ROUNDING = 1e-12  # of a reaction: negative values that are none
 NEGATIVE = "whether the reaction is negative somewhere is known at points only"
+KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
 
 
@@ -91,8 +93,14 @@ class KnownData:
         terms, rest = self._reaction(terms, rest, tolerance)
         terms, rest = self._load(terms, rest, tolerance)
         terms, rest = self._fluxes(terms, rest, tolerance)
+        sampled = rest.sampled
+        if self.solution is not None:
+            entries = [entry for row in self.scene.diffusion for entry in row]
+            if self._any(not load_is_a_function(self.solution, entries, self.corners)):
+                sampled = (*sampled, KINKED)
         return terms, replace(
             rest,
+            sampled=sampled,
             obstacle=self._on_boundary(Contact),
             dirichlet=self._on_boundary(Dirichlet),
             obstacle_in_space=self._obstacle_in_space(),
@@ -269,5 +277,5 @@ class KnownData:
         missed = found.missed * np.sqrt(self.frames.volumes)
         return cell_function(self.domain, found.coefficients, degree), missed, found.mean
 
-    def _any(self, marks: Marks) -> bool:
-        return bool(self.comm.allreduce(bool(marks.any()), op=MPI.LOR))
+    def _any(self, marks: Marks | bool) -> bool:
+        return bool(self.comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

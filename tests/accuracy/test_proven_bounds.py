@@ -316,6 +316,12 @@ def test_a_reaction_that_may_be_negative_between_points(c, sampled, comm):
     assert bound.sampled == sampled and any("negative" in n for n in bound.notes) == sampled
 
 
+def test_a_solution_with_a_kink_has_a_load_that_no_formula_has(comm):
+    text = MANUFACTURED.format(degree=1, cells=4, g="-1", u="abs(x - 0.37)")
+    bound = bound_of_scene(solved(text.replace('"1 + 0.5*sin(x + y)"', "1"), comm))
+    assert bound.sampled and any("continuous" in note for note in bound.notes)
+
+
 def test_what_has_no_bounded_enclosure_is_called_sampled(comm):
     text, _ = wave(4, 1, 1.0, 1.0)
     text = text.replace('load = "', 'load = "abs(x - 0.31)^-0.4 + ')
