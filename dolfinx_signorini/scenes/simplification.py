@@ -5,6 +5,7 @@ r = hypot(a, b), and their arguments a and b. Sums are multiplied out, a^2 becom
 sin^2 becomes 1 - cos^2. So -div grad of r^1.5 sin(1.5 t) turns out to be 0.
 """
 
+import math
 from collections import defaultdict
 from functools import reduce
 
@@ -77,6 +78,8 @@ class _Expansion:
             _add(open_, self._times(rest, frozenset({(other, 2.0)})), -factor, size)
         if open_:  # squares that replace each other
             raise _TooLarge
+        if not all(math.isfinite(most) for _, most in result.values()):
+            raise OverflowError
         return {t: v for t, v in result.items() if abs(v[0]) > ROUNDING * v[1]}
 
     def node(self, terms: Sum) -> Node:

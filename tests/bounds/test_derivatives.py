@@ -51,6 +51,11 @@ def test_a_harmonic_solution_has_no_load():
     assert load_and_current(parse(f"{W} + x^2"), [], None, 2)[0].constant == -2.0
 
 
+def test_a_coefficient_that_overflows_does_not_cancel():
+    formula, x = parse("1e200*x*(1e200*y)"), np.array([[1e-200, 3e-190]])
+    assert evaluated(simplified(formula).root, x) == pytest.approx(3e10)
+
+
 @pytest.mark.parametrize("n", [-0.5, -0.9, 0.5])
 def test_means_around_a_singular_point(n):
     corners = np.array(
