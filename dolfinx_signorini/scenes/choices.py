@@ -16,7 +16,11 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.scenes.enclosures import enclosed_linearly, enclosed_on_simplices
+from dolfinx_signorini.scenes.enclosures import (
+    enclosed_linearly,
+    enclosed_on_simplices,
+    undefined,
+)
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 from dolfinx_signorini.scenes.jumps import switch, switches
 from dolfinx_signorini.scenes.names import Names
@@ -108,12 +112,13 @@ def _shares(margin: Formula, corners: Array) -> Array:
     """Shares of simplices outside of which a function is positive, and negative."""
     low, high = enclosed_linearly(margin, corners)
     least, most = enclosed_on_simplices(margin, corners)
-    d, result = corners.shape[1] - 1, []
+    d, result, doubt = corners.shape[1] - 1, [], undefined(margin, corners)
     for ends, clear in ((low, least > 0.0), (-high, most < 0.0)):
         depth, top = np.maximum(-ends.min(axis=0), 0.0), ends.max(axis=0)
         with np.errstate(all="ignore"):
             share = np.where((top > 0.0) & np.isfinite(depth), d * depth / top, 1.0)
-        result.append(np.where(clear, 0.0, np.minimum(share, 1.0)))
+        share = np.where(clear, 0.0, np.minimum(share, 1.0))
+        result.append(np.where(doubt, 1.0, share))  # a comparison of no value is false
     return np.stack(result)
 
 

@@ -14,7 +14,7 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
+from dolfinx_signorini.scenes.formulas import COMPARISONS, Formula, Node, PerNode, nodes
 from dolfinx_signorini.scenes.intervals import (
     ONE,
     OPERATIONS,
@@ -35,6 +35,8 @@ from dolfinx_signorini.scenes.intervals import (
 )
 from dolfinx_signorini.scenes.pieces import divided
 
+LIMITS = {"sqrt": (0.0, np.inf), "log": (0.0, np.inf), "asin": (-1.0, 1.0), "acos": (-1.0, 1.0)}
+ROUNDING = 1e-12  # of an argument that is beyond such a limit
 DIVISIONS = 6  # of simplices in search for a sign
 MOST_PIECES = 20_000  # on a rank that are divided once more
 
@@ -139,6 +141,18 @@ def nowhere_negative(formula: Formula, corners: Array, tiny: float) -> npt.NDArr
     return result
 
 
+def undefined(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
+    """Return whether a part of a formula may have no value somewhere in simplices.
+
+    Args:
+        formula, corners: See `enclosed_on_simplices`.
+    """
+    ends = np.stack((corners.min(axis=1).T, corners.max(axis=1).T))
+    with np.errstate(all="ignore"):
+        found = Enclosures(ends, False).undefined(formula.root)
+    return np.broadcast_to(found.ravel(), len(corners))
+
+
 def enclosed_slopes(formula: Formula, corners: Array) -> Array:
     """Return enclosures of the derivatives of a formula from one end of a segment to the other.
 
@@ -207,12 +221,28 @@ class Enclosures(PerNode[Pair]):
             result = power(values[0], node.args[1].value)
         else:
             result = OPERATIONS[node.op](*values)
+        if node.op in COMPARISONS:  # of no value is false
+            result = np.where(self.undefined(node), [[[0.0]], [[1.0]]], result)
         slopes = [slope for _, slope in pairs if slope is not None]
         if not slopes:
             return result, None
         # Next to a pole the derivative has a sign that the differences across the pole do not have.
         pole = np.asarray(~np.isfinite(result).all(axis=0))
         return result, line_where(pole, _slopes(node, values, result, slopes))
+
+    def undefined(self, root: Node) -> npt.NDArray[np.bool_]:
+        """Return whether a part of a formula may have no value at some points, shape (1, boxes)."""
+        result = np.zeros(1, dtype=bool)
+        for node in nodes(root):
+            low, high = LIMITS.get(node.op, (-np.inf, np.inf))
+            if node.op == "^" and node.args[1].value % 1.0:
+                low = 0.0
+            if (low, high) != (-np.inf, np.inf):
+                least, most = self(node.args[0])[0]
+                tiny = ROUNDING * np.maximum(np.abs(least), np.abs(most))
+                tiny = np.where(np.isfinite(tiny), tiny, 0.0)
+                result = result | (least < low - tiny) | (most > high + tiny)
+        return result
 
 
 def _slopes(node: Node, values: list[Array], result: Array, slopes: list[Array]) -> Array:

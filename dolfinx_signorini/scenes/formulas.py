@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.errors import InputError
 
 COORDINATES = ("x", "y", "z")
+COMPARISONS = ("<", "<=", ">", ">=")
 CONSTANTS = {"pi": math.pi}
 # For each name: the number of arguments, the function of floats, and the function of UFL.
 FUNCTIONS: dict[str, tuple[int, Callable[..., float], Callable[..., Expr]]] = {

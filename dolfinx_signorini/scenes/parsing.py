@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping
 
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.scenes.formulas import (
+    COMPARISONS,
     CONSTANTS,
     COORDINATES,
     FUNCTIONS,
@@ -40,7 +41,6 @@ MISPLACED = (
     "a comparison such as x < 0.5 was expected as the first argument of where, and only there"
 )
 
-COMPARISONS = ("<", "<=", ">", ">=")
 # What belongs nowhere comes before the signs: Python would take "f(x,)" and "(f)(x)".
 _TOKEN = re.compile(
     r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*)"

@@ -20,6 +20,8 @@ FORMULAS = [
     "where(x < y, x^3, y^-0.5) + (1.5 + x)^2.5",
     "tanh(5*x) + atan(1/(x + 0.25)) + sign(y - 0.25)",
     "log(hypot(x, y)) + acos(0.4*x)",
+    "where(sqrt(x + y) < 9, 1, 2) + where(acos(x) > -1, 3, y)",
+    "where(log(x) - y^0.5 < 7, x, y)",
 ]
 
 
