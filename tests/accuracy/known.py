@@ -186,7 +186,7 @@ def points(accuracies: dict[str, tuple[float, ...]]) -> Known:
         define += [
             f'X{i} = "{along} - {start!r}"',
             f'r{i} = "hypot(X{i}, {inward})"',
-            f'c{i} = "where(r{i} < 0.28, (1 - (r{i}/0.28)^2)^4, 0)"',
+            f'c{i} = "max(1 - (r{i}/0.28)^2, 0)^4"',
             f'w{i} = "0 - c{i}*r{i}^1.5*sin(1.5*atan2({inward}, X{i}))"',
         ]
         names.append(f"w{i}")
