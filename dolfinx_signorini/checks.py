@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini import compiled
-from dolfinx_signorini.elements import control_points
+from dolfinx_signorini.elements import control_points, is_bernstein
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import box
 from dolfinx_signorini.system import Layout, System
@@ -35,7 +35,8 @@ def check_bounds(
     """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
 
     Data may lie beyond the obstacle by as much as rounding: 1e-12 of the largest datum, or of the
-    size of the solution.
+    size of the solution. In the Bernstein basis they are compared at vertices: the coefficients of
+    other dofs are no values, and may lie beyond where the data do not.
 
     Args:
         layout: The dofs on the contact boundary and those with Dirichlet data.
@@ -59,8 +60,12 @@ def check_bounds(
     i = np.flatnonzero(~layout.free)
     j = np.searchsorted(fixed, dofs[i])
     beyond = (data[j] - obstacle[i]) if upper else (obstacle[i] - data[j])
+    clamped = obstacle.copy()
+    clamped[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
+    if is_bernstein(space):
+        beyond[~_at_vertices(space, dofs[i])] = 0.0
     if not comm.allreduce(bool((beyond > 0.0).any()), op=MPI.LOR):
-        return obstacle
+        return clamped
     sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
     size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())
     message = ""
@@ -70,9 +75,13 @@ def check_bounds(
             f"{data[j[k]]:.6g} at {_place(space, fixed[j[k]])}"
         )
     require(comm, not message, message, "obstacle")
-    clamped = obstacle.copy()
-    clamped[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
     return clamped
+
+
+def _at_vertices(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
+    """Tell which dofs belong to vertices."""
+    places = np.concatenate(space.element.basix_element.entity_dofs[0])
+    return np.isin(dofs, space.dofmap.list[:, places])
 
 
 def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:

@@ -281,3 +281,30 @@ def test_a_reaction_and_a_diffusion_that_jump_are_those_of_the_forms(degree, com
     exact += (5.0 * A_JUMP**power + 1.0 - A_JUMP**power) / power
     posed.problem.destroy()
     assert energy == pytest.approx(exact, rel=2e-4)
+
+
+def test_between_vertices_coefficients_beyond_the_obstacle_are_no_data_beyond(comm, parse):
+    """u >= 0 meets Dirichlet data along edges, with coefficients of both signs on coarse meshes."""
+    scene = parse("""
+degree = 2
+[domain]
+shape = "cube"
+cells = 2
+[define]
+X = "x - 0.4137"
+w = "0 - hypot(X, z)^1.5*sin(1.5*atan2(z, X))"
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = ["left", "right", "front", "back", "top"]
+value = "w"
+""")
+    result = solve_scene(scene, comm)
+    space = result.u.function_space
+    vertices = np.unique(space.dofmap.list[:, :4])
+    x, _, z = control_points(space)[vertices].T
+    exact = -(np.hypot(x - 0.4137, z) ** 1.5) * np.sin(1.5 * np.arctan2(z, x - 0.4137))
+    error = float(np.abs(result.u.x.array[vertices] - exact).max(initial=0.0))
+    result.destroy()
+    assert comm.allreduce(error, op=MPI.MAX) < 0.02
