@@ -109,15 +109,18 @@ class Estimator:
 
         A dual solution looks where the difference is largest, and hardly sees what slow cells leave
         at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
-        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
+        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants, and
+        at a singular point farther apart: each cell has its own difference.
         """
         sharpness = min(self._target.exponent, SHARPNESS) if self._target.weighted else 1.0
         cells, power = found.cells, self.rates.power
         shares = self.outlook.remaining / np.where(cells > 0.0, cells, 1.0)
+        if math.isinf(power):
+            return total(found.moved * shares, power, self._comm)
         left, whole = (
             total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
         )
-        apart = max(found.difference, whole) if math.isinf(power) else found.difference
+        apart = found.difference
         return apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
 
     def _with_least(self, value: float) -> float:

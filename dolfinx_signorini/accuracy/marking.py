@@ -262,11 +262,13 @@ def _points(
     numbers = np.maximum(summed_at_vertices(space, np.ones(len(cells)), cells), 1.0)
     # The mean and not the sum: a corner of the domain has few cells.
     around = summed_at_vertices(space, parts / largest, cells) / numbers
-    best = np.take_along_axis(vertices, around[vertices].argmax(axis=1)[:, None], 1)[:, 0]
+    worst = around[vertices].argmax(axis=1)
+    best = vertices[cells, worst]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)
     number = space.dofmap.index_map.local_to_global(best[slow]) + 1.0
     count, first, second = (summed_at_vertices(space, number**k, slow) for k in range(3))
     mixed = np.abs(count * second - first**2) > 0.5
     isolated = np.zeros(len(parts), dtype=bool)
     isolated[slow] = ~mixed[vertices[slow]].any(axis=1)
-    return space.tabulate_dof_coordinates()[best], isolated
+    # Coordinates of dofs would be rounded, which far from the origin shows in small cells.
+    return domain.geometry.x[domain.geometry.dofmap[cells, worst]], isolated

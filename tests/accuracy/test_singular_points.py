@@ -1,0 +1,75 @@
+"""The promise of an accuracy where u = -r^s sin(s t) at the tip of a wedge of some angle."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known import Known, true_error
+
+from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes.reading import parse_scene
+
+
+def wedge(degrees, exponent, size=1.0, tip=(0.0, 0.0), turned=0.0):
+    """Contact on one side of the tip, where u = 0, and the rest Dirichlet data.
+
+    With an exponent of 90 over the angle the flux on the other side of the tip is zero, and that
+    side has no condition.
+    """
+    angle = math.radians(degrees)
+    count = max(3, math.ceil(degrees / 60) + 1)
+    ends = [turned + angle * i / (count - 1) for i in range(count)]
+    vertices = [list(tip)]
+    vertices += [[tip[0] + size * math.cos(t), tip[1] + size * math.sin(t)] for t in ends]
+    c, s = math.cos(turned + angle / 2.0), math.sin(turned + angle / 2.0)
+    free = abs(exponent * degrees - 90.0) < 1e-9
+    held = list(range(2, count + (1 if free else 2)))
+    text = f"""
+[domain]
+shape = "polygon"
+vertices = {vertices}
+width = {size / 2.0!r}
+[define]
+X = "(x - {tip[0]!r})*{c!r} + (y - {tip[1]!r})*{s!r}"
+Y = "(y - {tip[1]!r})*{c!r} - (x - {tip[0]!r})*{s!r}"
+t = "atan2(Y, X) + {angle / 2.0!r}"
+w = "0 - (hypot(X, Y)/{size!r})^{exponent!r}*sin({exponent!r}*t)"
+[contact]
+sides = 1
+obstacle = 0
+[[dirichlet]]
+sides = {held}
+value = "w"
+"""
+
+    def u(x, y):
+        a, b = x - tip[0], y - tip[1]
+        t = np.arctan2(b * c - a * s, a * c + b * s) + angle / 2.0
+        return -((np.hypot(a, b) / size) ** exponent) * np.sin(exponent * t)
+
+    return Known(text, u, lambda x, y: (), {})
+
+
+@pytest.mark.parametrize(
+    ("shape", "norm", "accuracy", "degree"),
+    [
+        ({"degrees": 300.0, "exponent": 0.3}, "Linf", 0.2, 2),
+        ({"degrees": 180.0, "exponent": 0.5, "size": 1e-3}, "Linf", 3e-5, 2),
+        ({"degrees": 120.0, "exponent": 1.5}, "Linf", 1e-5, 3),
+        (
+            {"degrees": 270.0, "exponent": 2 / 3, "tip": (1000.0, -3000.0), "turned": 0.3},
+            "Linf",
+            1e-4,
+            None,
+        ),
+    ],
+)
+def test_the_true_error_is_below_the_accuracy(shape, norm, accuracy, degree, comm):
+    known = wedge(**shape)
+    scene = parse_scene(known.text, Path("wedge.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, degree=degree)
+    assert result.found.reached
+    error = true_error(result.u, known, norm)
+    result.destroy()
+    assert 0.1 * accuracy < error <= accuracy
