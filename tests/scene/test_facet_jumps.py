@@ -103,7 +103,7 @@ flux = "where(x < 0.3713, 3, 1)"
 """
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, 2, 4])
 def test_the_flux_of_a_scene_is_integrated_piece_by_piece(comm, parse, degree):
     posed = pose(parse(NEUMANN.format(degree=degree)), comm)
     w = fem.Function(posed.problem.space)
