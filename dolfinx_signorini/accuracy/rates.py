@@ -104,6 +104,7 @@ class Rates:
             divided: The mesh that came out.
         """
         smooth = NEARLY * self.order
+        self._slow = self.values[divided.owners]
         self.values = np.where(divided.away, smooth, self.values[divided.owners])
         self._confirmed = self._confirmed[divided.owners] & ~divided.away
         self._domain, self._before = domain, before
@@ -137,6 +138,10 @@ class Rates:
         smooth = slow & (cells < NOTABLE * largest[owners])
         self.values = np.where(smooth, NEARLY * self.order, self.values)
         self._confirmed |= slow & ~smooth & singular[owners] & ~divided.away
+        # A cell away from the point may have the singular point itself, which is no vertex yet.
+        similar = before[owners] * 2.0 ** (-self._slow / self._times * levels)
+        missed = divided.away & (cells > NOTABLE * similar)
+        self.values = np.where(missed, np.minimum(self._slow, self.values), self.values)
 
     def _smoothed(self, rates: Array, weights: Array, told: npt.NDArray[np.bool_]) -> Array:
         """Average rates around vertices, and give each cell the slowest one at its vertices.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ufl
 from ufl.core.expr import Expr
@@ -76,6 +76,8 @@ class Target:
 def target(norm: str | Functional) -> Target:
     """Return the target that a norm's name or a functional means.
 
+    A sup norm of the boundary means that of the domain, which is not smaller.
+
     Raises:
         InputError: The name is that of no norm.
     """
@@ -90,4 +92,7 @@ def target(norm: str | Functional) -> Target:
         return Target(getattr(norm, "__name__", "functional"), functional=form)
     if not isinstance(norm, str):
         raise InputError(f"must be a name or a function, not {type(norm).__name__}", "norm")
-    return Target(norm, parse_norm(norm))
+    parsed = parse_norm(norm)
+    if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
+        parsed = replace(parsed, boundary=False)
+    return Target(norm, parsed)
