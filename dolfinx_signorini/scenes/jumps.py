@@ -178,8 +178,11 @@ class _Projection:
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)
-        basis = self._basis(self.points)
-        mass = basis.T @ (self.weights[:, None] * basis)
+        points, weights = QuadratureRule("default", 2 * self.element.degree).points(
+            self.element.cell_type
+        )
+        basis = self._basis(points)
+        mass = basis.T @ (weights[:, None] * basis)
         values = np.linalg.solve(mass, moments[cells].T).T
         finite = np.isfinite(values).all(axis=1)
         return cells[finite], values[finite]

@@ -265,7 +265,7 @@ def test_errors_decrease_where_the_load_jumps_inside_cells(degree, order, comm, 
     assert max(np.array(errors[1:]) / errors[:-1]) < 0.5  # each step better than order 1
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
 def test_a_reaction_and_a_diffusion_that_jump_are_those_of_the_forms(degree, comm, parse):
     """The energies of polynomials of the degree are the integrals of the exact coefficients."""
     data = {"degree": degree, "load": "1", "reaction": "where(x < 0.37, 5, 1)", "u": "0"}
