@@ -389,7 +389,7 @@ value = "w"
 def true_error(u: fem.Function, known: Known, norm: str) -> float:
     """Return a norm of the error, by a lattice or a rule that the package does not use."""
     order, p = {
-        "L2": (0, 2.0), "L4": (0, 4.0), "Linf": (0, math.inf), "H1": (1, 2.0),
+        "L1": (0, 1.0), "L2": (0, 2.0), "L4": (0, 4.0), "Linf": (0, math.inf), "H1": (1, 2.0),
         "W1_4": (1, 4.0), "W1_inf": (1, math.inf),
     }[norm]  # fmt: skip
     space, domain = u.function_space, u.function_space.mesh

@@ -109,3 +109,33 @@ flux = "where(X < 0, 0 - pi, 0)"
     assert result.found.reached
     assert 1e-4 < true_error(result.u, Known(text, u, gradient, {}), "W1_4") <= 1e-3
     result.destroy()
+
+
+@pytest.mark.slow
+def test_a_load_that_is_integrated_roughly_is_no_small_error(comm):
+    """The load of a manufactured solution jumps inside cells, which no indicator shows."""
+    text = """
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "0.8*x + 0.6*y - 0.7123"
+[contact]
+sides = "top"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+[solution]
+u = "where(s > 0, s^2*exp(x), 0) + 2*y"
+manufactured = true
+"""
+
+    def u(x, y):
+        s = 0.8 * x + 0.6 * y - 0.7123
+        return np.where(s > 0.0, s**2 * np.exp(x), 0.0) + 2.0 * y
+
+    scene = parse_scene(text, Path("load.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=1e-5, norm="L1", max_unknowns=100_000)
+    found, known = result.found, Known(text, u, lambda x, y: (), {})
+    error = true_error(result.u, known, "L1")
+    result.destroy()
+    assert error <= 1e-5 or not found.reached
