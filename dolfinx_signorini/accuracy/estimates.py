@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, total
@@ -95,7 +96,7 @@ class Estimator:
         self.outlook = self.rates.outlook(found.cells)
         value = self._left_over(found)
         if math.isinf(self.rates.power):
-            value = self._with_least(value)
+            value = self._with_least(value, ends)
         value = self._with_misfits(value, fine, parents)
         value = self._with_hidden(value, fine, parents)
         if owners is not None:
@@ -109,24 +110,21 @@ class Estimator:
 
         A dual solution looks where the difference is largest, and hardly sees what slow cells leave
         at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
-        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants, and
-        at a singular point farther apart: each cell has its own difference.
+        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
         """
         sharpness = min(self._target.exponent, SHARPNESS) if self._target.weighted else 1.0
         cells, power = found.cells, self.rates.power
         shares = self.outlook.remaining / np.where(cells > 0.0, cells, 1.0)
-        if math.isinf(power):
-            return total(found.moved * shares, power, self._comm)
         left, whole = (
             total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
         )
         # Solutions on two meshes are not farther apart than their indicators say, unless the data
         # jump between the points of a quadrature rule: what this moves hardly falls in one step.
         excess = max(found.difference - whole, 0.0) if self._target.weighted else 0.0
-        apart = found.difference - excess
+        apart = max(found.difference, whole) if math.isinf(power) else found.difference - excess
         return excess + (apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart)
 
-    def _with_least(self, value: float) -> float:
+    def _with_least(self, value: float, ends: npt.NDArray[np.bool_]) -> float:
         """Raise an estimate, and the outlook, to what cells leave at least in a sup norm.
 
         Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
@@ -135,7 +133,7 @@ class Estimator:
         outlook, found = self.outlook, self.found
         shares = outlook.remaining / np.where(found.cells > 0.0, found.cells, 1.0)
         least = np.where(outlook.singular, 0.0, found.left)
-        least = np.where(outlook.confirmed, found.moved * shares, least)
+        least = np.where(outlook.confirmed & ~ends, found.moved * shares, least)
         self.outlook = replace(outlook, remaining=np.maximum(outlook.remaining, least))
         return max(value, total(least, self.rates.power, self._comm))
 

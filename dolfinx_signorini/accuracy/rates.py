@@ -7,9 +7,11 @@ the error of w
     eta rho / (1 - rho)           for indicators that add up unsquared,
     eta rho / sqrt(1 - rho^2)     for local indicators: the errors on a cell and on its parts are
                                   almost orthogonal, and exactly so in the energy norm,
-    eta rho / (1 - rho^2)         in sup norms: at a singular point with r^s the largest errors on
-                                  both meshes have one sign, at distances that halve (measured with
-                                  degrees 1 to 3 and s = 0.27 to 0.9: 0.75 to 1 of this number).
+    eta rho / (1 - rho^2)         in sup norms at a singular point that was seen twice: with r^s the
+                                  largest errors on both meshes have one sign, at distances that
+                                  halve (measured with degrees 1 to 3 and s = 0.27 to 0.9: 0.75 to 1
+                                  of this number). Elsewhere the exponent of 1 - rho^2 is 3/4: a slow
+                                  cell may be so by chance.
 
 The rate s is the rate for smooth solutions, or less, and is measured where a cell has been divided,
 from the indicators of the cell and of its parts. An indicator may be the product of a part of the
@@ -84,7 +86,7 @@ class Rates:
         rho = 2.0**-self.values
         rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
         if np.isinf(self.power):
-            rest = rest**2
+            rest = np.where(self._confirmed, rest**2, rest**1.5)
         singular = self.values < SINGULAR * self.order
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
