@@ -10,8 +10,8 @@ the error of w
     eta rho / (1 - rho^2)         in sup norms at a singular point that was seen twice: with r^s the
                                   largest errors on both meshes have one sign, at distances that
                                   halve (measured with degrees 1 to 3 and s = 0.27 to 0.9: 0.75 to 1
-                                  of this number). Elsewhere the exponent of 1 - rho^2 is 3/4: a slow
-                                  cell may be so by chance.
+                                  of this number). Elsewhere the exponent of 1 - rho^2 is 3/4, for a
+                                  cell may be slow by chance.
 
 The rate s is the rate for smooth solutions, or less, and is measured where a cell has been divided,
 from the indicators of the cell and of its parts. An indicator may be the product of a part of the
