@@ -24,7 +24,7 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.cells import BLOCK, Array
 from dolfinx_signorini.meshes import cell_edges, owned_cells
 
-EXCESS = 3.0  # for half an edge 2, and what elements leave beyond interpolation
+EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
 
 
 def left_by_derivatives(detail: fem.Function, derivatives: float) -> Array:

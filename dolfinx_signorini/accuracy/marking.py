@@ -20,6 +20,7 @@ from dolfinx_signorini.refinement import refined
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
 DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere
 BISECTIONS = 60  # of the interval that the threshold is in
+AHEAD = 0.3  # of what the slowest cells come to: so small may others be made in a sup norm
 SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: the cells that make up so much are divided in any case
@@ -215,7 +216,7 @@ class _Choice:
     def is_short_of(self, factor: float, threshold: float, levels: Array) -> bool:
         """Whether divisions do not multiply the error by a factor, and deeper ones would be better.
 
-        In a sup norm a slow cell does not spare the others their divisions: in the end they are to
+        In a sup norm a slow cell hardly spares the others their divisions: in the end they are to
         be below the same number.
 
         Args:
@@ -225,7 +226,7 @@ class _Choice:
         """
         aim = self.present * factor**self.exponent
         if math.isinf(self.power):
-            return threshold > aim
+            return threshold > max(aim, AHEAD * self.least)
         return self.error(levels) > max(aim, SLACK * self.least)
 
     def growth(self, levels: Array) -> float:

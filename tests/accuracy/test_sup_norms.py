@@ -69,7 +69,7 @@ def test_the_next_derivatives_are_about_what_interpolation_leaves(
     error, found = (
         collected(v, division.parents, len(owned_cells(domain)), np.inf) for v in (error, found)
     )
-    assert (error <= 1.4 * found).all()
+    assert (error <= 1.7 * found).all()
     largest = comm.allreduce(error.max(initial=0.0), op=MPI.MAX)
     assert (found <= 1.6 * largest).all()
 
@@ -80,7 +80,7 @@ def test_the_next_derivatives_are_about_what_interpolation_leaves(
         (2, "W1_inf", 0.344),
         (4, "W1_inf", 1e-2),
         pytest.param(4, "Linf", 1e-6, marks=pytest.mark.slow),
-        pytest.param(3, "W1_inf", 1e-1, marks=pytest.mark.slow),
+        pytest.param(3, "W1_inf", 1e-2, marks=pytest.mark.slow),
         pytest.param(3, "Linf", 1e-6, marks=pytest.mark.slow),
     ],
 )
@@ -92,7 +92,7 @@ def test_requests_with_the_solution_of_the_paper(comm, degree, norm, accuracy):
         exact["u"] = ds.christof_haubner(sided.mesh)
         return paper_problem(exact["u"], degree)
 
-    first = SidedMesh(ds.friedrichs_keller(comm, 8), {})
+    first = SidedMesh(ds.friedrichs_keller(comm, 4), {})
     found = ds.solve_adaptively(pose, first, norm=norm, accuracy=accuracy)
     assert found.reached
     error = ds.error_norms(found.problem.u, exact["u"], [norm])[norm]
