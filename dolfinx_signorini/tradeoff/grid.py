@@ -37,7 +37,7 @@ CELLS: dict[int, dict[Kind, tuple[int, ...]]] = {
 }
 FIRST = {2: 4, 3: 2}  # cells across on the first mesh of the adaptive loop
 HIGHEST = {2: 4, 3: 3}  # degree on adapted meshes
-ADAPTED = 20_000  # limit on the unknowns of adapted meshes
+ADAPTED = 30_000  # limit on the unknowns of adapted meshes
 REFERENCE = 4  # unknowns of a reference solution over this limit
 SWEEP_RTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 SWEEP_RULE = (1, 2, 3, 4, 5, 7, 9, 11)
