@@ -113,8 +113,7 @@ class Estimator:
         slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
         """
         sharpness = min(self._target.exponent, SHARPNESS) if self._target.weighted else 1.0
-        cells, power = found.cells, self.rates.power
-        shares = self.outlook.remaining / np.where(cells > 0.0, cells, 1.0)
+        cells, power, shares = found.cells, self.rates.power, self._shares()
         left, whole = (
             total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
         )
@@ -124,6 +123,11 @@ class Estimator:
         apart = max(found.difference, whole) if math.isinf(power) else found.difference - excess
         return excess + (apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart)
 
+    def _shares(self) -> Array:
+        """What cells leave, over their indicators; 0 for cells without an indicator."""
+        cells = self.found.cells
+        return np.asarray(self.outlook.remaining / np.where(cells > 0.0, cells, 1.0))
+
     def _with_least(self, value: float, ends: npt.NDArray[np.bool_]) -> float:
         """Raise an estimate, and the outlook, to what cells leave at least in a sup norm.
 
@@ -131,9 +135,8 @@ class Estimator:
         farther apart than what the finer one has beyond its interpolant.
         """
         outlook, found = self.outlook, self.found
-        shares = outlook.remaining / np.where(found.cells > 0.0, found.cells, 1.0)
         least = np.where(outlook.singular, 0.0, found.left)
-        least = np.where(outlook.confirmed & ~ends, found.moved * shares, least)
+        least = np.where(outlook.confirmed & ~ends, found.moved * self._shares(), least)
         self.outlook = replace(outlook, remaining=np.maximum(outlook.remaining, least))
         return max(value, total(least, self.rates.power, self._comm))
 

@@ -93,9 +93,9 @@ def indicators(
     transfer = Transfer(space, fine.space, parents)
     error = difference(fine.u, transfer.prolong(coarse.u))
     count = len(owned_cells(space.mesh))
-    apart = size(error, target)
     norm = target.norm
     if target.weighted:
+        apart = size(error, target)
         dual, forces = fine.solve_linearised(_density(error, target, apart))
         primal, weight = (
             np.sqrt(_energies(fine, _detail(transfer, v), parents, count)) for v in (fine.u, dual)
@@ -105,7 +105,8 @@ def indicators(
         cells = primal * weight + changes
         return Indicators(apart, cells, primal, cells, np.zeros(count))
     assert norm is not None
-    moved = collected(cell_norms(error, norm), parents, count, norm.p)
+    norms = cell_norms(error, norm)
+    apart, moved = total(norms, norm.p, space.mesh.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
         return Indicators(apart, moved, moved, moved, np.zeros(count))
     detail = _detail(transfer, fine.u)
