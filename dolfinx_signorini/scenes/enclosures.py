@@ -147,9 +147,9 @@ def undefined(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
     Args:
         formula, corners: See `enclosed_on_simplices`.
     """
-    ends = np.stack((corners.min(axis=1).T, corners.max(axis=1).T))
     with np.errstate(all="ignore"):
-        found = Enclosures(ends, False).undefined(formula.root)
+        boxes = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
+        found = boxes.undefined(formula.root)
     return np.broadcast_to(found.ravel(), len(corners))
 
 
@@ -191,22 +191,21 @@ def _slopes_on(formula: Formula, corners: Array) -> Array:
 
 
 def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
-    ends = np.stack((low.T, high.T))
     with np.errstate(all="ignore"):
-        return Enclosures(ends, slopes)(formula.root)
+        return Enclosures(low, high, slopes)(formula.root)
 
 
 class Enclosures(PerNode[Pair]):
     """Enclosures of the nodes of formulas on boxes.
 
     Args:
-        ends: The least and the largest coordinates, shape (2, dimension, boxes).
+        low, high: The least and the largest coordinates, shape (boxes, dimension).
         slopes: Whether derivatives are enclosed, too.
     """
 
-    def __init__(self, ends: Array, slopes: bool):
+    def __init__(self, low: Array, high: Array, slopes: bool):
         super().__init__()
-        self.ends, self.slopes = ends, slopes
+        self.ends, self.slopes = np.stack((low.T, high.T)), slopes
 
     def find(self, node: Node) -> Pair:
         if node.op == "number":

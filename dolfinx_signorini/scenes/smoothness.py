@@ -42,8 +42,7 @@ class _Smoothness(PerNode[int]):
     def __init__(self, corners: Array):
         super().__init__()
         self.corners = corners
-        ends = np.stack((corners.min(axis=1).T, corners.max(axis=1).T))
-        self.enclosures = Enclosures(ends, False)
+        self.enclosures = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
 
     def find(self, node: Node) -> int:
         with np.errstate(all="ignore"):
