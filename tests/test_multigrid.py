@@ -91,7 +91,7 @@ def energies(A, points):
 @pytest.mark.parametrize("make, n", [(friedrichs_keller, 12), (lambda _, n: cube(n), 6)])
 def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
     A, space = matrix_on(make(COMM, n))
-    lattice = find_lattice(space.mesh, hierarchy._nodes(space))
+    lattice = find_lattice(space.mesh, hierarchy.nodes_of(space))
     coarse, parents, weights = coarsened(lattice)
     P = hierarchy.edge_prolongation(COMM, parents, coarse.places.shape[1], weights)
     product = A.ptap(P)
@@ -108,7 +108,7 @@ def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
 def test_coarse_matrices_of_a_refined_mesh_are_those_of_its_parent(make, local):
     parent = make()
     A, space = matrix_on(towards_corner(parent, 1) if local else uniform(parent, 1))
-    nodes = hierarchy._nodes(space)
+    nodes = hierarchy.nodes_of(space)
     P = hierarchy.refinement_prolongation(space.mesh, nodes, *parent_mesh(space.mesh))
     product, (B, coarse_space) = A.ptap(P), matrix_on(parent)
     x = parent.geometry.x[owned_nodes(parent), : parent.topology.dim].T

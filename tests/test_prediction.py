@@ -7,8 +7,8 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import cells_with_dofs
-from dolfinx_signorini.solvers.prediction import covering_cells, interpolate_between
+from dolfinx_signorini.meshes import cells_with_dofs, friedrichs_keller, owned_cells
+from dolfinx_signorini.solvers.transfer import Transfer, covering_cells, interpolate_between
 
 COMM = MPI.COMM_WORLD
 
@@ -55,3 +55,30 @@ def test_few_cells_have_all_dofs_of_a_side(degree):
         assert set(dofs[few][marked[dofs[few]]]) == set(dofs[cells][marked[dofs[cells]]])
         assert marked[dofs].any(axis=1)[few].all()
         assert len(set(few)) == len(few) <= 0.3 * len(cells) + 1
+
+
+LATTICES = {
+    "nested squares": lambda: [friedrichs_keller(COMM, n) for n in (6, 24)],
+    "squares that do not match": lambda: [friedrichs_keller(COMM, n) for n in (7, 17)],
+    "rectangles": lambda: [
+        dolfinx.mesh.create_rectangle(COMM, [(-1.0, 2.0), (3.0, 2.5)], n) for n in ((9, 4), (21, 6))
+    ],
+    "cubes": lambda: [dolfinx.mesh.create_unit_cube(COMM, n, n, n) for n in (3, 7)],
+    "one cell of the coarse mesh": lambda: [friedrichs_keller(COMM, n) for n in (1, 5)],
+    "no lattice below": lambda: [disk(13, 2.0), friedrichs_keller(COMM, 5)],
+}
+
+
+@pytest.mark.parametrize("meshes", LATTICES.values(), ids=LATTICES.keys())
+def test_a_lattice_knows_the_cells_around_points(meshes):
+    coarse, fine = (fem.functionspace(domain, ("Lagrange", 1)) for domain in meshes())
+    old, new, found = fem.Function(coarse), fem.Function(fine), fem.Function(fine)
+    old.interpolate(lambda x: np.sin(40.0 * x[0]) + np.cos(30.0 * x[1] - 20.0 * x[2]))
+    owned = np.arange(fine.dofmap.index_map.size_local, dtype=np.int32)
+    chosen = owned[np.abs(np.sin(3.0 * owned)) > 0.3] if COMM.rank == 0 else owned[:0]
+    Transfer(coarse, fine)([(old, new)], chosen)
+    # The search of DOLFINx for the cells around the same points.
+    cells = owned_cells(fine.mesh)
+    points = fem.create_interpolation_data(fine, coarse, cells, padding=1e-9)
+    found.interpolate_nonmatching(old, cells, points)
+    assert new.x.array[chosen] == pytest.approx(found.x.array[chosen], abs=1e-12)

@@ -40,7 +40,7 @@ def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc
     if space.dofmap.index_map.size_global <= SMALL:
         return [], []
     degrees, space = degree_prolongations(space)
-    return degrees, mesh_prolongations(space) if _straight(space.mesh) else []
+    return degrees, mesh_prolongations(space) if is_straight(space.mesh) else []
 
 
 def degree_prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], fem.FunctionSpace]:
@@ -62,7 +62,7 @@ def degree_prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], fem
 
 def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     """Return the prolongations to a space of degree 1 from the parent meshes and from lattices."""
-    domain, nodes = space.mesh, _nodes(space)
+    domain, nodes = space.mesh, nodes_of(space)
     made: list[PETSc.Mat] = []
     while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
         if _size(parent[0]) > REFINEMENT[domain.topology.dim] * _size(domain):
@@ -150,14 +150,14 @@ def _size(domain: mesh.Mesh) -> int:
     return int(domain.geometry.index_map().size_global)
 
 
-def _straight(domain: mesh.Mesh) -> bool:
-    """Whether a mesh consists of straight-sided triangles or tetrahedra."""
+def is_straight(domain: mesh.Mesh) -> bool:
+    """Return whether a mesh consists of straight-sided triangles or tetrahedra."""
     simplices = domain.topology.cell_name() in ("triangle", "tetrahedron")
     return simplices and domain.geometry.cmap.degree == 1
 
 
-def _nodes(space: fem.FunctionSpace) -> Indices:
-    """The nodes of the geometry at the owned dofs of a space of degree 1."""
+def nodes_of(space: fem.FunctionSpace) -> Indices:
+    """Return the nodes of the geometry at the owned dofs of a space of degree 1."""
     owned, dofs, nodes = space.dofmap.index_map.size_local, space.dofmap.list, space.mesh.geometry
     if np.array_equal(dofs, nodes.dofmap):
         return np.arange(owned, dtype=np.int32)

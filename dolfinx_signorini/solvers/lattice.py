@@ -9,7 +9,7 @@ So the nodes know their two coarse neighbours by index arithmetic, and no coarse
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,11 +33,15 @@ class Lattice:
 
     Attributes:
         comm: The communicator that shares the lattice.
-        lines: The coordinates of the nodes in each direction, in some unit.
+        corner: The coordinates of the node where all directions begin, shape (directions,).
+        unit: The unit of length in each direction, shape (directions,).
+        lines: The distances of the nodes from the corner in each direction, in units.
         places: The nodes of this rank, counted in each direction, shape (directions, nodes).
     """
 
     comm: MPI.Intracomm
+    corner: Array
+    unit: Array
     lines: tuple[Array, ...]
     places: Places
 
@@ -79,7 +83,8 @@ def find_lattice(domain: mesh.Mesh, nodes: Places) -> Lattice | None:
         scaled = (x[d] + ends[1, d]) * (cells[d] / extent[d])
         places[d] = np.rint(scaled)
         off = max(off, float(np.abs(scaled - places[d]).max(initial=0.0)))
-    lattice = Lattice(comm, tuple(np.arange(n + 1.0) for n in cells), places)
+    lines = tuple(np.arange(n + 1.0) for n in cells)
+    lattice = Lattice(comm, -ends[1], extent / cells, lines, places)
     fits = comm.allreduce(off, op=MPI.MAX) < ROUNDING
     return lattice if fits and _complete(lattice) else None
 
@@ -116,13 +121,46 @@ def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array]:
     lines = tuple(
         line[table[0] == table[1]] for line, table in zip(lattice.lines, tables, strict=True)
     )
-    coarse = Lattice(comm, lines, low[:, kept])
+    coarse = replace(lattice, lines=lines, places=low[:, kept])
     count = coarse.places.shape[1]
     first = comm.exscan(count) or 0
-    box.table[ends[0, kept]] = np.arange(first, first + count)
+    box.table[ends[0, kept]] = numbers = np.arange(first, first + count)
     if comm.size > 1:
-        _look_up(coarse, box, np.unique(ends[box.table[ends] < 0]))
+        _look_up(coarse, numbers, box, np.unique(ends[box.table[ends] < 0]))
     return coarse, box.table[ends], _weights(lattice, tables, lines)
+
+
+def surrounding(lattice: Lattice, first: int, x: Array) -> tuple[Numbers, Array]:
+    """Return the nodes of the simplices in which points lie, and the barycentric coordinates.
+
+    The simplex of a point belongs to the division of its small square or cube around the main
+    diagonal. A point outside of the lattice is moved into it, along the axes. Collective.
+
+    Args:
+        lattice: The lattice.
+        first: The global number of the first node of this rank.
+        x: The points of this rank, shape (directions, points).
+
+    Returns:
+        The global numbers of the nodes and the coordinates, both of shape (directions + 1, points).
+    """
+    low, share = np.empty(x.shape, dtype=np.int32), np.empty(x.shape)
+    for d, line in enumerate(lattice.lines):
+        s = np.clip((x[d] - lattice.corner[d]) / lattice.unit[d], 0.0, line[-1])
+        low[d] = np.minimum(np.searchsorted(line, s, side="right") - 1, len(line) - 2)
+        share[d] = (s - line[low[d]]) / (line[low[d] + 1] - line[low[d]])
+    order, points = np.argsort(-share, axis=0), np.arange(x.shape[1])
+    places = np.repeat(low[None], len(x) + 1, axis=0)  # from the low end of the main diagonal
+    for step, axis in enumerate(order, start=1):
+        places[step:, axis, points] += 1
+    bounds = np.ones((len(x) + 2, x.shape[1]))
+    bounds[1:-1], bounds[-1] = np.take_along_axis(share, order, axis=0), 0.0
+    asked = np.moveaxis(places, 0, 1).reshape(len(x), -1)
+    box = _Box(asked, asked)
+    index, numbers = box.at(asked), first + np.arange(lattice.places.shape[1])
+    _look_up(lattice, numbers, box, np.unique(index))
+    weights = bounds[:-1] - bounds[1:]
+    return box.table[index].reshape(weights.shape), weights
 
 
 def _weights(
@@ -198,19 +236,20 @@ class _Box:
         return np.asarray(np.stack(np.unravel_index(index, shape)[::-1]) + self.origin)
 
 
-def _look_up(lattice: Lattice, box: _Box, missing: Numbers) -> None:
+def _look_up(lattice: Lattice, numbers: Numbers, box: _Box, missing: Numbers) -> None:
     """Fill in global numbers that other ranks gave, by way of the rank in charge of a place.
 
     The ranks are in charge of equal shares of the places, so that no rank needs all of them.
 
     Args:
-        lattice: The lattice, whose own nodes are in the table.
+        lattice: The lattice.
+        numbers: The global numbers of the nodes of this rank.
         box: The table.
         missing: The indices to fill in.
     """
     comm = lattice.comm
     share = -(-lattice.size // comm.size)
-    own, numbers = _numbers(lattice.places, lattice.cells), box.table[box.at(lattice.places)]
+    own = _numbers(lattice.places, lattice.cells)
     told = comm.alltoall([np.stack([own, numbers])[:, own // share == r] for r in range(comm.size)])
     table = np.full(share, -1, dtype=PETSc.IntType)
     for keys, values in told:

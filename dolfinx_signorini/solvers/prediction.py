@@ -6,23 +6,19 @@ where u vanishes together with its flux, half of the values are rounding.) Small
 ends of the predicted contact set, with the coarse solution outside, settle the set to the dof.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from mpi4py import MPI
 
 from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.solvers.direct import is_small
-from dolfinx_signorini.solvers.patch import LARGE, MAX_PATCH, active_in_patch, patch_dofs
+from dolfinx_signorini.solvers.patch import LARGE, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.transfer import Transfer
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]
-
-PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
 
 
 def predict(system: System, coarse: ContactState) -> Mask:
@@ -37,82 +33,17 @@ def predict(system: System, coarse: ContactState) -> Mask:
         One entry per contact dof of this rank.
     """
     dofs = system.contact_dofs
+    carry = Transfer(coarse.u.function_space, system.space)
     u, density = fem.Function(system.space), fem.Function(system.space)
-    contact = fem.Function(system.space)
-    contact.x.array[dofs] = 1.0
-    contact.x.scatter_forward()
-    marked = contact.x.array > 0.0
-    layer = cells_with_dofs(system.space, marked)
-    cells = covering_cells(system.space, marked, layer)
-    interpolate_between([(coarse.u, u), (coarse.density, density)], cells)
+    carry([(coarse.u, u), (coarse.density, density)], dofs)
     gap = u.x.array[dofs] - system.obstacle
     pressure = system.layout.weights * density.x.array[dofs]
     held = pressure - system.contact_diagonal * gap > 0.0
-    return _settled(system, coarse, u, held, layer)
-
-
-def interpolate_between(pairs: Sequence[tuple[fem.Function, fem.Function]], cells: Indices) -> None:
-    """Interpolate functions between two meshes, on some cells of the target mesh only.
-
-    Between spaces on one mesh no cell is searched for.
-
-    Args:
-        pairs: Source and target functions; all sources have one mesh, and so have all targets.
-        cells: Cells of the target mesh.
-    """
-    source, target = (function.function_space for function in pairs[0])
-    data = None
-    if source.mesh is not target.mesh:
-        padding = PADDING * _coarse_size(source)
-        data = fem.create_interpolation_data(target, source, cells, padding=padding)
-    for old, new in pairs:
-        if data is None:
-            new.interpolate(old, cells0=cells, cells1=cells)
-        else:
-            new.interpolate_nonmatching(old, cells, data)
-        new.x.scatter_forward()
-
-
-def covering_cells(
-    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices
-) -> Indices:
-    """Return few cells of this rank that together have all of some dofs.
-
-    Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
-    cell for each dof.
-
-    Args:
-        space: A function space.
-        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
-        cells: All cells that have one of them, see `cells_with_dofs`.
-    """
-    left, chosen = marked.copy(), []
-    cells = np.random.default_rng(0).permutation(cells)
-    for _ in range(2):
-        dofs = space.dofmap.list[cells]
-        wanted = left[dofs]
-        order = np.argsort(-wanted.sum(axis=1), kind="stable")
-        cells, dofs, wanted = cells[order], dofs[order], wanted[order]
-        rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
-        first = np.full(len(left), len(cells))
-        first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
-        wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
-        chosen.append(cells[wins])
-        left[dofs[wins]] = False
-    chosen.append(cells[np.unique(first[left])])
-    return np.sort(np.concatenate(chosen))
-
-
-def _coarse_size(space: fem.FunctionSpace) -> float:
-    """The size of the first cell of each rank, the largest of them."""
-    topology = space.mesh.topology
-    sample = np.arange(min(topology.index_map(topology.dim).size_local, 1), dtype=np.int32)
-    size = float(space.mesh.h(topology.dim, sample).max(initial=0.0))
-    return float(space.mesh.comm.allreduce(size, op=MPI.MAX))
+    return _settled(system, carry, coarse.u, u, held)
 
 
 def _settled(
-    system: System, coarse: ContactState, u: fem.Function, held: Mask, layer: Indices
+    system: System, carry: Transfer, coarse: fem.Function, u: fem.Function, held: Mask
 ) -> Mask:
     """Return the predicted set with its ends settled by patch problems, if the patches are small.
 
@@ -120,29 +51,25 @@ def _settled(
 
     Args:
         system: The system.
+        carry: Carries coarse functions to the space of the system.
         coarse: The coarse solution.
-        u: The coarse solution in the layer; overwritten near the ends.
+        u: The coarse solution at the contact dofs; overwritten near the ends.
         held: The predicted set.
-        layer: The cells at the contact boundary.
     """
     if is_small(system):
         return held
-    seeds = _ends(system, held, layer)
+    seeds = _ends(system, held)
     marked = system.A.createVecRight()
     marked.set(0.0)
     near = patch_dofs(system, seeds, more=1)
     marked.setValues(near, np.ones(len(near)))
     marked.assemble()
-    if not 0.0 < marked.sum() <= min(system.comm.size * MAX_PATCH, LARGE * system.unknowns):
-        marked.destroy()
-        return held
-    patch = fem.Function(system.space)
-    patch.x.array[: len(marked.array_r)] = marked.array_r
-    patch.x.scatter_forward()
+    wanted = np.flatnonzero(marked.array_r).astype(np.int32)
+    count = marked.sum()
     marked.destroy()
-    wanted = patch.x.array > 0.0
-    cells = covering_cells(system.space, wanted, cells_with_dofs(system.space, wanted))
-    interpolate_between([(coarse.u, u)], cells)
+    if not 0.0 < count <= LARGE * system.unknowns:
+        return held
+    carry([(coarse, u)], wanted)
     x = system.vector_of(u)
     x.array_w[system.contact_dofs[held]] = system.obstacle[held]
     system.project(x)
@@ -155,12 +82,12 @@ def _settled(
     return held
 
 
-def _ends(system: System, held: Mask, layer: Indices) -> Indices:
+def _ends(system: System, held: Mask) -> Indices:
     """Owned contact dofs of cells that have held and free contact dofs."""
     state = fem.Function(system.space)
     state.x.array[system.contact_dofs] = np.where(held, 1.0, -1.0)
     state.x.scatter_forward()
-    cells = system.space.dofmap.list[layer]
+    cells = system.space.dofmap.list[cells_with_dofs(system.space, state.x.array != 0.0)]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
     marked = np.zeros(len(state.x.array), dtype=bool)

@@ -31,7 +31,7 @@ from dolfinx_signorini.paper.theory.parts import expression_norms
 from dolfinx_signorini.paper.theory.seminorms import second_seminorms
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.references import interpolant
-from dolfinx_signorini.solvers.prediction import interpolate_between
+from dolfinx_signorini.solvers.transfer import interpolate_between
 
 EPSILONS = (0.1, 0.25, 0.45)  # of the exponents (4 - eps)/3 and their like
 TOO_HIGH = 2.0  # an exponent above 4/3: second derivatives of z are not in this L^q

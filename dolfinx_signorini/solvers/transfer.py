@@ -1,0 +1,138 @@
+"""Values of functions on one mesh at chosen dofs of another one.
+
+On the vertices of a lattice the cells around a point are found by index arithmetic. On other meshes
+DOLFINx searches for the cells around the points of a few cells that together have the dofs.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.solvers.hierarchy import is_straight, nodes_of
+from dolfinx_signorini.solvers.lattice import find_lattice, surrounding
+
+Indices = npt.NDArray[np.int32]
+Pairs = Sequence[tuple[fem.Function, fem.Function]]
+
+PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
+
+
+class Transfer:
+    """Carries functions from a coarse mesh to chosen dofs of a finer one:
+
+        carry = Transfer(coarse.function_space, fine.function_space)
+        carry([(coarse, fine)], dofs)
+
+    The meshes need not be nested, and may be the same; collective.
+
+    Args:
+        source: The space of the coarse functions.
+        target: The space of the fine functions.
+    """
+
+    def __init__(self, source: fem.FunctionSpace, target: fem.FunctionSpace):
+        self._source, self._target = source, target
+        self._lattice, self._first = None, source.dofmap.index_map.local_range[0]
+        if source.mesh is not target.mesh and _linear(source) and _linear(target):
+            self._lattice = find_lattice(source.mesh, nodes_of(source))
+
+    def __call__(self, pairs: Pairs, dofs: Indices) -> None:
+        """Set values of the fine functions; collective.
+
+        Args:
+            pairs: Coarse and fine functions of the two spaces.
+            dofs: Owned dofs of the fine space; some others may be set, too.
+        """
+        if self._lattice is None:
+            marked = np.zeros(len(pairs[0][1].x.array), dtype=bool)
+            marked[dofs] = True
+            cells = cells_with_dofs(self._target, marked)
+            interpolate_between(pairs, covering_cells(self._target, marked, cells))
+            return
+        x = np.asarray(self._target.mesh.geometry.x, dtype=np.float64)
+        x = x[nodes_of(self._target)[dofs], : len(self._lattice.cells)]
+        numbers, weights = surrounding(self._lattice, self._first, x.T)
+        starts = np.arange(0, numbers.size + 1, len(numbers), dtype=PETSc.IntType)
+        rows = starts, numbers.T.ravel().astype(PETSc.IntType), weights.T.ravel()
+        sizes = ((len(dofs), None), (self._source.dofmap.index_map.size_local, None))
+        matrix = PETSc.Mat().createAIJ(sizes, csr=rows, comm=self._source.mesh.comm)
+        coarse, fine = matrix.createVecs()
+        for old, new in pairs:
+            coarse.array_w[:] = old.x.array[: coarse.getLocalSize()]
+            matrix.mult(coarse, fine)
+            new.x.array[dofs] = fine.array_r
+        for item in (matrix, coarse, fine):
+            item.destroy()
+
+
+def interpolate_between(pairs: Pairs, cells: Indices) -> None:
+    """Interpolate functions between two meshes, on some cells of the target mesh only.
+
+    Between spaces on one mesh no cell is searched for.
+
+    Args:
+        pairs: Source and target functions; all sources have one mesh, and so have all targets.
+        cells: Cells of the target mesh.
+    """
+    source, target = (function.function_space for function in pairs[0])
+    data = None
+    if source.mesh is not target.mesh:
+        padding = PADDING * _coarse_size(source)
+        data = fem.create_interpolation_data(target, source, cells, padding=padding)
+    for old, new in pairs:
+        if data is None:
+            new.interpolate(old, cells0=cells, cells1=cells)
+        else:
+            new.interpolate_nonmatching(old, cells, data)
+        new.x.scatter_forward()
+
+
+def covering_cells(
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices
+) -> Indices:
+    """Return few cells of this rank that together have all of some dofs.
+
+    Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
+    cell for each dof.
+
+    Args:
+        space: A function space.
+        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+        cells: All cells that have one of them, see `cells_with_dofs`.
+    """
+    left, chosen = marked.copy(), []
+    cells = np.random.default_rng(0).permutation(cells)
+    for _ in range(2):
+        dofs = space.dofmap.list[cells]
+        wanted = left[dofs]
+        order = np.argsort(-wanted.sum(axis=1), kind="stable")
+        cells, dofs, wanted = cells[order], dofs[order], wanted[order]
+        rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
+        first = np.full(len(left), len(cells))
+        first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
+        wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
+        chosen.append(cells[wins])
+        left[dofs[wins]] = False
+    chosen.append(cells[np.unique(first[left])])
+    return np.sort(np.concatenate(chosen))
+
+
+def _coarse_size(space: fem.FunctionSpace) -> float:
+    """The size of the first cell of each rank, the largest of them."""
+    topology = space.mesh.topology
+    sample = np.arange(min(topology.index_map(topology.dim).size_local, 1), dtype=np.int32)
+    size = float(space.mesh.h(topology.dim, sample).max(initial=0.0))
+    return float(space.mesh.comm.allreduce(size, op=MPI.MAX))
+
+
+def _linear(space: fem.FunctionSpace) -> bool:
+    """Whether the dofs of a space are the vertices of a mesh with straight sides."""
+    if not is_straight(space.mesh) or space.element.basix_element.degree != 1:
+        return False
+    nodes = space.mesh.geometry.index_map()
+    return bool(space.dofmap.index_map.size_global == nodes.size_global)
