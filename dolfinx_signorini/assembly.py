@@ -242,12 +242,12 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     if callable(value) and not isinstance(value, Expr):
         x = space.tabulate_dof_coordinates()[dofs].T
         return lambda: _called(space, value, x)
-    marked = np.zeros(len(space.tabulate_dof_coordinates()), dtype=bool)
+    g = fem.Function(space)
+    marked = np.zeros(len(g.x.array), dtype=bool)
     marked[dofs] = True
     cells = cells_with_dofs(space, marked)
     points = compat.interpolation_points(space.element)
     expression = compiled.expression(value, points, space.mesh.comm)
-    g = fem.Function(space)
 
     def evaluate() -> Array:
         g.interpolate(expression, cells0=cells)

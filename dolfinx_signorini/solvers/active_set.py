@@ -29,7 +29,7 @@ Mask = npt.NDArray[np.bool_]
 ACCEPTED = 0.9  # of rtol: the lift of x to the obstacle, which follows, may raise the residual
 LINEAR_FRACTION = 0.1  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
-PROBE = 1e-4  # how far the first solve with a predicted set goes before the set is looked at
+PROBE = 1e-4  # how far a solve with a predicted set goes before the set is looked at
 NOISE = 10.0  # natural residual, over the one of a linear solve, that says nothing about the set
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change
 TRUST = 1e-3  # relative residual from which on a set corrected locally is solved for to the end
@@ -53,9 +53,9 @@ def solve_active_set(
 
     The method takes two short cuts, loose linear solves and local corrections. Where the short cuts
     lead nowhere, the method goes on without them: the sets of exact steps are monotone for an
-    M-matrix, and a set that comes back is a cycle. The first solve with a predicted
-    set, which is trusted whatever the residual, is interrupted after some digits: by then the set
-    shows where its ends are wrong, and the rest of the solve has the right ends.
+    M-matrix, and a set that comes back is a cycle. Solves with a predicted
+    set, which is trusted whatever the residual, are interrupted after some digits: by then the set
+    shows where its ends are wrong, and what is solved to the end has the right ends.
 
     Args:
         system: The system.
@@ -102,11 +102,10 @@ def solve_active_set(
             if stop.settle(x, _any_equal(system, [held], measure.defect(x) > 0.0)):
                 break
             probing = False
-        if probing:
+        if probing and residual <= NOISE * target:  # the set is as right as the solve can tell
             probing = False
-            if residual <= NOISE * target:  # the set is as right as the solve can tell
-                solver.solves -= 1  # which goes on
-                continue
+            solver.solves -= 1  # which goes on
+            continue
         update = None
         if careful:
             exact.append(held)

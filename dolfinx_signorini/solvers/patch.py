@@ -20,7 +20,6 @@ Indices = npt.NDArray[np.int32]
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
 # curves.
 RINGS = {1: 12, 2: 12, 3: 3}
-MAX_PATCH = 50_000  # dofs of a rank; a larger patch is no cheap prediction any more
 LARGE = 0.5  # of all dofs: a patch of so many costs more than the linear solves that it saves
 MAX_STEPS = 40
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
@@ -60,7 +59,7 @@ def active_in_patch(
         reach: How many times as far as usual the patch goes.
     """
     dofs = patch_dofs(system, seeds, reach)
-    if len(dofs) > min(MAX_PATCH, LARGE * system.unknowns):
+    if len(dofs) > LARGE * system.unknowns:
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
     lower = system.A.createVecRight()
     lower.set(-np.inf)
