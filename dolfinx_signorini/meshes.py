@@ -3,7 +3,7 @@
 Everything here is local to the rank that calls it, except the creation of meshes.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,36 +101,50 @@ def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
         InputError: n is no integer, or smaller than 1.
     """
     check(comm=(comm, COMMUNICATOR), n=(n, integer(1)))
-    rows = np.arange(n if comm.rank == 0 else 0)  # the first rank makes all cells and points
-    corners = np.add.outer((n + 1) * rows, np.arange(n))  # of the squares, their first ones
-    right, left = (0, 1, n + 2), (0, n + 1, n + 2)
-    cells = np.add.outer(corners, [right, left]).reshape(-1, 3)
-    sides = (1.0 / n) * np.arange(n + 1 if comm.rank == 0 else 0)
-    x = np.stack(np.meshgrid(sides, sides), axis=-1).reshape(-1, 2)
-    partitioner = _blocks(comm, n) if comm.size > 1 else None
+    blocks = _Blocks(comm, n)
+    right, left = (0, 1, n + 2), (0, n + 1, n + 2)  # of each square, beside its first corner
+    cells = np.add.outer(blocks.first_corners(), [right, left]).reshape(-1, 3)
+    ends = [rank * (n + 1) ** 2 // comm.size for rank in (comm.rank, comm.rank + 1)]
+    x = (1.0 / n) * np.stack(np.divmod(np.arange(*ends), n + 1)[::-1], axis=-1)
+    partitioner = blocks.partition if comm.size > 1 else None
     return mesh.create_mesh(comm, cells, x=x, e=ufl.Mesh(TRIANGLE), partitioner=partitioner)
 
 
-def _blocks(comm: MPI.Comm, n: int) -> Callable[..., Any]:
-    """Return a partitioner of the Friedrichs-Keller triangulation, ghosts by shared facets."""
-    columns, rows = MPI.Compute_dims(comm.size, 2)
+class _Blocks:
+    """The ranks share the squares of a Friedrichs-Keller triangulation in rectangular blocks.
 
-    def owner(i: Any, j: Any) -> Any:
-        i, j = np.clip(i, 0, n - 1), np.clip(j, 0, n - 1)
-        return i * columns // n + columns * (j * rows // n)
+    Args:
+        comm: The communicator.
+        n: Squares per side.
+    """
 
-    def partition(_: MPI.Comm, ranks: int, types: Any, cells: Any) -> Any:
-        # Squares row by row, each cut into its triangle on the right and the one on the left.
-        square, left = np.divmod(np.arange(len(cells[0]) // 3), 2)
-        j, i = np.divmod(square, n)
-        side = 1 - 2 * left
-        own, beside, above = owner(i, j), owner(i + side, j), owner(i, j - side)
+    def __init__(self, comm: MPI.Comm, n: int):
+        self._rank, self._n = comm.rank, n
+        self._columns, self._rows = MPI.Compute_dims(comm.size, 2)
+
+    def first_corners(self) -> npt.NDArray[np.int64]:
+        """Return the numbers of the lower left corners of the squares of this rank, row by row."""
+        row, column = divmod(self._rank, self._columns)
+        j, i = (
+            np.arange(-(-k * self._n // of), -(-(k + 1) * self._n // of))
+            for k, of in ((row, self._rows), (column, self._columns))
+        )
+        return np.add.outer((self._n + 1) * j, i)
+
+    def partition(self, _: MPI.Comm, ranks: int, types: Any, cells: Any) -> Any:
+        """Return the ranks of the cells of this rank, ghosts by shared facets: for DOLFINx."""
+        j, i = np.divmod(np.reshape(cells[0], (-1, 3))[:, 0], self._n + 1)
+        side = np.resize([1, -1], len(i))  # each square is cut into a right and a left triangle
+        own, beside, above = self._owner(i, j), self._owner(i + side, j), self._owner(i, j - side)
         targets = np.stack([own, beside, above], axis=1).astype(np.int32)
         new = np.stack([own >= 0, beside != own, (above != own) & (above != beside)], axis=1)
         offsets = np.concatenate([[0], np.cumsum(new.sum(axis=1))]).astype(np.int32)
         return compat.cpp_graph(graph.adjacencylist(targets[new], offsets))
 
-    return partition
+    def _owner(self, i: Any, j: Any) -> Any:
+        """The rank of the square in a column and a row, or of the one next to it in the domain."""
+        i, j = np.clip(i, 0, self._n - 1), np.clip(j, 0, self._n - 1)
+        return i * self._columns // self._n + self._columns * (j * self._rows // self._n)
 
 
 def facet_count(domain: mesh.Mesh) -> int:
