@@ -16,7 +16,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.residual import NaturalResidual
 
@@ -39,14 +38,14 @@ PCMG = {
 
 @dataclass(frozen=True)
 class Level:
-    """A level in the order of a lattice: matrix, load, bounds, and the residual to reach."""
+    """A level in the order of a lattice: matrix, load, bounds, diagonal, the size of the data."""
 
     A: PETSc.Mat
     b: PETSc.Vec
     lower: PETSc.Vec
     upper: PETSc.Vec
     diagonal: Any
-    atol: float
+    scale: float
 
 
 @functools.cache
@@ -60,9 +59,9 @@ def level(n: int) -> Level:
     lower[problem.contact_dofs] = problem.obstacle
     values = problem.b.array_r, lower, np.full(len(order), PETSc.INFINITY)
     vectors = [PETSc.Vec().createWithArray(v[order], comm=PETSc.COMM_SELF) for v in values]
-    atol = MARGIN * DEFAULT_RTOL * NaturalResidual(problem.system).scale
+    scale = NaturalResidual(problem.system).scale
     problem.destroy()
-    return Level(A, *vectors, A.getDiagonal().array_r.copy(), atol)
+    return Level(A, *vectors, A.getDiagonal().array_r.copy(), scale)
 
 
 def lattice_order(problem: SignoriniProblem) -> Any:
@@ -79,15 +78,15 @@ def can_be_halved(n: int) -> bool:
 
 
 def from_coarse_to_fine(
-    solve: Callable[[PETSc.DM, Level, PETSc.Vec], None],
-) -> Callable[[SignoriniProblem], Any]:
+    solve: Callable[[PETSc.DM, Level, PETSc.Vec, float], None],
+) -> Callable[[SignoriniProblem, float], Any]:
     """Return a peer that solves on one level after the other, each from the one before.
 
     Args:
-        solve: Improves a vector on a level.
+        solve: Improves a vector on a level, until the residual has a norm.
     """
 
-    def peer(problem: SignoriniProblem) -> Any:
+    def peer(problem: SignoriniProblem, rtol: float) -> Any:
         n = round(np.sqrt(problem.unknowns)) - 1
         if not can_be_halved(n):
             raise SystemExit(f"{n} cells per side cannot be halved down to {COARSEST}")
@@ -104,7 +103,7 @@ def from_coarse_to_fine(
         while True:
             data = level(cells)
             x.pointwiseMax(x, data.lower)
-            solve(dm, data, x)
+            solve(dm, data, x, MARGIN * rtol * data.scale)
             if cells == n:
                 break
             fine = dm.refine()
@@ -127,13 +126,13 @@ def options_of(solver: Any, options: Mapping[str, Any]) -> None:
     solver.setFromOptions()
 
 
-def newton(options: Mapping[str, Any]) -> Callable[[SignoriniProblem], Any]:
+def newton(options: Mapping[str, Any]) -> Callable[[SignoriniProblem, float], Any]:
     """SNES vinewtonrsls with CG and some preconditioner: what -snes_grid_sequence does.
 
     The loop is in Python because the bounds of a level cannot be set otherwise in petsc4py.
     """
 
-    def solve(dm: PETSc.DM, data: Level, x: PETSc.Vec) -> None:
+    def solve(dm: PETSc.DM, data: Level, x: PETSc.Vec, atol: float) -> None:
         def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
             data.A.mult(x, f)
             f.axpy(-1.0, data.b)
@@ -144,9 +143,9 @@ def newton(options: Mapping[str, Any]) -> Callable[[SignoriniProblem], Any]:
         snes.setFunction(residual, data.b.duplicate())
         snes.setJacobian(lambda snes, x, J, P: None, data.A)
         snes.setVariableBounds(data.lower, data.upper)
-        snes.setTolerances(rtol=0.0, stol=0.0, atol=data.atol, max_it=MAX_STEPS)
+        snes.setTolerances(rtol=0.0, stol=0.0, atol=atol, max_it=MAX_STEPS)
         snes.getKSP().setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        snes.getKSP().setTolerances(rtol=1e-12, atol=LINEAR * data.atol)
+        snes.getKSP().setTolerances(rtol=1e-12, atol=LINEAR * atol)
         options_of(snes, {**VI, **options})
         snes.solve(None, x)
         snes.destroy()
@@ -154,7 +153,7 @@ def newton(options: Mapping[str, Any]) -> Callable[[SignoriniProblem], Any]:
     return from_coarse_to_fine(solve)
 
 
-def active_sets(dm: PETSc.DM, data: Level, x: PETSc.Vec) -> None:
+def active_sets(dm: PETSc.DM, data: Level, x: PETSc.Vec, atol: float) -> None:
     """The plain primal-dual active set method with CG and tuned BoomerAMG, set up for each set.
 
     Linear solves that end earlier while the set is a guess take longer in all.
@@ -170,7 +169,7 @@ def active_sets(dm: PETSc.DM, data: Level, x: PETSc.Vec) -> None:
         force.axpy(-1.0, data.b)
         gap = np.where(contact, data.diagonal * (x.array_r - lower), np.inf)
         residual = float(np.linalg.norm(np.minimum(gap, force.array_r)))
-        if residual <= data.atol:
+        if residual <= atol:
             break
         update = np.flatnonzero(force.array_r > gap).astype(np.int32)
         if held is None or not np.array_equal(update, held):
@@ -181,7 +180,7 @@ def active_sets(dm: PETSc.DM, data: Level, x: PETSc.Vec) -> None:
         data.A.mult(x, rhs)
         rhs.aypx(-1.0, data.b)
         rhs.array_w[held] = 0.0
-        ksp.setTolerances(rtol=0.0, atol=LINEAR * data.atol)
+        ksp.setTolerances(rtol=0.0, atol=LINEAR * atol)
         ksp.solve(rhs, correction)
         x.axpy(1.0, correction)
     x.pointwiseMax(x, data.lower)

@@ -99,7 +99,7 @@ def _complete(lattice: Lattice) -> bool:
     return (found - (count - 1) * count * (2 * count - 1) // 6) % 2**64 == 0
 
 
-def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array]:
+def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array | float]:
     """Return the lattice of every second node, and the coarse parents of each node; collective.
 
     A coarse node belongs to the rank of the fine node at its place.
@@ -165,7 +165,7 @@ def surrounding(lattice: Lattice, first: int, x: Array) -> tuple[Numbers, Array]
 
 def _weights(
     lattice: Lattice, tables: Sequence[tuple[Places, Places]], lines: Sequence[Array]
-) -> Array:
+) -> Array | float:
     """The weights of the second parents: the mean over the directions in which a node lies between.
 
     Args:
@@ -173,12 +173,16 @@ def _weights(
         tables: The coarse neighbours in each direction.
         lines: The coarse coordinates in each direction.
     """
+    inner, shares = [low != high for low, high in tables], []
+    for fine, coarse, (low, high), between in zip(lattice.lines, lines, tables, inner, strict=True):
+        width = np.where(between, coarse[high] - coarse[low], 1.0)
+        shares.append((fine - coarse[low]) / width)
+    if all((share[between] == 0.5).all() for share, between in zip(shares, inner, strict=True)):
+        return 0.5
     total, count = (np.zeros(lattice.places.shape[1]) for _ in range(2))
-    for d, (low, high) in enumerate(tables):
-        between = low != high
-        start, width = lines[d][low], np.where(between, lines[d][high] - lines[d][low], 1.0)
-        total += ((lattice.lines[d] - start) / width).take(lattice.places[d])
-        count += between.take(lattice.places[d])
+    for share, between, places in zip(shares, inner, lattice.places, strict=True):
+        total += share.take(places)
+        count += between.take(places)
     return np.asarray(total / np.maximum(count, 1.0))
 
 
