@@ -7,7 +7,6 @@ that the mesh was refined from, and last by the lattices behind a structured mes
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -25,6 +24,7 @@ STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
 # The same for a refinement, by dimension: what is less of a step is left to BoomerAMG, whose set-up
 # on a plane mesh costs less than all the levels of local refinements.
 REFINEMENT = {2: 0.35, 3: 1.0}
+ZERO = 1e-10  # entries of the matrix between the bases of two degrees that are rounding
 
 
 def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc.Mat]]:
@@ -53,11 +53,31 @@ def degree_prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], fem
     for degree in (2, 1):
         if degree < element.degree:
             coarse = lagrange_space(space.mesh, degree, element.lagrange_variant)
-            matrix = fem_petsc.interpolation_matrix(coarse, space)
-            matrix.assemble()
-            made.append(matrix)
+            made.append(_degree_prolongation(coarse, space))
             space = coarse
     return made, space
+
+
+def _degree_prolongation(coarse: fem.FunctionSpace, fine: fem.FunctionSpace) -> PETSc.Mat:
+    """Return the prolongation between spaces of two degrees with bases of one kind on a mesh.
+
+    The dofs of Lagrange elements are the same in each cell around them: one of the cells serves.
+    """
+    low, high = coarse.element.basix_element, fine.element.basix_element
+    shares = high.interpolation_matrix @ low.tabulate(0, high.points)[0, :, :, 0]
+    shares[np.abs(shares) < ZERO] = 0.0
+    owned, dofs = fine.dofmap.index_map.size_local, fine.dofmap.list
+    place = np.empty(int(dofs.max(initial=-1)) + 1, dtype=np.int64)  # one place of each dof
+    place[dofs.ravel()] = np.arange(dofs.size)
+    cells, local = np.divmod(place[:owned], dofs.shape[1])
+    entries, columns = shares[local], coarse.dofmap.list[cells]
+    kept = entries != 0.0
+    starts = np.zeros(owned + 1, dtype=PETSc.IntType)
+    np.cumsum(kept.sum(axis=1), out=starts[1:])
+    index_map = coarse.dofmap.index_map
+    numbers = index_map.local_to_global(columns[kept]).astype(PETSc.IntType)
+    sizes = (owned, None), (index_map.size_local, None)
+    return PETSc.Mat().createAIJ(sizes, csr=(starts, numbers, entries[kept]), comm=fine.mesh.comm)
 
 
 def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
