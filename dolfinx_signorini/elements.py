@@ -96,14 +96,25 @@ def control_points(space: fem.FunctionSpace) -> Array:
     """
     if not is_bernstein(space):
         return np.asarray(space.tabulate_dof_coordinates())
-    element, domain = space.element.basix_element, space.mesh
-    lattice = _nodal_element(element.cell_type, element.degree).points
+    domain, lattice = space.mesh, control_lattice(space)
     shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
     dofs = space.dofmap.list
     corners = domain.geometry.x[domain.geometry.dofmap[: len(dofs)]]
     places = np.zeros((int(dofs.max(initial=-1)) + 1, 3))
     places[dofs] = shares @ corners
     return places
+
+
+def control_lattice(space: fem.FunctionSpace) -> Array:
+    """Return the places of the dofs of a cell in the reference cell, shape (dofs, coordinates).
+
+    Args:
+        space: A scalar space of continuous elements.
+    """
+    element = space.element.basix_element
+    if is_bernstein(space):
+        element = _nodal_element(element.cell_type, element.degree)
+    return np.asarray(element.points)
 
 
 def values_at_control_points(space: fem.FunctionSpace, coefficients: Array) -> Array:

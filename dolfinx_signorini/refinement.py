@@ -5,7 +5,7 @@ to a cell of the parent mesh is found on the rank of the child cells.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.elements import coefficients_of, control_points
+from dolfinx_signorini.elements import coefficients_of, control_lattice, control_points
 from dolfinx_signorini.meshes import (
     SidedMesh,
     boundary_facets,
@@ -222,6 +222,30 @@ def carried_across(
     return _interpolant(space, owned, at)
 
 
+def prolong_on_cells(
+    pairs: Sequence[tuple[fem.Function, fem.Function]], parents: Indices, cells: Indices
+) -> None:
+    """Interpolate functions on the parent mesh in a space on the refined mesh, on some cells only.
+
+    Args:
+        pairs: Source and target functions; all sources have one space, and so have all targets.
+        parents: The parent cells of the owned cells of the refined mesh.
+        cells: Owned cells of the refined mesh; the dofs of others are left as they are.
+    """
+    coarse, fine = (f.function_space for f in pairs[0])
+    dofs, lattice = fine.dofmap.list[cells], control_lattice(fine)
+    corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells]]
+    count, around = len(lattice), parents[cells]
+    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
+    places = (shares @ corners).reshape(-1, 3)
+    points = _pulled_back(coarse.mesh, np.repeat(around, count), places)
+    basis = coarse.element.basix_element.tabulate(0, points)[0, :, :, 0]
+    basis, columns = basis.reshape(len(cells), count, -1), coarse.dofmap.list[around]
+    for old, new in pairs:
+        new.x.array[dofs] = (basis @ old.x.array[columns][:, :, None])[:, :, 0]
+        new.x.array[:] = coefficients_of(fine, new.x.array, cells)
+
+
 def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.Function:
     """The function with given values at the places of dofs, which are all that ranks own."""
     result = fem.Function(space)
@@ -234,6 +258,8 @@ def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.
 def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
     """Return the coordinates of points in the reference cells of their straight-sided cells."""
     dim, nodes = domain.topology.dim, domain.geometry.dofmap
-    inverses = np.linalg.inv(cell_edges(domain, np.arange(len(nodes), dtype=np.int32)))
+    few = len(cells) < len(nodes)
+    edges = cell_edges(domain, cells if few else np.arange(len(nodes), dtype=np.int32))
+    inverses = np.linalg.inv(edges) if few else np.linalg.inv(edges)[cells]
     offsets = points[:, :dim] - domain.geometry.x[nodes[cells, 0], :dim]
-    return np.asarray(np.einsum("nij,nj->ni", inverses[cells], offsets))
+    return np.asarray(np.einsum("nij,nj->ni", inverses, offsets))

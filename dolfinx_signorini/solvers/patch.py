@@ -25,19 +25,17 @@ MAX_STEPS = 40
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
 
-def patch_dofs(system: System, seeds: Indices, reach: int = 1, more: int = 0) -> Indices:
+def patch_dofs(system: System, seeds: Indices, layers: int) -> Indices:
     """Return the global indices of the dofs within some layers of neighbours of the seeds.
 
     Args:
         system: The system, whose matrix tells which dofs are neighbours.
         seeds: Owned dofs, local indices.
-        reach: How many times as far as usual the patch goes.
-        more: How many layers more the patch has.
+        layers: The number of layers.
     """
     rows = seeds.astype(np.int32) + system.A.getOwnershipRange()[0]
     index_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    rings = reach * RINGS[system.space.mesh.topology.dim] + more
-    system.A.increaseOverlap(index_set, rings)
+    system.A.increaseOverlap(index_set, layers)
     dofs = np.unique(index_set.getIndices())
     index_set.destroy()
     return dofs
@@ -58,7 +56,7 @@ def active_in_patch(
         seeds: Owned dofs around which to correct it, local indices.
         reach: How many times as far as usual the patch goes.
     """
-    dofs = patch_dofs(system, seeds, reach)
+    dofs = patch_dofs(system, seeds, reach * RINGS[system.space.mesh.topology.dim])
     if len(dofs) > LARGE * system.unknowns:
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
     lower = system.A.createVecRight()

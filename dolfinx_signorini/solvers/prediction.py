@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.solvers.direct import is_small
-from dolfinx_signorini.solvers.patch import LARGE, active_in_patch, patch_dofs
+from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.transfer import Transfer
 from dolfinx_signorini.system import System
@@ -61,7 +61,7 @@ def _settled(
     seeds = _ends(system, held)
     marked = system.A.createVecRight()
     marked.set(0.0)
-    near = patch_dofs(system, seeds, more=1)
+    near = patch_dofs(system, seeds, RINGS[system.space.mesh.topology.dim] + 1)
     marked.setValues(near, np.ones(len(near)))
     marked.assemble()
     wanted = np.flatnonzero(marked.array_r).astype(np.int32)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.solvers.patch import patch_dofs
+from dolfinx_signorini.solvers.patch import RINGS, patch_dofs
 from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +22,10 @@ Indices = npt.NDArray[np.int32]
 
 
 FEW = 16  # changed dofs; in the plane local solves around more of them go twice as far
+# Of all dofs: a local solve with more of them costs more than the iterations that it saves. On
+# meshes graded towards a point the usual layers around the point are nearly the whole mesh.
+LARGE = 0.05
+LAYERS = 2  # around changed dofs, where the usual layers are too large
 # Of SuperLU, for positive definite matrices: no pivoting, and an order for symmetric patterns.
 SYMMETRIC: dict[str, Any] = {
     "permc_spec": "MMD_AT_PLUS_A",
@@ -123,10 +127,15 @@ class LocalSolve:
         free = np.ones(last - first, dtype=bool)
         free[held] = False
         many = system.comm.allreduce(len(seeds)) > FEW
-        reach = 2 if many and system.space.mesh.topology.dim < 3 else 1
+        layers = RINGS[system.space.mesh.topology.dim]
+        layers *= 2 if many and system.space.mesh.topology.dim < 3 else 1
+        near = patch_dofs(system, seeds, layers)
+        if system.comm.allreduce(len(near)) > LARGE * system.unknowns:
+            layers = min(layers, LAYERS)
+            near = patch_dofs(system, seeds, layers)
         near, around = (
             dofs[(dofs >= first) & (dofs < last)] - first
-            for dofs in (patch_dofs(system, seeds, reach), patch_dofs(system, seeds, reach, more=1))
+            for dofs in (near, patch_dofs(system, seeds, layers + 1))
         )
         self._dofs, self._around = near[free[near]], around[free[around]]
         index_set = PETSc.IS().createGeneral(self._around + first, comm=PETSc.COMM_SELF)

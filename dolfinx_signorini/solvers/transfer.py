@@ -1,7 +1,8 @@
 """Values of functions on one mesh at chosen dofs of another one.
 
-On the vertices of a lattice the cells around a point are found by index arithmetic. On other meshes
-DOLFINx searches for the cells around the points of a few cells that together have the dofs.
+On the vertices of a lattice the cells around a point are found by index arithmetic, and a refined
+mesh knows its parent cells. On other meshes DOLFINx searches for the cells around the points of a
+few cells that together have the dofs.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.refinement import parent_mesh, prolong_on_cells
 from dolfinx_signorini.solvers.hierarchy import is_straight, nodes_of
 from dolfinx_signorini.solvers.lattice import find_lattice, surrounding
 
@@ -51,8 +53,12 @@ class Transfer:
         if self._lattice is None:
             marked = np.zeros(len(pairs[0][1].x.array), dtype=bool)
             marked[dofs] = True
-            cells = cells_with_dofs(self._target, marked)
-            interpolate_between(pairs, covering_cells(self._target, marked, cells))
+            cells, parent = cells_with_dofs(self._target, marked), parent_mesh(self._target.mesh)
+            if parent is not None and parent[0] is self._source.mesh:
+                cells = covering_cells(self._target, marked, cells[cells < len(parent[1])])
+                prolong_on_cells(pairs, parent[1], cells)
+            else:
+                interpolate_between(pairs, covering_cells(self._target, marked, cells))
             return
         x = np.asarray(self._target.mesh.geometry.x, dtype=np.float64)
         x = x[nodes_of(self._target)[dofs], : len(self._lattice.cells)]
