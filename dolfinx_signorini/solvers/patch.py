@@ -20,7 +20,8 @@ Indices = npt.NDArray[np.int32]
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
 # curves.
 RINGS = {1: 12, 2: 12, 3: 3}
-LARGE = 0.5  # of all dofs: a patch of so many costs more than the linear solves that it saves
+# Of all dofs, by dimension: a patch of so many costs more than the linear solves that it saves.
+LARGE = {1: 0.25, 2: 0.25, 3: 0.5}
 MAX_STEPS = 40
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
@@ -56,8 +57,9 @@ def active_in_patch(
         seeds: Owned dofs around which to correct it, local indices.
         reach: How many times as far as usual the patch goes.
     """
-    dofs = patch_dofs(system, seeds, reach * RINGS[system.space.mesh.topology.dim])
-    if len(dofs) > LARGE * system.unknowns:
+    dimension = system.space.mesh.topology.dim
+    dofs = patch_dofs(system, seeds, reach * RINGS[dimension])
+    if len(dofs) > LARGE[dimension] * system.unknowns:
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
     lower = system.A.createVecRight()
     lower.set(-np.inf)

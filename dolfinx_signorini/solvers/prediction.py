@@ -61,13 +61,14 @@ def _settled(
     seeds = _ends(system, held)
     marked = system.A.createVecRight()
     marked.set(0.0)
-    near = patch_dofs(system, seeds, RINGS[system.space.mesh.topology.dim] + 1)
+    dimension = system.space.mesh.topology.dim
+    near = patch_dofs(system, seeds, RINGS[dimension] + 1)
     marked.setValues(near, np.ones(len(near)))
     marked.assemble()
     wanted = np.flatnonzero(marked.array_r).astype(np.int32)
     count = marked.sum()
     marked.destroy()
-    if not 0.0 < count <= LARGE * system.unknowns:
+    if not 0.0 < count <= LARGE[dimension] * system.unknowns:
         return held
     carry([(coarse, u)], wanted)
     x = system.vector_of(u)
