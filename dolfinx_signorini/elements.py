@@ -68,6 +68,16 @@ def _lagrange_element(cell: str, degree: int, variant: basix.LagrangeVariant) ->
     return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
 
 
+def constants(domain: mesh.Mesh) -> fem.FunctionSpace:
+    """Return the functions that are constant in each cell of a mesh."""
+    return fem.functionspace(domain, _constant_element(domain.topology.cell_name()))
+
+
+@functools.cache
+def _constant_element(cell: str) -> Any:
+    return basix.ufl.element("DG", cell, 0)
+
+
 def is_bernstein(space: fem.FunctionSpace) -> bool:
     """Return whether the basis of a space is the Bernstein basis of a degree above 1."""
     element = space.element.basix_element

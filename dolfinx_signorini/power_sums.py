@@ -25,12 +25,17 @@ def p_norm(values: Array, p: float, weights: Array | float = 1.0) -> Array:
         return np.asarray(largest)
     with np.errstate(invalid="ignore"):
         sizes /= np.where(largest > 0.0, largest, 1.0)[..., None]
-        total = (_power(sizes, p) * weights).sum(axis=-1)
+        total = (power(sizes, p) * weights).sum(axis=-1)
     return np.asarray(largest * total ** (1.0 / p))
 
 
-def _power(values: Array, p: float) -> Array:
-    """Return values^p, for a power of two by squaring (several times faster than pow)."""
+def power(values: Array, p: float) -> Array:
+    """Return values^p, for a power of two by squaring (several times faster than pow).
+
+    Args:
+        values: The values, which may be overwritten.
+        p: The exponent, from 1 on.
+    """
     exponent = math.log2(p)
     if exponent != int(exponent):
         return values**p

@@ -15,6 +15,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.elements import coefficients_of, control_lattice, control_points
+from dolfinx_signorini.jacobians import inverses
 from dolfinx_signorini.meshes import (
     SidedMesh,
     boundary_facets,
@@ -166,7 +167,7 @@ class Transfer:
         self.coarse, self.fine = coarse, fine
         dofs = fine.dofmap.list[: len(parents)]
         # One of the cells of each dof serves.
-        self.dofs, first = np.unique(dofs.ravel(), return_index=True)
+        self.dofs, first = _first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
         points = _pulled_back(coarse.mesh, cells, control_points(fine)[self.dofs])
         element = coarse.element.basix_element
@@ -176,15 +177,15 @@ class Transfer:
 
     def _restriction(self, parents: Indices) -> None:
         """Find for each coarse dof a fine cell with its node, and the values of its basis."""
-        nodes, dofs = control_points(self.coarse), self.coarse.dofmap.list[parents]
-        child, _ = np.indices(dofs.shape).reshape(2, -1)
-        points = _pulled_back(self.fine.mesh, child.astype(np.int32), nodes[dofs.ravel()])
-        outside = np.maximum(-points.min(axis=1), points.sum(axis=1) - 1.0)
-        inside = np.flatnonzero(outside < ROUNDING)
-        self.nodes, first = np.unique(dofs.ravel()[inside], return_index=True)
-        chosen = inside[first]
-        self.values = self.fine.element.basix_element.tabulate(0, points[chosen])[0, :, :, 0]
-        self.around = self.fine.dofmap.list[child[chosen]]
+        dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
+        nodes = control_points(self.coarse)[dofs, :dim]
+        points = _in_reference_cell(*_maps(self.fine.mesh, len(parents)), nodes)
+        inside = np.flatnonzero(_outside(points).ravel() < ROUNDING)
+        self.nodes, first = _first_places(dofs.ravel()[inside])
+        child, node = np.divmod(inside[first], dofs.shape[1])
+        element = self.fine.element.basix_element
+        self.values = element.tabulate(0, points[child, node])[0, :, :, 0]
+        self.around = self.fine.dofmap.list[child]
 
     def prolong(self, u: fem.Function) -> fem.Function:
         """Return a function of the coarse space as a function of the fine space."""
@@ -208,15 +209,15 @@ def carried_across(
         space: The space on the other refinement.
         cells: For each owned cell of this refinement the cell of the undivided mesh.
     """
-    dofs = space.dofmap.list[: len(cells)]
-    owned, first = np.unique(dofs.ravel(), return_index=True)
+    old, dofs = u.function_space, space.dofmap.list[: len(cells)]
+    dim = space.mesh.topology.dim
+    owned, first = _first_places(dofs.ravel())
     children = np.argsort(parents, kind="stable").astype(np.int32)
-    children = children.reshape(-1, 2**space.mesh.topology.dim)[cells[first // dofs.shape[1]]]
-    x = control_points(space)[owned]
-    places = np.array([_pulled_back(u.function_space.mesh, c, x) for c in children.T])
-    outside = np.maximum(-places.min(axis=2), places.sum(axis=2) - 1.0)
-    best, row = outside.argmin(axis=0), np.arange(len(owned))
-    element, values = u.function_space.element.basix_element, u.function_space.dofmap.list
+    children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
+    x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh, len(parents))
+    places = np.array([_in_reference_cell(origins[c], maps[c], x)[:, 0] for c in children.T])
+    best, row = _outside(places).argmin(axis=0), np.arange(len(owned))
+    element, values = old.element.basix_element, old.dofmap.list
     basis = element.tabulate(0, places[best, row])[0, :, :, 0]
     at = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
     return _interpolant(space, owned, at)
@@ -237,7 +238,7 @@ def prolong_on_cells(
     corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells]]
     count, around = len(lattice), parents[cells]
     shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
-    places = (shares @ corners).reshape(-1, 3)
+    places: Array = np.asarray(shares @ corners, dtype=np.float64).reshape(-1, 3)
     points = _pulled_back(coarse.mesh, np.repeat(around, count), places)
     basis = coarse.element.basix_element.tabulate(0, points)[0, :, :, 0]
     basis, columns = basis.reshape(len(cells), count, -1), coarse.dofmap.list[around]
@@ -255,11 +256,49 @@ def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.
     return result
 
 
+def _first_places(dofs: Indices) -> tuple[Indices, Indices]:
+    """Return the different entries of an array in order, and for each the first place of it."""
+    first = np.full(int(dofs.max(initial=-1)) + 1, -1, dtype=np.int32)
+    first[dofs[::-1]] = np.arange(len(dofs) - 1, -1, -1, dtype=np.int32)
+    found = np.flatnonzero(first >= 0).astype(np.int32)
+    return found, first[found]
+
+
+def _maps(domain: mesh.Mesh, count: int) -> tuple[Array, Array]:
+    """Return the first vertices of the first cells, and the inverses of their maps."""
+    cells, dim = np.arange(count, dtype=np.int32), domain.topology.dim
+    origins: Array = np.asarray(domain.geometry.x[domain.geometry.dofmap[cells, 0], :dim])
+    return origins, inverses(cell_edges(domain, cells))
+
+
+def _in_reference_cell(origins: Array, maps: Array, points: Array) -> Array:
+    """Return the coordinates of points in the reference cells of straight-sided cells.
+
+    Args:
+        origins: The first vertex of each cell, shape (cells, coordinates).
+        maps: The inverses of the maps from the reference cell, see `_maps`.
+        points: The points of each cell, shape (cells, points, coordinates).
+    """
+    offsets = points - origins[:, None]
+    result = np.zeros(offsets.shape)
+    for i, j in itertools.product(range(offsets.shape[2]), repeat=2):
+        result[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
+    return result
+
+
+def _outside(places: Array) -> Array:
+    """How far points are outside of the reference cell, negative inside; the last axis goes."""
+    smallest, total = places[..., 0], 1.0 - places[..., 0]
+    for i in range(1, places.shape[-1]):
+        smallest, total = np.minimum(smallest, places[..., i]), total - places[..., i]
+    return -np.minimum(smallest, total)
+
+
 def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
     """Return the coordinates of points in the reference cells of their straight-sided cells."""
     dim, nodes = domain.topology.dim, domain.geometry.dofmap
     few = len(cells) < len(nodes)
     edges = cell_edges(domain, cells if few else np.arange(len(nodes), dtype=np.int32))
-    inverses = np.linalg.inv(edges) if few else np.linalg.inv(edges)[cells]
-    offsets = points[:, :dim] - domain.geometry.x[nodes[cells, 0], :dim]
-    return np.asarray(np.einsum("nij,nj->ni", inverses, offsets))
+    maps = inverses(edges) if few else inverses(edges)[cells]
+    origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
+    return _in_reference_cell(origins, maps, points[:, None, :dim])[:, 0]

@@ -8,8 +8,10 @@ import numpy.typing as npt
 from dolfinx import fem, la, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.jacobians import determinants, inverses
 from dolfinx_signorini.meshes import cell_edges, owned_cells
 from dolfinx_signorini.norm_names import Norm
+from dolfinx_signorini.power_sums import power
 from dolfinx_signorini.quadrature import QuadratureRule
 
 Array = npt.NDArray[np.float64]
@@ -37,23 +39,27 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
         cells = owned_cells(domain)[start : start + BLOCK]
         values = f.x.array[space.dofmap.list[cells]]
         edges = cell_edges(domain, cells)
-        sizes = np.abs(np.einsum("cd,jqd->jcq", values, table))
+        sizes = [values @ table[0].T]
         if gradient:
-            slopes = np.einsum("cd,jqd->cqj", values, table[1:])
-            slopes = np.einsum("cqj,cji->icq", slopes, np.linalg.inv(edges))
-            sizes = np.concatenate((sizes[:1], np.abs(slopes)))
+            slopes, maps = [values @ part.T for part in table[1:]], inverses(edges)
+            sizes += [
+                sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
+                for columns in maps.transpose(2, 1, 0)
+            ]
+        sizes = [np.abs(size, out=size) for size in sizes]
+        largest = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
         if math.isinf(norm.p):
-            found.append(sizes.max(axis=(0, 2), initial=0.0))
+            found.append(largest)
             continue
-        largest = float(sizes.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
-        powers = ((sizes / largest) ** norm.p).sum(axis=0) @ weights
-        found.append(largest * (powers * np.abs(np.linalg.det(edges))) ** (1.0 / norm.p))
+        unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
+        powers = sum(power(size / unit, norm.p) @ weights for size in sizes)
+        found.append(unit * (powers * np.abs(determinants(edges))) ** (1.0 / norm.p))
     return np.concatenate(found)
 
 
 def volumes(domain: mesh.Mesh) -> Array:
     """Return the volumes of the owned cells, each as a multiple of that of the reference cell."""
-    return np.asarray(np.abs(np.linalg.det(cell_edges(domain, owned_cells(domain)))))
+    return np.abs(determinants(cell_edges(domain, owned_cells(domain))))
 
 
 def collected(values: Array, owners: Indices, count: int, power: float) -> Array:
@@ -89,20 +95,21 @@ def joined(one: Array, other: Array, power: float) -> Array:
     return np.asarray(largest * (1.0 + ratio**power) ** (1.0 / power))
 
 
-def summed_at_vertices(space: fem.FunctionSpace, values: Array, cells: Indices) -> Array:
+def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: Indices) -> Array:
     """Return for each vertex the sum of values of cells around the vertex, on all ranks.
 
     Args:
-        space: The linear Lagrange space of a mesh, whose dofs stand for the vertices; the call is
+        domain: A mesh of straight-sided cells, whose nodes are the vertices; the call is
             collective.
         values: One value per cell.
         cells: The owned cells that have the values.
     """
-    f = fem.Function(space)
-    np.add.at(f.x.array, space.dofmap.list[cells], values[:, None])
-    f.x.scatter_reverse(la.InsertMode.add)
-    f.x.scatter_forward()
-    return np.asarray(f.x.array)
+    nodes, sums = domain.geometry.dofmap[cells], la.vector(domain.geometry.index_map())
+    shares = np.repeat(values, nodes.shape[1])
+    sums.array[:] = np.bincount(nodes.ravel(), shares, len(sums.array))
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+    return np.asarray(sums.array)
 
 
 def total(values: Array, power: float, comm: MPI.Comm) -> float:

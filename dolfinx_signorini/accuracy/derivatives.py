@@ -22,6 +22,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import BLOCK, Array
+from dolfinx_signorini.jacobians import inverses
 from dolfinx_signorini.meshes import cell_edges, owned_cells
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
@@ -57,10 +58,10 @@ def _highest_derivatives(f: fem.Function, derivatives: float) -> Array:
         block = cells[start : start + BLOCK]
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
-        inverses = size[:, None, None] * np.linalg.inv(edges)
+        maps = size[:, None, None] * inverses(edges)
         values = f.x.array[space.dofmap.list[block]] @ rows.T
         for _ in range(degree):  # from directions of the reference cell to coordinates
-            values = np.einsum("cjr,cji->cri", values.reshape(len(block), dim, -1), inverses)
+            values = np.einsum("cjr,cji->cri", values.reshape(len(block), dim, -1), maps)
         sizes = np.linalg.norm(values.reshape(len(block), -1), axis=1)
         found.append(sizes / size**derivatives)
     return np.concatenate(found)

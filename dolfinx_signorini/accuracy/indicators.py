@@ -15,12 +15,12 @@ element methods, Acta Numerica 10 (2001) 1-102.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
 from dolfinx_signorini import compiled
@@ -28,7 +28,7 @@ from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collect
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.elements import coefficients_of, values_at_control_points
+from dolfinx_signorini.elements import coefficients_of, constants, values_at_control_points
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import SignoriniProblem
@@ -97,9 +97,8 @@ def indicators(
     if target.weighted:
         apart = size(error, target)
         dual, forces = fine.solve_linearised(_density(error, target, apart))
-        primal, weight = (
-            np.sqrt(_energies(fine, _detail(transfer, v), parents, count)) for v in (fine.u, dual)
-        )
+        details = [_detail(transfer, v) for v in (fine.u, dual)]
+        primal, weight = (np.sqrt(found) for found in _energies(fine, details, parents, count))
         released = coarse.forces, transfer.restrict(dual)
         changes = contact_changes(released, (forces, error), parents)
         cells = primal * weight + changes
@@ -161,15 +160,18 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     return density * v * ufl.dx(metadata=rule.metadata)
 
 
-def _energies(problem: SignoriniProblem, f: fem.Function, parents: Indices, count: int) -> Array:
+def _energies(
+    problem: SignoriniProblem, functions: Sequence[fem.Function], parents: Indices, count: int
+) -> Iterator[Array]:
     """The energy a(f, f) of each coarse cell, without the terms on the boundary."""
     trial, test = problem.a.arguments()[::-1]
-    constant = ufl.TestFunction(fem.functionspace(problem.space.mesh, ("DG", 0)))
+    f, constant = fem.Function(problem.space), ufl.TestFunction(constants(problem.space.mesh))
     terms = [
         part.reconstruct(ufl.replace(part.integrand(), {trial: f, test: f}) * constant)
         for part in problem.a.integrals_by_type("cell")
     ]
-    vector = fem_petsc.assemble_vector(compiled.form(ufl.Form(terms)))
-    energies = np.maximum(vector.array_r[: len(parents)], 0.0)
-    vector.destroy()
-    return collected(energies, parents, count, 1.0)
+    form = compiled.form(ufl.Form(terms))
+    for function in functions:
+        f.x.array[:] = function.x.array
+        energies = fem.assemble_vector(form).array[: len(parents)]
+        yield collected(np.maximum(energies, 0.0), parents, count, 1.0)

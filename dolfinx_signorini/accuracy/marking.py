@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
@@ -180,7 +180,8 @@ class _Choice:
         self.factors = np.minimum(outlook.factors**self.exponent, 0.95)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
-        self.child = np.where(self.singular, self.factors, shared)
+        child = np.where(self.singular, self.factors, shared)
+        self._logarithms, self._steps = np.log(self.parts), -np.log(child)
         towards = np.where(outlook.confirmed, DEEPEST, DEEPER)
         deepest = np.where(self.singular, towards, DEEP)
         self.deepest = np.minimum(deepest, np.floor(np.log2(np.maximum(room, 1.0))))
@@ -189,7 +190,7 @@ class _Choice:
 
     def levels(self, threshold: float) -> Array:
         """The divisions after which no part of a cell is above a threshold."""
-        needed = np.ceil(np.log(self.parts / threshold) / -np.log(self.child))
+        needed = np.ceil((self._logarithms - math.log(threshold)) / self._steps)
         return np.clip(needed, 0, self.deepest)
 
     def error(self, levels: Array) -> float:
@@ -255,21 +256,18 @@ def _points(
         is an isolated singular point. Slow cells side by side, which agree on no vertex, lie along
         a singular line: they are divided like other cells.
     """
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    vertices = space.dofmap.list[: len(parts)]
-    largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
-
     cells = owned_cells(domain)
-    numbers = np.maximum(summed_at_vertices(space, np.ones(len(cells)), cells), 1.0)
+    vertices = domain.geometry.dofmap[cells]
+    largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
+    numbers = np.maximum(summed_at_vertices(domain, np.ones(len(cells)), cells), 1.0)
     # The mean and not the sum: a corner of the domain has few cells.
-    around = summed_at_vertices(space, parts / largest, cells) / numbers
+    around = summed_at_vertices(domain, parts / largest, cells) / numbers
     worst = around[vertices].argmax(axis=1)
     best = vertices[cells, worst]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)
-    number = space.dofmap.index_map.local_to_global(best[slow]) + 1.0
-    count, first, second = (summed_at_vertices(space, number**k, slow) for k in range(3))
+    number = domain.geometry.index_map().local_to_global(best[slow]) + 1.0
+    count, first, second = (summed_at_vertices(domain, number**k, slow) for k in range(3))
     mixed = np.abs(count * second - first**2) > 0.5
     isolated = np.zeros(len(parts), dtype=bool)
     isolated[slow] = ~mixed[vertices[slow]].any(axis=1)
-    # Coordinates of dofs would be rounded, which far from the origin shows in small cells.
-    return domain.geometry.x[domain.geometry.dofmap[cells, worst]], isolated
+    return domain.geometry.x[best], isolated

@@ -21,7 +21,7 @@ solution is measured alone, and the rate of the product is twice that of the par
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
@@ -155,14 +155,13 @@ class Rates:
             weights: The indicators of these cells.
             told: Whether the rate of a cell is known.
         """
-        space = fem.functionspace(self._domain, ("Lagrange", 1))
         largest = self._domain.comm.allreduce(float(weights.max(initial=0.0)), op=MPI.MAX) or 1.0
         power = min(self._power, STEEPEST)
         shares = np.where(told, (weights / largest) ** power, 0.0)
         cells = owned_cells(self._domain)
         known = np.where(told, rates, 0.0)
-        sums = summed_at_vertices(space, shares, cells)
+        sums = summed_at_vertices(self._domain, shares, cells)
         with np.errstate(all="ignore"):
-            means = summed_at_vertices(space, shares * known, cells) / sums
+            means = summed_at_vertices(self._domain, shares * known, cells) / sums
         means = np.where(sums > 0.0, means, self.order)
-        return np.asarray(means[space.dofmap.list[: len(cells)]].min(axis=1))
+        return np.asarray(means[self._domain.geometry.dofmap[cells]].min(axis=1))

@@ -227,9 +227,9 @@ class _Cuts:
         fluxes = np.einsum("ijc,cj->ci", A, slopes)
         # Errors of the flux are smallest where A is small.
         weights = np.abs(np.linalg.det(edges)) / np.trace(A)
-        space = fem.functionspace(self.domain, ("Lagrange", 1))
-        sums = [summed_at_vertices(space, f, cells) for f in (weights, *(weights * fluxes.T))]
-        around = np.array(sums)[:, space.dofmap.list[self.cells]].sum(axis=2)
+        values = weights, *(weights * fluxes.T)
+        sums = np.array([summed_at_vertices(self.domain, f, cells) for f in values])
+        around = sums[:, self.domain.geometry.dofmap[self.cells]].sum(axis=2)
         return np.asarray((around[1:] / np.where(around[0] > 0.0, around[0], np.inf)).T)
 
     def _diffusion(self, x: Array) -> Array:
