@@ -15,6 +15,7 @@ from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import parent_mesh, refined
 from dolfinx_signorini.solvers import hierarchy
 from dolfinx_signorini.solvers.held import HeldSolver
+from dolfinx_signorini.solvers import projected
 from dolfinx_signorini.solvers.hierarchy import degree_prolongations, prolongations
 from dolfinx_signorini.solvers.lattice import coarsened, find_lattice
 
@@ -180,6 +181,32 @@ def test_iterations_hardly_feel_the_degree(kind, degree):
     assert residual <= 1.001e-8
     assert solver.iterations <= 13
     solver.destroy()
+    problem.destroy()
+
+
+def test_on_a_graded_mesh_changed_dofs_cost_few_iterations_and_small_local_solves(monkeypatch):
+    factored, splu = [], projected.splu
+    monkeypatch.setattr(
+        projected, "splu", lambda A, **kwargs: factored.append(A.shape[0]) or splu(A, **kwargs)
+    )
+    domain = towards_corner(friedrichs_keller(COMM, 12), 7)
+    problem = loaded(domain, space=bernstein_space(domain, 3))
+    system, held = problem.system, held_below(problem)
+    x = nodal_space(problem.space).tabulate_dof_coordinates()[problem.contact_dofs]
+    changed = held & ~((x[:, 1] == 0.0) & (x[:, 0] < 0.004))  # at the corner a few are released
+    assert 4 <= COMM.allreduce(int((changed != held).sum())) <= 16
+    counts = []
+    for first in (changed, held):
+        solver, y = HeldSolver(system), system.start()
+        solver.solve(system, y, first, 1e-9)
+        before, _ = solver.iterations, y.set(0.0)
+        solver.solve(system, y, changed, 1e-9)
+        counts.append(solver.iterations - before)
+        assert solver.setups == 1
+        for item in (solver, y):
+            item.destroy()
+    assert counts[1] <= counts[0] + 3
+    assert 0 < COMM.allreduce(sum(factored)) < 0.15 * problem.unknowns
     problem.destroy()
 
 

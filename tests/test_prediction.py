@@ -7,7 +7,9 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import cells_with_dofs, friedrichs_keller, owned_cells
+from dolfinx_signorini.elements import bernstein_space
+from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs, friedrichs_keller, owned_cells
+from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.solvers.transfer import Transfer, covering_cells, interpolate_between
 
 COMM = MPI.COMM_WORLD
@@ -82,3 +84,26 @@ def test_a_lattice_knows_the_cells_around_points(meshes):
     points = fem.create_interpolation_data(fine, coarse, cells, padding=1e-9)
     found.interpolate_nonmatching(old, cells, points)
     assert new.x.array[chosen] == pytest.approx(found.x.array[chosen], abs=1e-12)
+
+
+SPACES = {
+    "nodal": lambda domain: fem.functionspace(domain, ("Lagrange", 3)),
+    "Bernstein": lambda domain: bernstein_space(domain, 4),
+}
+
+
+@pytest.mark.parametrize("kind", ["square", "cube"])
+@pytest.mark.parametrize("make", SPACES.values(), ids=SPACES.keys())
+def test_a_refined_mesh_knows_the_cells_around_points(kind, make, monkeypatch):
+    square = friedrichs_keller(COMM, 5)
+    coarse = square if kind == "square" else dolfinx.mesh.create_unit_cube(COMM, 3, 2, 2)
+    some = owned_cells(coarse)[::3]
+    fine = refined(SidedMesh(coarse, {}), some).sided.mesh
+    monkeypatch.setattr(fem, "create_interpolation_data", None)  # no search for cells
+    source, target = make(coarse), make(fine)
+    old, new, exact = fem.Function(source), fem.Function(target), fem.Function(target)
+    for f in (old, exact):
+        f.interpolate(lambda x: 1.0 + x[0] ** 3 - 2.0 * x[0] * x[1] ** 2 + x[1] * x[2])
+    dofs = np.arange(target.dofmap.index_map.size_local, dtype=np.int32)[::4]
+    Transfer(source, target)([(old, new)], dofs)
+    assert new.x.array[dofs] == pytest.approx(exact.x.array[dofs], abs=1e-11)
