@@ -13,9 +13,8 @@ from dolfinx_signorini.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import parent_mesh, refined
-from dolfinx_signorini.solvers import hierarchy
+from dolfinx_signorini.solvers import hierarchy, projected
 from dolfinx_signorini.solvers.held import HeldSolver
-from dolfinx_signorini.solvers import projected
 from dolfinx_signorini.solvers.hierarchy import degree_prolongations, prolongations
 from dolfinx_signorini.solvers.lattice import coarsened, find_lattice
 
