@@ -241,7 +241,8 @@ def prolong_on_cells(
     places: Array = np.asarray(shares @ corners, dtype=np.float64).reshape(-1, 3)
     points = _pulled_back(coarse.mesh, np.repeat(around, count), places)
     basis = coarse.element.basix_element.tabulate(0, points)[0, :, :, 0]
-    basis, columns = basis.reshape(len(cells), count, -1), coarse.dofmap.list[around]
+    columns = coarse.dofmap.list[around]
+    basis = basis.reshape(*dofs.shape, columns.shape[1])
     for old, new in pairs:
         new.x.array[dofs] = (basis @ old.x.array[columns][:, :, None])[:, :, 0]
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
