@@ -169,7 +169,9 @@ class Transfer:
         # One of the cells of each dof serves.
         self.dofs, first = _first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
-        points = _pulled_back(coarse.mesh, cells, control_points(fine)[self.dofs])
+        x = control_points(fine)[self.dofs, None, : fine.mesh.topology.dim]
+        origins, maps = _maps(coarse.mesh)
+        points = _in_reference_cell(origins[cells], maps[cells], x)[:, 0]
         element = coarse.element.basix_element
         self.basis = element.tabulate(0, points)[0, :, :, 0]
         self.columns = coarse.dofmap.list[cells]
@@ -179,7 +181,8 @@ class Transfer:
         """Find for each coarse dof a fine cell with its node, and the values of its basis."""
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
-        points = _in_reference_cell(*_maps(self.fine.mesh, len(parents)), nodes)
+        origins, maps = _maps(self.fine.mesh)
+        points = _in_reference_cell(origins[: len(parents)], maps[: len(parents)], nodes)
         inside = np.flatnonzero(_outside(points).ravel() < ROUNDING)
         self.nodes, first = _first_places(dofs.ravel()[inside])
         child, node = np.divmod(inside[first], dofs.shape[1])
@@ -214,7 +217,7 @@ def carried_across(
     owned, first = _first_places(dofs.ravel())
     children = np.argsort(parents, kind="stable").astype(np.int32)
     children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
-    x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh, len(parents))
+    x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh)
     places = np.array([_in_reference_cell(origins[c], maps[c], x)[:, 0] for c in children.T])
     best, row = _outside(places).argmin(axis=0), np.arange(len(owned))
     element, values = old.element.basix_element, old.dofmap.list
@@ -235,12 +238,10 @@ def prolong_on_cells(
     """
     coarse, fine = (f.function_space for f in pairs[0])
     dofs, lattice = fine.dofmap.list[cells], control_lattice(fine)
-    corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells]]
-    count, around = len(lattice), parents[cells]
-    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
-    places: Array = np.asarray(shares @ corners, dtype=np.float64).reshape(-1, 3)
-    points = _pulled_back(coarse.mesh, np.repeat(around, count), places)
-    basis = coarse.element.basix_element.tabulate(0, points)[0, :, :, 0]
+    corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells], : lattice.shape[1]]
+    shares, around = np.column_stack((1.0 - lattice.sum(axis=1), lattice)), parents[cells]
+    points = _in_reference_cell(*_maps(coarse.mesh, around), shares @ corners)
+    basis = coarse.element.basix_element.tabulate(0, points.reshape(-1, lattice.shape[1]))[0]
     columns = coarse.dofmap.list[around]
     basis = basis.reshape(*dofs.shape, columns.shape[1])
     for old, new in pairs:
@@ -265,10 +266,11 @@ def _first_places(dofs: Indices) -> tuple[Indices, Indices]:
     return found, first[found]
 
 
-def _maps(domain: mesh.Mesh, count: int) -> tuple[Array, Array]:
-    """Return the first vertices of the first cells, and the inverses of their maps."""
-    cells, dim = np.arange(count, dtype=np.int32), domain.topology.dim
-    origins: Array = np.asarray(domain.geometry.x[domain.geometry.dofmap[cells, 0], :dim])
+def _maps(domain: mesh.Mesh, cells: Indices | None = None) -> tuple[Array, Array]:
+    """Return the first vertices of cells, of all by default, and the inverses of their maps."""
+    nodes, dim = domain.geometry.dofmap, domain.topology.dim
+    cells = np.arange(len(nodes), dtype=np.int32) if cells is None else cells
+    origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
     return origins, inverses(cell_edges(domain, cells))
 
 
@@ -293,13 +295,3 @@ def _outside(places: Array) -> Array:
     for i in range(1, places.shape[-1]):
         smallest, total = np.minimum(smallest, places[..., i]), total - places[..., i]
     return -np.minimum(smallest, total)
-
-
-def _pulled_back(domain: mesh.Mesh, cells: Indices, points: Array) -> Array:
-    """Return the coordinates of points in the reference cells of their straight-sided cells."""
-    dim, nodes = domain.topology.dim, domain.geometry.dofmap
-    few = len(cells) < len(nodes)
-    edges = cell_edges(domain, cells if few else np.arange(len(nodes), dtype=np.int32))
-    maps = inverses(edges) if few else inverses(edges)[cells]
-    origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
-    return _in_reference_cell(origins, maps, points[:, None, :dim])[:, 0]
