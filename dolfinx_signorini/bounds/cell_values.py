@@ -138,11 +138,11 @@ def cell_values(
         InputError: The reaction is negative, the diffusion is not positive definite, or data are
             not finite.
     """
-    space, d, count = problem.space, frames.dimension, len(frames.order)
+    space, d = problem.space, frames.dimension
     points, weights = rule(d, quadrature)
     entries, inverses = terms.entries(d), rest.inverse_entries
     data = [terms.reaction or 0.0, terms.load or 0.0, *entries, *inverses]
-    at = values_at(space.mesh, data, points, np.arange(count))
+    at = values_at(space.mesh, data, points, frames.cells)
     require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
     fitted = np.asarray(rest.reaction)[..., None] > 0.0  # polynomials that may be negative
     good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
@@ -185,7 +185,7 @@ def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Arr
     """
     space = u.function_space
     table = space.element.basix_element.tabulate(1, points)[..., 0]
-    values = u.x.array[space.dofmap.list[: len(frames.order)]]
+    values = u.x.array[space.dofmap.list[frames.cells]]
     gradient = np.stack([values @ slopes.T for slopes in table[1:]], axis=2)
     corners = np.empty_like(frames.corners)  # in the order of the mesh
     np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)

@@ -17,15 +17,15 @@ from dolfinx_signorini.bounds.cell_values import (
     CellValues,
     cell_data,
     cell_values,
-    flux_values,
     function_values,
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.equilibration import equilibrated
+from dolfinx_signorini.bounds.flux_parts import flux_parts
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
-from dolfinx_signorini.bounds.gaps import contact_energy, gap_means, gaps
+from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
 from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
@@ -122,12 +122,13 @@ def energy_bound(
     ends = _ends(domain.comm, values, kinds == DIRICHLET)
     moments, reason = _without_defects(domain.comm, values, data, moments, ends)
     field = coefficients(data, reference, moments)
+    flux, contact = flux_parts(problem, terms, values, data, field, reference, (points, gap), rest)
     parts = _Parts(
-        flux=_distance(values, flux_values(values, field, reference), rest, degree),
+        flux=flux,
         data=oscillation(values, missed, rest, degree),
         mean=_residual(values, data, field, reference, ends),
         lifting=_lifted(problem, terms, values, near, rest),
-        contact=contact_energy(points, gap, moments, degree),
+        contact=contact,
     )
     constant, doubt = _mean_constant(domain.comm, values, data, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
@@ -143,21 +144,6 @@ def _check_mesh(problem: SignoriniProblem) -> None:
     family = problem.space.element.basix_element.family
     good = family == basix.ElementFamily.P
     require(problem.comm, good, "a bound needs continuous Lagrange elements", "space")
-
-
-def _distance(values: CellValues, y: Array, rest: Remainders, degree: int) -> Array:
-    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell; u_h is of a degree, y of one more."""
-    apart = values.current - y
-    square = values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2))
-    square += rest.inverse * values.integrals(np.square(apart).sum(axis=2))
-    if rest.thin is not None:
-        share, least, largest = rest.thin
-        most = np.sqrt(largest) * values.largest(values.gradient, degree)
-        most += values.largest(y, degree + 1) / np.sqrt(least)
-        square += share * values.frames.volumes * most**2
-    slope = np.sqrt(values.integrals(np.square(values.gradient).sum(axis=2)))
-    missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
 
 
 def _defects(data: CellData, moments: Array) -> Array:
@@ -268,16 +254,16 @@ def _bound(
 
     free = constant * root(stray**2)
     eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
-    total = 0.5 * (eta + math.sqrt(eta**2 + 4.0 * contact**2))
-    if lifting > 0.0:
-        total = math.sqrt(eta**2 + 2.0 * contact**2 + lifting**2)
+    both = comm.allreduce(float(np.sqrt(square) @ parts.lifting)) + free * lifting
+    both, size = min(both, contact**2), eta**2 + lifting**2
+    total = math.sqrt(size + 2.0 * both) + math.sqrt(size - 2.0 * both + 4.0 * contact**2)
     return EnergyBound(
         flux=root(parts.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
         mean=root(parts.mean**2),
         lifting=lifting,
-        total=math.inf if missing else total,
+        total=math.inf if missing else 0.5 * total,
         cells=np.sqrt(square + (constant * stray) ** 2 + parts.contact + parts.lifting**2),
         sampled=bool(notes),
         notes=(missing, *notes) if missing else tuple(notes),

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -29,12 +29,14 @@ class Frames:
         facets = np.take_along_axis(facets_of_cells, frames.order, axis=1)
 
     Attributes:
+        cells: The numbers of the cells in the mesh.
         order: The local vertices by global number, shape (cells, d + 1).
         corners: The coordinates of the vertices in this order, shape (cells, d + 1, d).
         vertices, facets: The global numbers of vertices and facets, shape (cells, d + 1).
         local_facets: The numbers of the facets on this rank.
     """
 
+    cells: Indices
     order: Indices
     corners: Array
     vertices: Indices
@@ -45,6 +47,11 @@ class Frames:
     def dimension(self) -> int:
         """The dimension d of the cells."""
         return self.corners.shape[2]
+
+    def some(self, rows: Indices) -> "Frames":
+        """Return some of the frames, by the rows of the arrays."""
+        arrays = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
+        return Frames(**arrays)
 
     @functools.cached_property
     def jacobians(self) -> Array:
@@ -122,6 +129,7 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
     corners = x[domain.geometry.dofmap[: len(cells)], :d]
     facets = np.take_along_axis(local_facets, order, axis=1)
     return Frames(
+        np.asarray(cells, dtype=np.int64),
         order,
         np.take_along_axis(corners, order[:, :, None], axis=1),
         np.take_along_axis(numbers, order, axis=1),

@@ -74,7 +74,7 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, points: Arra
     """
     kind = basix.PolynomialType.bernstein
     table = np.asarray(basix.tabulate_polynomials(kind, CELLS[1], degree, points))
-    values = np.maximum(coefficients @ _on_parts(degree, count), 0.0) @ table
+    values = np.maximum(coefficients @ on_parts(degree, count), 0.0) @ table
     return np.asarray(values.transpose(1, 0, 2).reshape(-1, count * len(points)))
 
 
@@ -89,12 +89,19 @@ def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
     Returns:
         The bounds, shape (n, count).
     """
-    return np.asarray((coefficients @ _on_parts(degree, count)).max(axis=2).T)
+    return np.asarray((coefficients @ on_parts(degree, count)).max(axis=2).T)
 
 
 @functools.cache
-def _on_parts(degree: int, count: int) -> Array:
-    """The Bernstein coefficients of the polynomials on equal parts of the unit interval."""
+def on_parts(degree: int, count: int) -> Array:
+    """Return the Bernstein coefficients of the polynomials on equal parts of the unit interval.
+
+    Args:
+        degree, count: See `highest_on_parts`.
+
+    Returns:
+        The coefficients, shape (count, polynomials, coefficients).
+    """
     lattice, bernstein = _bernstein(1, degree)
     places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
     table = polynomials(1, degree, places).reshape(-1, count, degree + 1)

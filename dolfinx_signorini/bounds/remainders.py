@@ -4,7 +4,8 @@ The proof is in docs/accuracy.md.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +65,24 @@ class Remainders:
     dirichlet: Array | None = None
     obstacle_in_space: tuple[FacetPolynomials, Array] | None = None
     sampled: tuple[str, ...] = ()
+
+    def some(self, cells: npt.NDArray[np.int64]) -> "Remainders":
+        """Return what is known of diffusion and reaction on some cells."""
+
+        def part(values: Any) -> Any:
+            return values[..., cells] if isinstance(values, np.ndarray) else values
+
+        return replace(
+            self,
+            reaction=part(self.reaction),
+            diffusion=part(self.diffusion),
+            inverse=part(self.inverse),
+            least_reaction=part(self.least_reaction),
+            largest_reaction=part(self.largest_reaction),
+            least_diffusion=part(self.least_diffusion),
+            largest_diffusion=part(self.largest_diffusion),
+            thin=part(self.thin),
+        )
 
 
 NOTHING = Remainders()

@@ -121,9 +121,9 @@ def in_space(x):
     return -x[2] * (1 - x[2]) * (1 + x[0] * x[1])
 
 
-def detaching(x):
-    """-Im z^(3/2): contact right of the middle of the lowest side; harmonic in the plane."""
-    x0, x1 = x[0] - 0.5, x[len(x) - 1]
+def detaching(x, end=0.5):
+    """-Im z^(3/2): contact right of a point of the lowest side; harmonic in the plane."""
+    x0, x1 = x[0] - end, x[len(x) - 1]
     r = ufl.sqrt(x0 * x0 + x1 * x1)
     C, S = ufl.sqrt(abs(r + x0) / 2), ufl.sqrt(abs(r - x0) / 2)
     return -S * (3 * C * C - S * S)

@@ -1,0 +1,91 @@
+"""The parts of a bound that a flux decides: distances from the solution, and contact energies."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints
+from dolfinx_signorini.bounds.cell_values import (
+    CellValues,
+    cell_data,
+    cell_values,
+    flux_values,
+    quadrature_degree,
+)
+from dolfinx_signorini.bounds.condensation import CellData, coefficients
+from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
+from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
+from dolfinx_signorini.bounds.remainders import Remainders
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.problem import SignoriniProblem
+
+Array = npt.NDArray[np.float64]
+
+
+def flux_parts(
+    problem: SignoriniProblem,
+    terms: EnergyTerms,
+    values: CellValues,
+    data: CellData,
+    coefficients_: Array,
+    reference: ReferenceFlux,
+    contact: tuple[FacetPoints, Array],
+    rest: Remainders,
+) -> tuple[Array, Array]:
+    """Return the distance of a flux from the one of the solution, and the contact energy.
+
+    In the plane, the flux is a better one in the cells around the ends of contact sets.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: The strong form.
+        values: The solution and the coefficients.
+        data: The cells.
+        coefficients_: The coefficients of the flux, shape (cells, fields).
+        reference: The fields.
+        contact: Points of contact facets with the gap, see `gaps`.
+        rest: What the data have beside the terms.
+
+    Returns:
+        The norms on cells, and the integrals of contact flux times gap.
+    """
+    degree, frames = reference.degree, values.frames
+    shape = *frames.order.shape, reference.per_facet
+    moments = coefficients_[:, : reference.fluxes].reshape(shape)
+    flux = _distance(values, flux_values(values, coefficients_, reference), rest, degree)
+    energy = contact_energy(*contact, moments, degree)
+    cells = near_ends(problem.comm, data) if frames.dimension == 2 else np.empty(0, dtype=np.int64)
+    if not any(problem.comm.allgather(len(cells))):
+        return flux, energy
+    finer, some = reference_flux(2, degree + RAISED), rest.some(cells)
+    quadrature, _ = quadrature_degree(terms, 2, finer.degree, rest)
+    own = cell_values(problem, terms, frames.some(cells), quadrature, some)
+    start = np.zeros((*shape[:2], finer.per_facet))  # where the basis goes on
+    start[..., : shape[2]] = moments
+    means = gap_means(*contact, finer.degree)[cells]
+    near = cell_data(own, data.kinds[cells], data.touching[cells], 0.0 * start[cells], means, finer)
+    source = np.zeros_like(near.source)
+    source[:, : data.source.shape[1]] = data.source[cells]
+    near = replace(near, source=source)
+    start[cells] = better_fluxes(problem.comm, near, start[cells], finer)
+    y = flux_values(own, coefficients(near, finer, start[cells]), finer)
+    flux[cells] = _distance(own, y, some, finer.degree)
+    energy[cells] = contact_energy(*contact, start, finer.degree)[cells]
+    return flux, energy
+
+
+def _distance(values: CellValues, y: Array, rest: Remainders, degree: int) -> Array:
+    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell; u_h is of a degree, y of one more."""
+    apart = values.current - y
+    square = values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2))
+    square += rest.inverse * values.integrals(np.square(apart).sum(axis=2))
+    if rest.thin is not None:
+        share, least, largest = rest.thin
+        most = np.sqrt(largest) * values.largest(values.gradient, degree)
+        most += values.largest(y, degree + 1) / np.sqrt(least)
+        square += share * values.frames.volumes * most**2
+    slope = np.sqrt(values.integrals(np.square(values.gradient).sum(axis=2)))
+    missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
