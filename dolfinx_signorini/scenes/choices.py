@@ -2,11 +2,15 @@
 
 Let m be the function whose sign a choice depends on, c a point of a simplex, and s intervals around
 the derivatives of m. At each vertex v, m(c) + s.(v - c) lies between two numbers, and the linear
-functions with these values at the vertices enclose m. If the lower one has the values l at the
-vertices, with -D = min l <= 0 < M = max l, then m <= 0 is possible only where the barycentric
-coordinate of the vertex with M is at most D/M: on a share of at most d D/M of the simplex. A mesh
-that is fitted to the line m = 0, up to rounding, leaves shares like 1e-15, and next to a curve what
-the curve bulges.
+functions with these values at the vertices enclose m. Then m <= 0 is possible only where the lower
+one is not positive. With the values l at the vertices that is a share of
+
+    l_0^d / ((l_0 - l_1) ... (l_0 - l_d))       if l_0 < 0 <= l_1, ..., l_d,
+    1 - l_d^d / ((l_d - l_0) ... (l_d - l_d-1)) if l_0, ..., l_d-1 < 0 < l_d,
+
+of the simplex, and at most d D/M in any case with -D = min l <= 0 < M = max l, for the barycentric
+coordinate of the vertex with M is at most D/M there. A mesh that is fitted to the line m = 0, up to
+rounding, leaves shares like 1e-15, and next to a curve what the curve bulges.
 """
 
 from collections.abc import Sequence
@@ -33,6 +37,7 @@ MOST_PATTERNS = 64  # of choices in all simplices
 MOST_SWITCHES = 3  # whose choices are tried one by one
 DIVISIONS = {2: 5, 3: 3}  # of simplices that are cut by a curve or surface, by dimension
 THIN = 1e-6  # shares that are small enough
+ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
@@ -112,14 +117,23 @@ def _shares(margin: Formula, corners: Array) -> Array:
     """Shares of simplices outside of which a function is positive, and negative."""
     low, high = enclosed_linearly(margin, corners)
     least, most = enclosed_on_simplices(margin, corners)
-    d, result, doubt = corners.shape[1] - 1, [], undefined(margin, corners)
+    result, doubt = [], undefined(margin, corners)
     for ends, clear in ((low, least > 0.0), (-high, most < 0.0)):
-        depth, top = np.maximum(-ends.min(axis=0), 0.0), ends.max(axis=0)
-        with np.errstate(all="ignore"):
-            share = np.where((top > 0.0) & np.isfinite(depth), d * depth / top, 1.0)
-        share = np.where(clear, 0.0, np.minimum(share, 1.0))
+        share = np.where(clear, 0.0, _not_positive(ends))
         result.append(np.where(doubt, 1.0, share))  # a comparison of no value is false
     return np.stack(result)
+
+
+def _not_positive(ends: Array) -> Array:
+    """Where linear functions are not positive, at most, by their values, shape (vertices, n)."""
+    d, values = len(ends) - 1, np.sort(ends, axis=0)  # what is no number comes last
+    depth, top, below = np.maximum(-values[0], 0.0), values[-1], (values < 0.0).sum(axis=0)
+    with np.errstate(all="ignore"):
+        tip = np.prod(depth / (depth + values[1:]), axis=0)
+        rest = -np.expm1(-np.log1p(-values[:-1] / top).sum(axis=0))
+        share = np.where(below == 1, tip, np.where(below == d, rest, d * depth / top))
+        share = np.where((top > 0.0) & np.isfinite(depth), share, 1.0)
+    return np.asarray(np.minimum(np.where(np.isnan(share), 1.0, share * ROUNDING), 1.0))
 
 
 class _Chosen(PerNode[Node]):

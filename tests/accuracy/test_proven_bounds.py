@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known import bump
+from known import bump, circle
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
@@ -223,6 +223,28 @@ def test_a_diffusion_that_jumps_across_a_slanted_line(degree, matrix, fit, comm)
     error = energy_error(posed, exact, f"where(x + 0.5*y < 0.67, 1, {high})", "0")
     assert not bound.sampled and bound.notes == ()
     assert (1.0 if fit else 0.98) * error <= bound.total <= (1.3 if fit else 12.0) * error
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_diffusion_that_jumps_across_a_circle_that_the_mesh_follows(degree, comm):
+    text = circle({}).text.replace("degree = 2", f"degree = {degree}")
+    scene = parse_scene(text, Path("scene.toml"), comm)
+    entries = [entry for row in scene.diffusion for entry in row]
+    posed = pose(scene, comm, fitted_mesh(scene.domain.make(comm), entries, 10_000))
+    posed.problem.solve()
+
+    def slope(x, k):
+        s, p = (x[0] - 0.5) ** 2 + (x[1] - 0.45) ** 2 - 0.09, 1 + 0.5 * ufl.sin(2 * x[1])
+        across = 2 * (x[1] - 0.45) * p + s * ufl.cos(2 * x[1])
+        return ufl.as_vector([2 * (x[0] - 0.5) * p, across]) / k
+
+    x = ufl.SpatialCoordinate(posed.sided.mesh)
+    k = ufl.conditional(ufl.lt((x[0] - 0.5) ** 2 + (x[1] - 0.45) ** 2, 0.09), 1, 1000)
+    e = ufl.grad(posed.problem.u) - slope(x, k)
+    form = k * ufl.dot(e, e) * ufl.dx(metadata={"quadrature_degree": 30})
+    error = math.sqrt(comm.allreduce(fem.assemble_scalar(fem.form(form))))
+    bound = bound_of_scene(posed)
+    assert not bound.sampled and error <= bound.total <= 1.2 * error
 
 
 @pytest.mark.parametrize("middle", [0.25, 0.3])

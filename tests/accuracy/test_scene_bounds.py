@@ -46,4 +46,4 @@ def test_every_scene_has_a_bound(name, degree, comm):
     assert len(bound.cells) == topology.index_map(topology.dim).size_local
     if posed.exact is not None:
         error = energy_error(posed)
-        assert error <= bound.total <= 1.6 * error
+        assert error <= bound.total <= 1.3 * error

@@ -62,3 +62,21 @@ def test_many_choices_keep_the_formula():
     corners = rng.random((200, 1, 2)) + 0.05 * rng.random((200, 3, 2))
     (part,) = decided([parse(text)], corners)
     assert part.formulas[0].root is not None and not part.others and not part.shares.any()
+
+
+@pytest.mark.parametrize("signs", [(-1, 1, 1), (-1, -1, 1), (-1, 1, 1, 1), (-1, -1, -1, 1)])
+def test_shares_next_to_lines_and_planes(signs):
+    d = len(signs) - 1
+    rng = np.random.default_rng(3)
+    corners = rng.random((40, d + 1, d))
+    for simplex in corners:  # a linear function with these signs at the vertices
+        values = np.array(signs) * (0.1 + rng.random(d + 1))
+        slopes = np.linalg.solve(np.column_stack((simplex, np.ones(d + 1))), values)
+        names = "xyz"[:d]
+        line = " + ".join(f"({float(s)!r})*{n}" for s, n in zip(slopes, names, strict=False))
+        formula = parse(f"where({line} + ({float(slopes[-1])!r}) > 0, 1, 2)", d)
+        (part,) = decided([formula], simplex[None])
+        shares = rng.dirichlet(np.ones(d + 1), 40_000)
+        negative = (shares @ values < 0.0).mean()
+        truth = min(negative, 1.0 - negative)
+        assert truth - 0.01 <= part.shares[0] <= truth + {2: 0.01, 3: 0.06}[d]
