@@ -148,7 +148,9 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
     return coefficients, bounds
 
 
-def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
+def followed_in_parts(
+    formula: Formula, corners: Array, degree: int, divisions: int = DIVISIONS
+) -> tuple[Array, Array]:
     """Return the same as `followed`, with less beside polynomials where a formula has kinks.
 
     On simplices with kinks the polynomials follow the formula in the mean. Bernstein coefficients
@@ -156,6 +158,7 @@ def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Ar
 
     Args:
         formula, corners, degree: See `followed`.
+        divisions: How often the simplices are divided into parts.
     """
     dimension = corners.shape[1] - 1
     coefficients, bounds = followed(formula, corners, degree)
@@ -167,7 +170,7 @@ def followed_in_parts(formula: Formula, corners: Array, degree: int) -> tuple[Ar
     reference = np.broadcast_to(unit, (len(rough), *unit.shape))
     parts: Array = np.concatenate((reference, corners[rough]), axis=2)
     owners: Indices = np.arange(len(rough))
-    for _ in range(DIVISIONS):
+    for _ in range(divisions):
         parts, owners = divided(parts, owners)
     own, apart = followed(formula, parts[..., dimension:], degree)
     points, weights = rule(dimension, 2 * degree)

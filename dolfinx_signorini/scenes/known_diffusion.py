@@ -15,11 +15,12 @@ from mpi4py import MPI
 from ufl import SpatialCoordinate, as_matrix
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.scenes.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.scenes.choices import Decided, decided
-from dolfinx_signorini.scenes.fits import followed
+from dolfinx_signorini.scenes.fits import followed_in_parts
 from dolfinx_signorini.scenes.formulas import Formula
 from dolfinx_signorini.scenes.matrices import eigenvalues, inverse_entries
 from dolfinx_signorini.scenes.scene import Scene
@@ -27,7 +28,9 @@ from dolfinx_signorini.scenes.scene import Scene
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-DEGREES = {2: 3, 3: 2}  # of the polynomials, by dimension
+DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
+DIVISIONS = 2  # of cells where discs tell little
+FINE = 1e-5  # of the diffusion: what polynomials of the first degree may miss
 ROUGH = 0.3  # of the diffusion: what polynomials may miss
 
 
@@ -49,14 +52,18 @@ def with_known_diffusion(
     if all(entry.constant is not None for entry in entries):
         return terms, Remainders()
     parts = decided(entries, corners)
-    data, missed = _polynomials(domain, corners, entries, [(p.cells, p.formulas) for p in parts])
-    inverses, inverse_missed = _polynomials(
-        domain,
-        corners,
-        inverse_entries(entries),
-        [(p.cells, inverse_entries(p.formulas)) for p in parts],
-    )
     least, largest, thin = _spectra(parts, corners)
+    others = inverse_entries(entries)
+    own = [(part.cells, part.formulas) for part in parts]
+    inverse = [(part.cells, inverse_entries(part.formulas)) for part in parts]
+    d = domain.topology.dim
+    first, last = DEGREES[d]
+    for degree in (first, min(last, (BEST[d] + 2 - 2 * scene.degree) // 3)):
+        data, missed = _polynomials(domain, corners, entries, own, degree)
+        inverses, inverse_missed = _polynomials(domain, corners, others, inverse, degree)
+        far = (missed > FINE * least) | (inverse_missed * least > FINE)
+        if not domain.comm.allreduce(bool(far.any()), op=MPI.LOR):
+            break
     rough = ~(missed < ROUGH * least) | ~np.isfinite(inverse_missed)
     rough |= ~(thin[1] > 0.0) | ~np.isfinite(largest + thin[2])
     if domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
@@ -94,6 +101,7 @@ def _polynomials(
     corners: Array,
     entries: Sequence[Formula],
     parts: list[tuple[Indices, list[Formula]]],
+    degree: int,
 ) -> tuple[list[Expr], Array]:
     """Entries, or polynomials in their places, and what the matrix of them misses on each cell.
 
@@ -102,18 +110,18 @@ def _polynomials(
         corners: The vertices of the cells.
         entries: The formulas.
         parts: Cells with the formulas as they are there.
+        degree: The degree of the polynomials.
     """
     data: list[Expr] = []
     missed = np.zeros((len(corners), len(entries)))
     d = domain.topology.dim
-    degree = DEGREES[d]
     for k, entry in enumerate(entries):
-        if is_polynomial(entry, domain, 2 * degree):
+        if is_polynomial(entry, domain, 2 * DEGREES[d][0]):
             data.append(entry.ufl(SpatialCoordinate(domain)))
             continue
         coefficients = np.zeros((len(corners), math.comb(degree + d, d)))
         for cells, formulas in parts:
-            found = followed(formulas[k], corners[cells], degree)
+            found = followed_in_parts(formulas[k], corners[cells], degree, DIVISIONS)
             coefficients[cells], missed[cells, k] = found
         data.append(cell_function(domain, coefficients, degree))
     return data, np.asarray(np.linalg.norm(missed, axis=1))

@@ -99,6 +99,17 @@ def test_coefficients_that_are_formulas(degree, comm):
     checked(text, exact, comm, A=A, c=c)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("cells", "A", "Ax"), [(4, "1 + 10*x^2", "20*x"), (8, "exp(4*x)", "4*exp(4*x)")]
+)
+def test_a_diffusion_that_varies_much(cells, A, Ax, degree, comm):
+    text, exact = wave(cells, degree, 2.0, 1.0, A, Ax)
+    bound = checked(text, exact, comm, 1.4, A=A)
+    sampled = energy_bound((posed := solved(text, comm)).problem, energy_terms(posed))
+    assert sampled.sampled and bound.total <= 1.02 * sampled.total
+
+
 def test_a_matrix_of_formulas(comm):
     text, _ = wave(6, 1, 1.0, 1.0, "1")
     matrix = '[["2 + sin(x)", "0.5*y"], ["0.5*y", "1 + x^2"]]'
