@@ -57,7 +57,7 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
     everything = CellData.unpacked(np.concatenate(rows), reference)
     found = np.concatenate(moments)
     for members in _clusters(everything.facets):
-        if len(members) <= MOST_CELLS:
+        if len(members) <= MOST_CELLS and (everything.kinds[members] >= OPEN).any():
             part = CellData(*(values[members] for values in vars(everything).values()))
             found[members] += _change(part, found[members], reference)
     first = sum(map(len, moments[: comm.rank]))
@@ -140,7 +140,10 @@ def _limits(
 def _least(K: Array, b: Array, sums: Array, limits: Array, least: Array) -> Array:
     """The x of least energy x.K x / 2 - b.x with sums x = 0 and limits x >= least; 0 if none is."""
     basis = null_space(sums)
-    root = cholesky(basis.T @ K @ basis, lower=True)
+    try:
+        root = cholesky(basis.T @ K @ basis, lower=True)
+    except np.linalg.LinAlgError:  # coefficients of too many sizes
+        return 0.0 * b
     y = solve_triangular(root, basis.T @ b, lower=True)  # the energy is |y|^2 / 2
     sides = solve_triangular(root, (limits @ basis).T, lower=True).T
     lengths, lack = np.linalg.norm(sides, axis=1), least - sides @ y

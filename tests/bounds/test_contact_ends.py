@@ -5,11 +5,13 @@ import pytest
 import ufl
 from dolfinx import fem
 from energy_cases import Case, detaching, left, square
+from mpi4py import MPI
 
 from dolfinx_signorini.bounds import flux_parts
-from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, OPEN
+from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, OPEN, CellData
+from dolfinx_signorini.bounds.contact_ends import better_fluxes
 from dolfinx_signorini.bounds.energy_bound import energy_bound
-from dolfinx_signorini.bounds.reference_flux import polynomials
+from dolfinx_signorini.bounds.reference_flux import polynomials, reference_flux
 
 
 def changed(monkeypatch, degree, end, comm):
@@ -58,6 +60,14 @@ def test_fluxes_stay_in_equilibrium_and_press(degree, end, monkeypatch, comm):
     t = np.linspace(0.0, 1.0, 1001)[:, None]
     pressure = after[data.kinds >= OPEN] @ polynomials(1, order, t)
     assert (pressure >= 0.0).all()
+
+
+def test_cells_that_no_facet_connects_to_a_contact_facet_stay_as_they_are(monkeypatch, comm):
+    (data, before, _, order), _ = changed(monkeypatch, 2, 0.47, comm)
+    inside = np.flatnonzero((data.kinds == INTERIOR).all(axis=1))[:1]
+    some = CellData(*(values[inside] for values in vars(data).values()))
+    after = better_fluxes(MPI.COMM_SELF, some, before[inside], reference_flux(2, order))
+    assert (after == before[inside]).all()
 
 
 @pytest.mark.parametrize("degree", [2, 3])
