@@ -66,6 +66,8 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
 
 def _clusters(facets: Indices) -> list[Indices]:
     """The rows of cells that are connected by facets."""
+    if not len(facets):
+        return []
     _, numbers = np.unique(facets.ravel(), return_inverse=True)
     cells = np.repeat(np.arange(len(facets)), facets.shape[1])
     incidence = coo_array((np.ones(len(cells)), (cells, numbers.ravel()))).tocsr()
