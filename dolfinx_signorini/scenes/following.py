@@ -63,9 +63,11 @@ class _Vertices:
         self.domain = sided.mesh
         self.dimension = self.domain.topology.dim
         self.space = fem.functionspace(self.domain, ("Lagrange", 1))
-        self.x = self.space.tabulate_dof_coordinates()[:, : self.dimension].copy()
-        cells = owned_cells(self.domain)
-        dofs = self.space.dofmap.list
+        dofs, cells = self.space.dofmap.list, owned_cells(self.domain)
+        # Coordinates of dofs are rounded, which would move all vertices a little.
+        self._nodes = np.empty(dofs.max(initial=-1) + 1, dtype=np.int64)
+        self._nodes[dofs] = self.domain.geometry.dofmap
+        self.x = self.domain.geometry.x[self._nodes, : self.dimension]
         # The gradients of the barycentric coordinates are as long as altitudes are short.
         inverse = np.linalg.inv(cell_edges(self.domain, cells))
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
@@ -116,13 +118,11 @@ class _Vertices:
 
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""
-        nodes = np.empty(len(self.x), dtype=np.int64)
-        nodes[self.space.dofmap.list] = self.domain.geometry.dofmap
         for k in range(self.dimension):
             f = fem.Function(self.space)
             f.x.array[:] = self.x[:, k]
             f.x.scatter_forward()
-            self.domain.geometry.x[nodes, k] = f.x.array
+            self.domain.geometry.x[self._nodes, k] = f.x.array
 
     def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
         """The sums of values at vertices over the cells or facets of all ranks."""

@@ -79,3 +79,12 @@ def test_refined_meshes_follow_a_circle(comm):
         follow(sided, [formula])
     assert wrong[0] < 0.02
     assert wrong[1] < 0.35 * wrong[0] and wrong[2] < 0.35 * wrong[1]  # 1/4; chords stay as wrong
+
+
+def test_vertices_that_are_not_moved_keep_every_digit(comm):
+    """A formula such as atan2(y, x) jumps where rounding moves the boundary y = 0."""
+    formula = parsing.parse("where(y < 0.37, 1, 50)")
+    sided = refined(fitted_mesh(Square(4).make(comm), [formula], 3000)).sided
+    before = sided.mesh.geometry.x.copy()
+    follow(sided, [formula])
+    assert (sided.mesh.geometry.x == before).all()
