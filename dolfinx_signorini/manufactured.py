@@ -22,15 +22,17 @@ from ufl.domain import extract_unique_domain
 from dolfinx_signorini import compat
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import MESH, check, on_mesh, optional
-from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
+from dolfinx_signorini.meshes import cells_with_dofs, facet_cells, facet_vertices, owned_cells
+from dolfinx_signorini.points import Points
 from dolfinx_signorini.references import Reference, interpolant
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-TOLERANCE = 1e-9  # relative to the largest value of u and of its flux
+TOLERANCE = 1e-9  # relative to the values of u and of its flux
 CLEARANCE = 1.0  # relative to the largest |u|: how far below u an obstacle is made where u is free
 SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
+LOOKED_AT = 1000  # cells, about, that tell on each rank how large u and its flux are in the domain
 
 
 @dataclass(frozen=True)
@@ -139,13 +141,14 @@ def contact_violations(
     sign = -1.0 if upper else 1.0
     g = u if obstacle is None else obstacle
     x = ufl.SpatialCoordinate(domain)
-    values = _on_facets(domain, facets, [sign * (u - g), sign * flux, u, *x])
-    gap, pressure, height = values[:, 0], values[:, 1], values[:, 2]
-    size, force = (_largest(domain.comm, v) for v in (np.maximum(abs(height), abs(gap)), pressure))
-    pressed = np.minimum(np.maximum(gap, 0.0) * force, np.maximum(pressure, 0.0) * size)
-    order, push = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
+    values, sizes = _on_facets(domain, facets, [u, flux, u - g, *x])
+    gap, pressure, height = sign * values[:, 2], sign * values[:, 1], values[:, 0]
+    here, push = (_largest(domain.comm, v) for v in (np.maximum(abs(height), abs(gap)), pressure))
+    pressed = np.minimum(np.maximum(gap, 0.0) * push, np.maximum(pressure, 0.0) * here)
+    size, force = max(sizes[0], sizes[2]), sizes[1]
+    order, sense = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
     tests = [
-        (f"{push} (the boundary may push and not pull)", -pressure, TOLERANCE * force),
+        (f"{sense} (the boundary may push and not pull)", -pressure, TOLERANCE * force),
         (f"{order} (no penetration)", -gap, TOLERANCE * size),
         ("flux = 0 where u does not touch g", pressed, TOLERANCE * size * force),
     ]
@@ -177,8 +180,7 @@ def matching_obstacle(
     tdim = domain.topology.dim
     sign = -1.0 if upper else 1.0
     count = len(_facet_points(domain))
-    values = _on_facets(domain, facets, [u, flux])
-    size, force = (_largest(domain.comm, values[:, i]) for i in (0, 1))
+    values, (size, force) = _on_facets(domain, facets, [u, flux])
     pushed = (abs(values[:, 1]).reshape(-1, count) > TOLERANCE * force).any(axis=1)
     touching, contact = fem.Function(space), fem.Function(space)
     for marks, marked in ((touching, _owned(domain, facets)[pushed]), (contact, facets)):
@@ -202,22 +204,43 @@ def _owned(domain: mesh.Mesh, facets: Indices) -> Indices:
     return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
 
 
-def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> Array:
-    """Values at the sample points of the owned facets, shape (facets x points, values)."""
-    compiled = fem.Expression(ufl.as_vector(values), _facet_points(domain), comm=domain.comm)
-    pairs = facet_cells(domain, _owned(domain, facets))
-    sampled = compat.evaluate(compiled, domain, pairs)
-    sampled = sampled.reshape(-1, len(_facet_points(domain)), len(values))
+def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> tuple[Array, list[float]]:
+    """Values at the sample points of the owned facets, and how large the values are.
+
+    Returns:
+        The values, shape (facets x points, values), and for each of them the largest size there, or
+        the mean size on facets in the domain, if that is larger: a flux of 1e-50 on all of the
+        facets is none.
+    """
+    points, comm = _facet_points(domain), domain.comm
+    compiled = fem.Expression(ufl.as_vector(values), points, comm=comm)
+
+    def sampled(pairs: Indices) -> Array:
+        found = compat.evaluate(compiled, domain, pairs)
+        return found.reshape(-1, len(points), len(values))
+
+    found = sampled(facet_cells(domain, _owned(domain, facets)))
     # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.
-    missing = ~np.isfinite(sampled).all(axis=2)
+    missing = ~np.isfinite(found).all(axis=2)
     require(
-        domain.comm,
+        comm,
         not (missing.mean(axis=1) > 0.5).any(),
         "its gradient has no finite value on a whole facet; write r^a sin(a theta), for example, "
         "with hypot and atan2, and not with roots that vanish on a side",
         "solution",
     )
-    return np.nan_to_num(sampled, nan=0.0, posinf=0.0, neginf=0.0).reshape(-1, len(values))
+    found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0).reshape(-1, len(values))
+    cells = owned_cells(domain)
+    cells = cells[:: 1 + len(cells) // LOOKED_AT]
+    count = len(facet_vertices(domain))  # facets of a cell
+    pairs = np.stack((np.repeat(cells, count), np.tile(np.arange(count), len(cells))), axis=1)
+    inside = np.nan_to_num(np.abs(sampled(pairs.astype(np.int32))), nan=0.0, posinf=0.0)
+    inside = inside.reshape(len(cells), count * len(points), len(values)).mean(axis=1)
+    middle = np.full((1, domain.topology.dim), 1.0 / count)
+    volumes = Points(domain, cells, middle).scale[:, 0]
+    sums = comm.allreduce(np.array([*(volumes @ inside), volumes.sum()]))
+    largest = np.max(comm.allgather(np.abs(found).max(axis=0, initial=0.0)), axis=0)
+    return found, np.maximum(largest, sums[:-1] / sums[-1]).tolist()
 
 
 def _largest(comm: MPI.Comm, values: Array) -> float:

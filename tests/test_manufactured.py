@@ -100,3 +100,18 @@ def test_an_obstacle_is_made_where_the_flux_presses(comm):
     gap = 0.3 * at - g.x.array[dofs]
     assert largest(comm, gap[at > 0.5 - 1e-9]) <= 1e-14
     assert comm.allreduce(float(gap[at < 0.5 - 1e-9].min(initial=9.0)), op=MPI.MIN) >= 0.1
+
+
+def test_a_flux_that_is_rounding_beside_that_of_the_domain_is_none(comm):
+    domain = friedrichs_keller(comm, 8)
+    x, y = ufl.SpatialCoordinate(domain)
+    u, facets = x**2 * y**2 + 1e-50 * y, bottom_of(domain)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    exact = manufacture(domain, u)
+    assert contact_violations(domain, facets, u, exact.flux, None) == []
+    g = matching_obstacle(space, facets, u, exact.flux)
+    dofs = fem.locate_dofs_topological(space, 1, facets)
+    assert (g.x.array[dofs] < 0.0).all()  # u = 0 touches nothing
+    strong = manufacture(domain, x**2 * y**2 + 1e-6 * y).flux
+    (found,) = contact_violations(domain, facets, u, strong, None)
+    assert found.value == pytest.approx(1e-6)

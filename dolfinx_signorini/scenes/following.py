@@ -67,7 +67,8 @@ class _Vertices:
         # Coordinates of dofs are rounded, which would move all vertices a little.
         self._nodes = np.empty(dofs.max(initial=-1) + 1, dtype=np.int64)
         self._nodes[dofs] = self.domain.geometry.dofmap
-        self.x = self.domain.geometry.x[self._nodes, : self.dimension]
+        x: Array = np.asarray(self.domain.geometry.x, dtype=np.float64)
+        self.x = x[self._nodes, : self.dimension]
         # The gradients of the barycentric coordinates are as long as altitudes are short.
         inverse = np.linalg.inv(cell_edges(self.domain, cells))
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
