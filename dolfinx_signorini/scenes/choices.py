@@ -26,9 +26,9 @@ from dolfinx_signorini.scenes.enclosures import (
     undefined,
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
-from dolfinx_signorini.scenes.jumps import switch, switches
 from dolfinx_signorini.scenes.names import Names
 from dolfinx_signorini.scenes.pieces import divided
+from dolfinx_signorini.scenes.roughness import switch, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -26,9 +26,10 @@ from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import cell_edges, owned_cells
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.scenes.formulas import Node, evaluated
-from dolfinx_signorini.scenes.jumps import cut_cells, switches
+from dolfinx_signorini.scenes.jumps import cut_cells
 from dolfinx_signorini.scenes.pieces import inside
 from dolfinx_signorini.scenes.posing import PosedScene
+from dolfinx_signorini.scenes.roughness import switches
 
 Indices = npt.NDArray[np.int64]
 

@@ -1,5 +1,6 @@
 """Derivatives of formulas as formulas, and the load and the flux that follow from a solution."""
 
+import functools
 from collections.abc import Callable, Sequence
 
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode, number
@@ -27,8 +28,12 @@ FUNCTIONS: dict[str, Callable[[Node, Node], Node]] = {
 }
 
 
+@functools.lru_cache(maxsize=4)  # a scene is posed on many meshes
 def load_and_current(
-    solution: Formula, diffusion: Sequence[Sequence[Formula]], reaction: Formula | None, d: int
+    solution: Formula,
+    diffusion: tuple[tuple[Formula, ...], ...],
+    reaction: Formula | None,
+    d: int,
 ) -> tuple[Formula, list[Formula]]:
     """Return f = -div(A grad u) + c u and the components of A grad u, where these have values.
 

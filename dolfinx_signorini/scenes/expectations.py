@@ -1,6 +1,5 @@
 """What to expect of a scene before it is solved: terms, orders of convergence, cost."""
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
 from dolfinx_signorini.scenes.conditions import CONDITIONS
-from dolfinx_signorini.scenes.jumps import jumps
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import (
     Corner,
@@ -21,6 +19,7 @@ from dolfinx_signorini.scenes.regularity import (
     largest_angle,
     singular_corners,
 )
+from dolfinx_signorini.scenes.roughness import jumps
 from dolfinx_signorini.scenes.scene import Scene
 
 # Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
@@ -80,11 +79,11 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
         notes.append("the orders are those of plane problems without singular edges and corners")
     if not scene.manufactured:
         notes += [f"exact solution: {violation}" for violation in violations(scene, sided)]
-    formulas = [scene.solution, scene.reaction, *itertools.chain(*scene.diffusion)]
+    formulas = [scene.solution, *scene.diffusion_entries]
     if scene.manufactured and any(formula is not None and jumps(formula) for formula in formulas):
         notes.append(
-            "load and fluxes of the manufactured solution have jumps or kinks, and are integrated "
-            "roughly in the cells around these"
+            "the load of the manufactured solution leaves out what kinks of the solution, or jumps "
+            "of its flux, add on curves"
         )
     exponent = corners[0].exponent if corners else DETACHMENT_EXPONENT
     if scene.solution is not None:

@@ -19,8 +19,8 @@ from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_nodes, ow
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.cutting import THIN, Array, Flags, Ids, Simplices, depths, fitted
 from dolfinx_signorini.scenes.formulas import Formula, Node
-from dolfinx_signorini.scenes.jumps import switches
 from dolfinx_signorini.scenes.mesh_defects import all_cells
+from dolfinx_signorini.scenes.roughness import switches
 
 ROUNDS = 8  # of refinements along curves
 CHILDREN = 6  # about how many cells the refinement of a cell adds

@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes import (
     owned_cells,
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.jumps import switches
+from dolfinx_signorini.scenes.roughness import switches
 
 Array = npt.NDArray[np.float64]
 

@@ -1,9 +1,11 @@
-"""Data that are not smooth inside cells: formulas with where, abs, sign, min and max.
+"""Data that are not smooth inside cells: formulas with where, abs, sign, min, max, and with poles.
 
-A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump.
-In such cells the formula is replaced by its L2 projection on polynomials, cell by cell, which has
-the same integrals with the basis functions. The integrals of the projection are over pieces of the
-cell, which are divided again and again where the formula is not smooth. The same goes for facets.
+A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump,
+and one like r^-0.8 still worse. In such cells the formula is replaced by its L2 projection on
+polynomials, cell by cell, which has the same integrals with the basis functions. The integrals of
+the projection are over pieces of the cell, which are divided again and again where the formula is
+not smooth: next to a pole until a piece is no larger than its distance from the pole. The same goes
+for facets.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,8 +20,9 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
-from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, nodes
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.scenes.roughness import poles, rough, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -28,28 +31,35 @@ ON_FACET = 1e-6  # the least value of a positive function at the points of a rul
 SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more
+MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
+AWAY = 0.5  # of the largest value of a denominator in a piece: smaller ones tell a pole
+DEEPEST = 40  # divisions towards a pole
+ROUNDING = 1e-12  # of the domain: in smaller pieces the distance to a pole is not known
 
 
-def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
+def integrable(
+    formula: Formula, domain: mesh.Mesh, degree: int, smooth: Expr | None = None
+) -> Expr:
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
+        smooth: The expression to return where the formula is smooth; that of the formula by
+            default.
 
     Returns:
         The formula itself, or where it is not smooth inside a cell, its projection on polynomials
         of the degree.
     """
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
-    parts = switches(formula)
-    if not parts:
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if smooth is None else smooth
+    if not rough(formula):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = space.element.basix_element
-    cells, values = _Projection(formula, parts, domain, element, corners).coefficients()
+    cells, values = _Projection(formula, domain, element, corners).coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
     marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
@@ -76,7 +86,8 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
     parts = [node for formula in formulas for node in switches(formula)]
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = fem.functionspace(domain, ("DG", degree)).element.basix_element
-    projection = _Projection(formulas[0], parts, domain, element, corners)
+    projection = _Projection(formulas[0], domain, element, corners)
+    projection.switches, projection.poles = parts, []
     cells = projection.candidates()
     cells = cells[projection.broken(projection.whole[cells])]
     found = list(projection.pieces(cells))
@@ -98,8 +109,7 @@ def integrable_on_facets(
         degree: The degree of the polynomials with which the formula is going to be integrated.
     """
     result = formula.ufl(ufl.SpatialCoordinate(domain))
-    parts = switches(formula)
-    if not parts:
+    if not rough(formula):
         return result
     dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
     owned = facets < domain.topology.index_map(dimension - 1).size_local
@@ -109,7 +119,7 @@ def integrable_on_facets(
     kind = basix.cell.subentity_types(cell)[dimension - 1][0]
     variant = basix.LagrangeVariant.gll_warped
     element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
-    found, values = _Projection(formula, parts, domain, element, corners).coefficients()
+    found, values = _Projection(formula, domain, element, corners).coefficients()
     space = fem.functionspace(domain, ("DG", degree))
     marks = fem.functionspace(domain, ("DG", dimension))
     for local in range(len(vertices)):
@@ -149,12 +159,12 @@ class _Projection:
     def __init__(
         self,
         formula: Formula,
-        switches: list[Node],
         domain: mesh.Mesh,
         element: basix.finite_element.FiniteElement,
         corners: npt.NDArray[np.floating],
     ):
-        self.formula, self.switches, self.comm = formula, switches, domain.comm
+        self.formula, self.comm = formula, domain.comm
+        self.switches, self.poles = switches(formula), poles(formula)
         self.dimension, self.element = corners.shape[1] - 1, element
         rule = QuadratureRule("default", self.element.degree + 4)
         self.points, self.weights = rule.points(self.element.cell_type)
@@ -170,11 +180,13 @@ class _Projection:
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = self.candidates()
-        cells = cells[self.broken(self.whole[cells])]
+        whole = self.whole[cells]
+        cells = cells[self.broken(whole) | self.polar(whole)]
         coarse = self._moments(self.whole[cells], cells)
         finer = self._moments(*divided(self.whole[cells], cells))
-        defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[defect > SMOOTH * self._mean() * self.weights.sum()]
+        with np.errstate(invalid="ignore"):
+            defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
+        cells = cells[~(defect <= SMOOTH * self._mean() * self.weights.sum())]
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)
@@ -188,21 +200,31 @@ class _Projection:
         return cells[finite], values[finite]
 
     def pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
-        """Divide cells into pieces in which the formula is smooth, and small ones."""
+        """Divide cells into pieces in which the formula is smooth, and small ones.
+
+        What is left next to a pole in the end is left out.
+        """
         pieces = self.whole[cells]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
         width = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
         order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
-        while width > target and len(cells) <= MOST_PIECES:
-            pieces, cells = divided(pieces, cells)
-            broken = self.broken(pieces)
-            yield pieces[~broken], cells[~broken]
-            pieces, cells, width = pieces[broken], cells[broken], 0.5 * width
-        yield pieces, cells
+        least = ROUNDING * self.size
+        for _ in range(DEEPEST):
+            split = self.polar(pieces)
+            kept = ~split if width <= least else np.ones(len(split), dtype=bool)
+            if width <= least or split.sum() > MOST_AT_POLES:
+                split[:] = False
+            broken = self.broken(pieces) if width > target else np.zeros_like(split)
+            if broken.sum() <= MOST_PIECES:
+                split |= broken
+            yield pieces[kept & ~split], cells[kept & ~split]
+            pieces, cells, width = *divided(pieces[split], cells[split]), 0.5 * width
+        split = self.polar(pieces)
+        yield pieces[~split], cells[~split]
 
     def candidates(self) -> Indices:
-        """Cells in which a switch may change its sign; of many cells those that are near a zero.
+        """Cells that may be broken; of many cells those that are near a zero of a switch or a pole.
 
         In the other cells the values of each switch at the vertices have the same sign, and are
         larger than their differences.
@@ -210,7 +232,7 @@ class _Projection:
         rows = np.arange(len(self.whole))
         if self.comm.allreduce(len(rows)) <= MANY:
             return rows
-        near = np.zeros(len(rows), dtype=bool)
+        near = self.polar(self.whole)
         for switch in self.switches:
             values = self._values(switch, self.whole.transpose(1, 0, 2))
             low, high = values.min(axis=0), values.max(axis=0)
@@ -219,10 +241,14 @@ class _Projection:
         return rows[near]
 
     def _mean(self) -> float:
-        """The mean size of the formula at the vertices of all cells, or of a sample of many."""
+        """The mean size of the formula in all cells, or in a sample of many.
+
+        Of a cell the median of the values at the vertices is taken, for one may be at a pole.
+        """
         step = max(1, len(self.whole) // MANY)
         values = self._values(self.formula.root, self.whole[::step].transpose(1, 0, 2))
-        sizes = np.abs(values[np.isfinite(values)])
+        medians = np.median(np.abs(values), axis=0)
+        sizes = medians[np.isfinite(medians)]
         total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
         return float(total / max(count, 1.0))
 
@@ -246,6 +272,17 @@ class _Projection:
             broken |= (values.min(axis=0) < -rounding) & (values.max(axis=0) > rounding)
         return broken
 
+    def polar(self, pieces: Array) -> npt.NDArray[np.bool_]:
+        """Whether a pole is in a piece, or nearer to the piece than about its width."""
+        found = np.zeros(len(pieces), dtype=bool)
+        if not self.poles:
+            return found
+        points = inside(pieces, np.concatenate((self.lattice, self.points)))
+        for pole in self.poles:
+            sizes = np.abs(self._values(pole, points))
+            found |= sizes.min(axis=0) < AWAY * sizes.max(axis=0)
+        return found
+
     def _values(self, node: Node, points: Array) -> Array:
         """The values of a formula at points of pieces, shape (points, pieces)."""
         return evaluated(node, points[..., self.dimension :])
@@ -255,26 +292,3 @@ class _Projection:
         if not len(points):  # basix needs one
             return np.zeros((0, self.element.dim))
         return np.array(self.element.tabulate(0, np.ascontiguousarray(points)))[0, :, :, 0]
-
-
-def jumps(formula: Formula) -> bool:
-    """Return whether a formula may jump or have a kink."""
-    return bool(switches(formula))
-
-
-def switches(formula: Formula) -> list[Node]:
-    """Return the parts of a formula at whose zeros the formula may jump or have a kink.
-
-    What is inside of another part comes after that part.
-    """
-    found = map(switch, reversed(nodes(formula.root)))
-    return [part for part in found if part is not None]
-
-
-def switch(node: Node) -> Node | None:
-    """Return what decides by its sign what an operation chooses; None for one without a choice."""
-    if node.op in ("abs", "sign"):
-        return node.args[0]
-    if node.op in ("min", "max"):
-        return Node("-", node.args)
-    return Node("-", node.args[0].args) if node.op == "where" else None

@@ -24,8 +24,10 @@ from dolfinx_signorini.scenes.conditions import (
     Neumann,
     Setting,
 )
+from dolfinx_signorini.scenes.derivatives import load_and_current
 from dolfinx_signorini.scenes.formulas import Formula
-from dolfinx_signorini.scenes.jumps import integrable
+from dolfinx_signorini.scenes.jumps import integrable, integrable_on_facets
+from dolfinx_signorini.scenes.roughness import jumps
 from dolfinx_signorini.scenes.rules import CellMeasure, measure_for, measure_for_load
 from dolfinx_signorini.scenes.scene import Scene
 
@@ -202,6 +204,8 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     datum: Formula | ManufacturedSolution | None = scene.load
     if scene.manufactured and setting.exact is not None:
         load, datum = setting.exact.load, setting.exact
+        if not isinstance(load, Zero):
+            load = integrable(_formulas_of_exact(scene)[0], domain, degree, load)
     elif scene.load is not None:
         load = integrable(scene.load, domain, degree)
     if load is not None and datum is not None and not isinstance(load, Zero):
@@ -211,6 +215,25 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
         c = integrable(scene.reaction, domain, 2 * degree)  # of u v
         reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
     return sources, reactions
+
+
+def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:
+    """The load of a manufactured solution u, and the components of A grad u."""
+    assert scene.solution is not None
+    dim = scene.domain.dimension
+    return load_and_current(scene.solution, scene.diffusion, scene.reaction, dim)
+
+
+def _exact_flux(scene: Scene, setting: Setting, facets: Indices) -> Expr:
+    """The flux A grad u . n of a manufactured solution u on boundary facets."""
+    domain, degree = setting.sided.mesh, scene.degree
+    assert setting.exact is not None
+    flux, normal = setting.exact.flux, ufl.FacetNormal(domain)
+    current = _formulas_of_exact(scene)[1]
+    if not any(map(jumps, current)):
+        return flux
+    parts = [integrable_on_facets(w, domain, facets, degree) for w in current]
+    return sum((w * normal[k] for k, w in enumerate(parts[1:], 1)), parts[0] * normal[0])
 
 
 def _facet_terms(
@@ -223,7 +246,7 @@ def _facet_terms(
     if scene.manufactured and setting.exact is not None:
         free = facets_by_kind(parts)[Neumann.acts_like]
         if sided.mesh.comm.allreduce(len(free)):
-            loads.append((Neumann.force_name, setting.exact.flux, free))
+            loads.append((Neumann.force_name, _exact_flux(scene, setting, free), free))
     for condition in scene.conditions:
         facets = sided.facets(condition.sides)
         load, c = condition.load(setting), condition.coefficient(setting)

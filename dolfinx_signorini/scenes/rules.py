@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes import longest_side, owned_cells
 from dolfinx_signorini.points import FormulaAtPoints
 from dolfinx_signorini.quadrature import CELL_RULE, MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.jumps import jumps
+from dolfinx_signorini.scenes.roughness import jumps
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -110,7 +110,9 @@ def measure_for_load(
     if isinstance(load, Formula) and polynomial_degree(load.root) is not None:
         return measure_for(domain, [load], degree, degree)
     if not _economical(domain, degree):
-        return _dx(domain, CELL_RULE)
+        # The projection that stands for a rough load has the degree of the elements.
+        exact = 2 * degree <= CELL_RULE.degree
+        return _dx(domain, CELL_RULE if exact else QuadratureRule("default", 2 * degree))
     points, reach = _places(domain), 0.0
     if isinstance(load, Formula):
         values = [evaluated(load.root, x) for x in points]

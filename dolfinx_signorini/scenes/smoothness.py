@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx_signorini.scenes.enclosures import Enclosures, enclosed_gradients
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
 from dolfinx_signorini.scenes.intervals import cut
-from dolfinx_signorini.scenes.jumps import switch
+from dolfinx_signorini.scenes.roughness import switch
 
 Array = npt.NDArray[np.float64]
 

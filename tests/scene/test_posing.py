@@ -16,6 +16,7 @@ from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE
 from dolfinx_signorini.scenes import parsing, pose, solve_scene
 from dolfinx_signorini.scenes.jumps import integrable
+from dolfinx_signorini.scenes.rules import measure_for_load
 
 SCENE = """
 rtol = 1e-11
@@ -240,6 +241,23 @@ def test_a_jump_inside_tetrahedra_is_integrated(comm):
         f = integrable(parsing.parse(text, 3), domain, 1)
         found = comm.allreduce(fem.assemble_scalar(fem.form(f * measure)))
         assert found == pytest.approx(exact, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("point", "power", "degree"),
+    [((0.4, 0.61), -0.8, 1), ((1.0 / 12.0, 1.0 / 6.0), -1.4, 2), ((0.5, 0.25), -0.8, 4)],
+)
+def test_a_pole_inside_cells_is_integrated(point, power, degree, comm):
+    """As div(r^n (x, y)) = (n + 2) r^n, integrals of r^n are integrals over the boundary."""
+    domain, (a, b) = friedrichs_keller(comm, 4), point  # in a cell, in its middle, at a vertex
+    formula = parsing.parse(f"hypot(x - {a!r}, y - {b!r})^{power}")
+    f = integrable(formula, domain, degree) * measure_for_load(domain, formula, degree)
+    found = comm.allreduce(fem.assemble_scalar(fem.form(f)))
+    t, weights = np.polynomial.legendre.leggauss(200)
+    t, exact = 0.5 * (t + 1.0), 0.0
+    for away, along in ((a, b), (1.0 - a, b), (b, a), (1.0 - b, a)):
+        exact += 0.5 * away * weights @ np.hypot(away, t - along) ** power / (power + 2.0)
+    assert found == pytest.approx(exact, rel=3e-5)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,62 @@
+"""Where formulas are not smooth: the zeros of the parts that choose, and of denominators."""
+
+from dolfinx_signorini.scenes.formulas import Formula, Node, nodes
+from dolfinx_signorini.scenes.names import Names
+
+POSITIVE = ("exp", "cosh")  # without a zero
+
+
+def jumps(formula: Formula) -> bool:
+    """Return whether a formula may jump or have a kink."""
+    return bool(switches(formula))
+
+
+def rough(formula: Formula) -> bool:
+    """Return whether a formula may jump, have a kink, or be infinite."""
+    return bool(switches(formula) or poles(formula))
+
+
+def switches(formula: Formula) -> list[Node]:
+    """Return the parts of a formula at whose zeros the formula may jump or have a kink.
+
+    What is inside of another part comes after that part.
+    """
+    found = map(switch, reversed(nodes(formula.root)))
+    return [part for part in found if part is not None]
+
+
+def switch(node: Node) -> Node | None:
+    """Return what decides by its sign what an operation chooses; None for one without a choice."""
+    if node.op in ("abs", "sign"):
+        return node.args[0]
+    if node.op in ("min", "max"):
+        return Node("-", node.args)
+    return Node("-", node.args[0].args) if node.op == "where" else None
+
+
+def poles(formula: Formula) -> list[Node]:
+    """Return the parts of a formula at whose zeros the formula may be infinite.
+
+    These are factors of denominators, of arguments of logarithms, and of bases of negative powers:
+    r^-0.8 with r = hypot(x, y), for example, has the part r.
+    """
+    names, found = Names(), dict[int, Node]()
+    for node in nodes(formula.root):
+        base = None
+        if node.op == "/":
+            base = node.args[1]
+        elif node.op == "log" or (node.op == "^" and node.args[1].value < 0.0):
+            base = node.args[0]
+        for factor in _factors(base) if base is not None else []:
+            found.setdefault(names[factor], factor)
+    return list(found.values())
+
+
+def _factors(node: Node) -> list[Node]:
+    """The parts at whose zeros a part of a formula vanishes."""
+    if node.op in ("*", "/"):
+        return [f for a in node.args[: 2 if node.op == "*" else 1] for f in _factors(a)]
+    if node.op in ("^", "sqrt", "negative", "abs"):
+        return _factors(node.args[0])
+    constant = all(part.op != "coordinate" for part in nodes(node))
+    return [] if constant or node.op in POSITIVE else [node]
