@@ -33,6 +33,7 @@ from dolfinx_signorini.refinement import carried_across
 SAFETY = 1.3  # the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
+SIGNS = 2.0  # the same in L^1, whose dual solution knows the sign of the difference alone
 SPREAD = 1.7  # times what the data hide inside of cells: the cells around have part in the error
 FALLEN = 0.3  # of the estimate before: steps that gain less do not correct the next estimate
 CORRECTION = 5.0  # at most
@@ -112,7 +113,7 @@ class Estimator:
         at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
         slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
         """
-        sharpness = min(self._target.exponent, SHARPNESS) if self._target.weighted else 1.0
+        sharpness = self._sharpness()
         cells, power, shares = found.cells, self.rates.power, self._shares()
         left, whole = (
             total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
@@ -122,6 +123,12 @@ class Estimator:
         excess = max(found.difference - whole, 0.0) if self._target.weighted else 0.0
         apart = max(found.difference, whole) if math.isinf(power) else found.difference - excess
         return excess + (apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart)
+
+    def _sharpness(self) -> float:
+        norm = self._target.norm
+        if norm is None or not self._target.weighted:
+            return 1.0
+        return SIGNS if norm.p == 1.0 else min(norm.p, SHARPNESS)
 
     def _shares(self) -> Array:
         """What cells leave, over their indicators; 0 for cells without an indicator."""

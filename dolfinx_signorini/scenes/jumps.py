@@ -181,12 +181,14 @@ class _Projection:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = self.candidates()
         whole = self.whole[cells]
-        cells = cells[self.broken(whole) | self.polar(whole)]
+        polar = self.polar(whole)
+        chosen = self.broken(whole) | polar
+        cells, polar = cells[chosen], polar[chosen]
         coarse = self._moments(self.whole[cells], cells)
         finer = self._moments(*divided(self.whole[cells], cells))
         with np.errstate(invalid="ignore"):
             defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[~(defect <= SMOOTH * self._mean() * self.weights.sum())]
+        cells = cells[polar | (defect > SMOOTH * self._mean() * self.weights.sum())]
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)

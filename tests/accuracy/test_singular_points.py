@@ -64,6 +64,7 @@ value = "w"
             None,
         ),
         ({"degrees": 180.0, "exponent": 0.5}, "Linf_boundary", 1e-3, None),
+        ({"degrees": 180.0, "exponent": 0.5}, "L1", 1e-5, 4),
     ],
 )
 def test_the_true_error_is_below_the_accuracy(shape, norm, accuracy, degree, comm):
@@ -138,6 +139,7 @@ value = "r^1.2 + 2*y"
     result.destroy()
 
 
+@pytest.mark.slow
 def test_the_load_of_a_manufactured_solution_that_jumps_inside_cells(comm):
     text = """
 [domain]
