@@ -146,26 +146,36 @@ def test_a_pole_on_a_side_is_integrated(comm):
         assert found == pytest.approx(exact, rel=1e-5)
 
 
-CURRENT = f"""
+CURRENT = """
+degree = 2
 [domain]
 shape = "square"
 cells = 5
 [equation]
-diffusion = "where(x < {JUMP}, 1, 5)"
+diffusion = "{diffusion}"
 [contact]
 sides = "bottom"
 [[dirichlet]]
 sides = "left"
 [solution]
-u = "1 - y"
+u = "{u}"
 manufactured = true
 """
 
 
-def test_the_flux_of_a_manufactured_solution_is_integrated_piece_by_piece(comm, parse):
-    posed = pose(parse(CURRENT), comm)
+@pytest.mark.parametrize(
+    ("diffusion", "u", "exact"),
+    [
+        (f"where(x < {JUMP}, 1, 5)", "1 - y", 0.5 * (4.0 * JUMP**2 - 5.0)),
+        ("1", f"1 - y + max(x - {JUMP}, 0)^2", 0.5 * JUMP**2 - JUMP),  # with the load -2, x > JUMP
+    ],
+)
+def test_the_data_of_a_manufactured_solution_are_integrated_piece_by_piece(
+    comm, parse, diffusion, u, exact
+):
+    posed = pose(parse(CURRENT.format(diffusion=diffusion, u=u)), comm)
     w = fem.Function(posed.problem.space)
     w.interpolate(lambda x: x[0] * x[1])
     work = comm.allreduce(fem.assemble_scalar(fem.form(ufl.action(posed.L, w))))
     posed.problem.destroy()
-    assert work == pytest.approx(0.5 * (4.0 * JUMP**2 - 5.0), abs=3e-4)
+    assert work == pytest.approx(exact, abs=3e-4)
