@@ -12,6 +12,7 @@ from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
 from dolfinx_signorini.scenes.conditions import CONDITIONS
+from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import (
     Corner,
@@ -19,7 +20,7 @@ from dolfinx_signorini.scenes.regularity import (
     largest_angle,
     singular_corners,
 )
-from dolfinx_signorini.scenes.roughness import jumps
+from dolfinx_signorini.scenes.roughness import jumps, poles
 from dolfinx_signorini.scenes.scene import Scene
 
 # Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
@@ -85,11 +86,28 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load of the manufactured solution leaves out what kinks of the solution, or jumps "
             "of its flux, add on curves"
         )
+    if scene.load is not None and _has_poles_on_curves(scene.load, sided):
+        notes.append(
+            "the load may be infinite along a curve, next to which it is integrated roughly: no "
+            "estimate of errors shows that"
+        )
     exponent = corners[0].exponent if corners else DETACHMENT_EXPONENT
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
     worst = min(corners, key=lambda corner: corner.exponent, default=None)
     return Expectation(expected_orders(scene.degree, exponent), tuple(notes), worst)
+
+
+def _has_poles_on_curves(load: Formula, sided: SidedMesh) -> bool:
+    """Whether a denominator of a load changes its sign in the domain; the call is collective."""
+    domain = sided.mesh
+    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
+    for pole in poles(load):
+        values = evaluated(pole, x)
+        found = domain.comm.allgather((bool((values < 0.0).any()), bool((values > 0.0).any())))
+        if np.any(found, axis=0).all():
+            return True
+    return False
 
 
 def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) -> None:

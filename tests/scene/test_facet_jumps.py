@@ -179,3 +179,24 @@ def test_the_data_of_a_manufactured_solution_are_integrated_piece_by_piece(
     work = comm.allreduce(fem.assemble_scalar(fem.form(ufl.action(posed.L, w))))
     posed.problem.destroy()
     assert work == pytest.approx(exact, abs=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("load", "told"), [("abs(x - y - 0.1)^-0.5", True), ("hypot(x - 0.3, y - 0.4)^-0.5", False)]
+)
+def test_a_load_with_poles_along_a_line_is_named(comm, parse, load, told):
+    text = f"""
+[domain]
+shape = "square"
+cells = 4
+[equation]
+load = "{load}"
+[contact]
+sides = "bottom"
+[[dirichlet]]
+sides = "top"
+value = 0
+"""
+    scene = parse(text)
+    notes = expect(scene, scene.domain.make(comm)).notes
+    assert any("infinite along a curve" in note for note in notes) == told
