@@ -36,7 +36,7 @@ def test_derivatives_are_limits_of_differences(text):
 
 
 def test_a_load_and_a_flux_with_a_matrix():
-    rows = [[parse("2 + x"), parse("y")], [parse("y"), parse("3")]]
+    rows = (parse("2 + x"), parse("y")), (parse("y"), parse("3"))
     load, (first, second) = load_and_current(parse("x^2*y"), rows, parse("x"), 2)
     x, y = (points := np.random.default_rng(2).random((40, 2))).T
     assert evaluated(first.root, points) == pytest.approx((2 + x) * 2 * x * y + y * x**2)
@@ -46,9 +46,9 @@ def test_a_load_and_a_flux_with_a_matrix():
 
 
 def test_a_harmonic_solution_has_no_load():
-    for rows in ([], [[parse("7")]]):
+    for rows in ((), ((parse("7"),),)):
         assert load_and_current(parse(W), rows, None, 2)[0].constant == 0.0
-    assert load_and_current(parse(f"{W} + x^2"), [], None, 2)[0].constant == -2.0
+    assert load_and_current(parse(f"{W} + x^2"), (), None, 2)[0].constant == -2.0
 
 
 def test_a_coefficient_that_overflows_does_not_cancel():
