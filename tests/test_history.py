@@ -118,14 +118,13 @@ def heated():
 def test_a_load_that_stays_or_returns_is_solved_for_without_a_linear_solve():
     problem, load, _ = heated()
     counts = []
-    for value in (1.0, 2.0, 2.0, 1.0):
+    for value, rtol in ((1.0, 1e-10), (2.0, 1e-10), (2.0, 1e-8), (1.0, 1e-8)):
         load.value = value
-        problem.solve(rtol=1e-8)
+        problem.solve(rtol=rtol)
         counts.append(problem.result.linear_solves)
     problem.destroy()
-    assert counts[1] > 0
-    assert counts[2] == 0
-    assert counts[3] <= 1  # the patches around what moved are solved to some digits
+    assert min(counts[:2]) > 0
+    assert counts[2:] == [0, 0]
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
