@@ -22,13 +22,14 @@ from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, 
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
-from dolfinx_signorini.scenes.roughness import poles, rough, switches
+from dolfinx_signorini.scenes.roughness import jumps, poles, rough, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
 SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
+VARIES = 1e-2  # of the mean size: in pieces with less a kink or jump does no harm
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_PIECES = 30_000  # on a rank that are divided once more
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
@@ -38,7 +39,7 @@ ROUNDING = 1e-12  # of the domain: in smaller pieces the distance to a pole is n
 
 
 def integrable(
-    formula: Formula, domain: mesh.Mesh, degree: int, smooth: Expr | None = None
+    formula: Formula, domain: mesh.Mesh, degree: int, follows: Expr | None = None
 ) -> Expr:
     """Return a formula as an expression that quadrature rules integrate well.
 
@@ -46,20 +47,23 @@ def integrable(
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
-        smooth: The expression to return where the formula is smooth; that of the formula by
-            default.
+        follows: For data that follow from a solution, the same data as an expression. The rules of
+            such data look for poles themselves, see `measure_for_load`.
 
     Returns:
         The formula itself, or where it is not smooth inside a cell, its projection on polynomials
         of the degree.
     """
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if smooth is None else smooth
-    if not rough(formula):
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
+    if not (rough(formula) if follows is None else jumps(formula)):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = space.element.basix_element
-    cells, values = _Projection(formula, domain, element, corners).coefficients()
+    projected = _Projection(formula, domain, element, corners)
+    if follows is not None:
+        projected.poles = []
+    cells, values = projected.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
     marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
@@ -165,6 +169,7 @@ class _Projection:
     ):
         self.formula, self.comm = formula, domain.comm
         self.switches, self.poles = switches(formula), poles(formula)
+        self.variation = 0.0  # that is seen
         self.dimension, self.element = corners.shape[1] - 1, element
         rule = QuadratureRule("default", self.element.degree + 4)
         self.points, self.weights = rule.points(self.element.cell_type)
@@ -180,7 +185,8 @@ class _Projection:
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = self.candidates()
-        whole = self.whole[cells]
+        whole, mean = self.whole[cells], self._mean()
+        self.variation = VARIES * mean
         polar = self.polar(whole)
         chosen = self.broken(whole) | polar
         cells, polar = cells[chosen], polar[chosen]
@@ -188,7 +194,7 @@ class _Projection:
         finer = self._moments(*divided(self.whole[cells], cells))
         with np.errstate(invalid="ignore"):
             defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[polar | (defect > SMOOTH * self._mean() * self.weights.sum())]
+        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)
@@ -218,9 +224,12 @@ class _Projection:
             if width <= least or split.sum() > MOST_AT_POLES:
                 split[:] = False
             broken = self.broken(pieces) if width > target else np.zeros_like(split)
+            broken[broken] = self._varies(pieces[broken])
             if broken.sum() <= MOST_PIECES:
                 split |= broken
             yield pieces[kept & ~split], cells[kept & ~split]
+            if not split.any():
+                return
             pieces, cells, width = *divided(pieces[split], cells[split]), 0.5 * width
         split = self.polar(pieces)
         yield pieces[~split], cells[~split]
@@ -284,6 +293,13 @@ class _Projection:
             sizes = np.abs(self._values(pole, points))
             found |= sizes.min(axis=0) < AWAY * sizes.max(axis=0)
         return found
+
+    def _varies(self, pieces: Array) -> npt.NDArray[np.bool_]:
+        """Whether the values of the formula in a piece differ by what is seen."""
+        if self.variation == 0.0:
+            return np.ones(len(pieces), dtype=bool)
+        values = self._values(self.formula.root, inside(pieces, self.lattice))
+        return np.asarray(~(np.ptp(values, axis=0) <= self.variation))
 
     def _values(self, node: Node, points: Array) -> Array:
         """The values of a formula at points of pieces, shape (points, pieces)."""
