@@ -7,21 +7,21 @@ Array = npt.NDArray[np.float64]
 
 
 def determinants(matrices: Array) -> Array:
-    """Return the determinants of 2 x 2 or 3 x 3 matrices, shape (matrices, rows, columns)."""
-    if matrices.shape[1] == 2:
-        (a, b), (c, d) = matrices.transpose(1, 2, 0)
+    """Return the determinants of 2 x 2 or 3 x 3 matrices, shape (..., rows, columns)."""
+    if matrices.shape[-1] == 2:
+        (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
         return np.asarray(a * d - b * c)
-    first, second, third = matrices.transpose(1, 0, 2)
-    return np.asarray((first * np.cross(second, third)).sum(axis=1))
+    first, second, third = np.moveaxis(matrices, -1, 0)
+    return np.asarray((first * np.cross(second, third)).sum(axis=-1))
 
 
 def inverses(matrices: Array) -> Array:
-    """Return the inverses of 2 x 2 or 3 x 3 matrices, shape (matrices, rows, columns)."""
-    if matrices.shape[1] == 2:
-        (a, b), (c, d) = matrices.transpose(1, 2, 0)
-        adjugates = np.array([[d, -b], [-c, a]]).transpose(2, 0, 1)
+    """Return the inverses of 2 x 2 or 3 x 3 matrices, shape (..., rows, columns)."""
+    if matrices.shape[-1] == 2:
+        (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
+        adjugates = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
     else:
-        first, second, third = matrices.transpose(1, 0, 2)
+        first, second, third = np.moveaxis(matrices, -1, 0)
         rows = np.cross(second, third), np.cross(third, first), np.cross(first, second)
-        adjugates = np.stack(rows, axis=2)
-    return np.asarray(adjugates / determinants(matrices)[:, None, None])
+        adjugates = np.stack(rows, axis=-2)
+    return np.asarray(adjugates / determinants(matrices)[..., None, None])

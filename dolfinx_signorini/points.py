@@ -25,6 +25,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.jacobians import determinants, inverses
 from dolfinx_signorini.meshes import facet_vertices
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -270,25 +271,15 @@ def _at_points(table: Array, nodal: Array) -> Array:
 
 def _inverse(matrices: Array) -> Array:
     """The inverse of each matrix, or the pseudo-inverse of matrices that are not square."""
-    if matrices.shape[-2:] == (2, 2):  # several times faster than LAPACK
-        (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
-        adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
-        return np.asarray(adjugate / (a * d - b * c)[..., None, None])
-    if matrices.shape[-2:] != (3, 3):
-        return np.asarray(np.linalg.pinv(matrices))
-    u, v, w = np.moveaxis(matrices, -1, 0)
-    rows = np.stack([np.cross(v, w), np.cross(w, u), np.cross(u, v)], axis=-2)
-    return np.asarray(rows / (u * rows[..., 0, :]).sum(axis=-1)[..., None, None])
+    if matrices.shape[-2:] in ((2, 2), (3, 3)):
+        return inverses(matrices)
+    return np.asarray(np.linalg.pinv(matrices))
 
 
 def _size(columns: Array) -> Array:
     """The volume that the columns of each matrix span."""
-    if columns.shape[-2:] == (2, 2):
-        (a, b), (c, d) = np.moveaxis(columns, (-2, -1), (0, 1))
-        return np.asarray(np.abs(a * d - b * c))
-    if columns.shape[-2:] == (3, 3):
-        u, v, w = np.moveaxis(columns, -1, 0)
-        return np.asarray(np.abs((u * np.cross(v, w)).sum(axis=-1)))
+    if columns.shape[-2:] in ((2, 2), (3, 3)):
+        return np.abs(determinants(columns))
     if columns.shape[-1] == columns.shape[-2]:
         return np.asarray(np.abs(np.linalg.det(columns)))
     return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))
