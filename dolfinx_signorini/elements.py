@@ -106,13 +106,22 @@ def control_points(space: fem.FunctionSpace) -> Array:
     """
     if not is_bernstein(space):
         return np.asarray(space.tabulate_dof_coordinates())
-    domain, lattice = space.mesh, control_lattice(space)
-    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
     dofs = space.dofmap.list
-    corners = domain.geometry.x[domain.geometry.dofmap[: len(dofs)]]
     places = np.zeros((int(dofs.max(initial=-1)) + 1, 3))
-    places[dofs] = shares @ corners
+    places[dofs] = points_on_cells(space, np.arange(len(dofs), dtype=np.int32))
     return places
+
+
+def points_on_cells(space: fem.FunctionSpace, cells: Indices) -> Array:
+    """Return the places of the dofs of straight cells, shape (cells, dofs of a cell, 3).
+
+    Args:
+        space: A scalar space of continuous elements.
+        cells: The cells.
+    """
+    lattice, geometry = control_lattice(space), space.mesh.geometry
+    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
+    return np.asarray(shares @ geometry.x[geometry.dofmap[cells]])
 
 
 def control_lattice(space: fem.FunctionSpace) -> Array:

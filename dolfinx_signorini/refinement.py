@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.elements import coefficients_of, control_lattice, control_points
+from dolfinx_signorini.elements import coefficients_of, control_points, points_on_cells
 from dolfinx_signorini.jacobians import inverses
 from dolfinx_signorini.meshes import (
     SidedMesh,
@@ -167,7 +167,7 @@ class Transfer:
         self.coarse, self.fine = coarse, fine
         dofs = fine.dofmap.list[: len(parents)]
         # One of the cells of each dof serves.
-        self.dofs, first = _first_places(dofs.ravel())
+        self.dofs, first = first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
         x = control_points(fine)[self.dofs, None, : fine.mesh.topology.dim]
         origins, maps = _maps(coarse.mesh)
@@ -184,7 +184,7 @@ class Transfer:
         origins, maps = _maps(self.fine.mesh)
         points = _in_reference_cell(origins[: len(parents)], maps[: len(parents)], nodes)
         inside = np.flatnonzero(_outside(points).ravel() < ROUNDING)
-        self.nodes, first = _first_places(dofs.ravel()[inside])
+        self.nodes, first = first_places(dofs.ravel()[inside])
         child, node = np.divmod(inside[first], dofs.shape[1])
         element = self.fine.element.basix_element
         self.values = element.tabulate(0, points[child, node])[0, :, :, 0]
@@ -214,7 +214,7 @@ def carried_across(
     """
     old, dofs = u.function_space, space.dofmap.list[: len(cells)]
     dim = space.mesh.topology.dim
-    owned, first = _first_places(dofs.ravel())
+    owned, first = first_places(dofs.ravel())
     children = np.argsort(parents, kind="stable").astype(np.int32)
     children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
     x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh)
@@ -237,11 +237,10 @@ def prolong_on_cells(
         cells: Owned cells of the refined mesh; the dofs of others are left as they are.
     """
     coarse, fine = (f.function_space for f in pairs[0])
-    dofs, lattice = fine.dofmap.list[cells], control_lattice(fine)
-    corners = fine.mesh.geometry.x[fine.mesh.geometry.dofmap[cells], : lattice.shape[1]]
-    shares, around = np.column_stack((1.0 - lattice.sum(axis=1), lattice)), parents[cells]
-    points = _in_reference_cell(*_maps(coarse.mesh, around), shares @ corners)
-    basis = coarse.element.basix_element.tabulate(0, points.reshape(-1, lattice.shape[1]))[0]
+    dofs, around, dim = fine.dofmap.list[cells], parents[cells], fine.mesh.topology.dim
+    x = points_on_cells(fine, cells)[..., :dim]
+    points = _in_reference_cell(*_maps(coarse.mesh, around), x)
+    basis = coarse.element.basix_element.tabulate(0, points.reshape(-1, dim))[0]
     columns = coarse.dofmap.list[around]
     basis = basis.reshape(*dofs.shape, columns.shape[1])
     for old, new in pairs:
@@ -258,7 +257,7 @@ def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.
     return result
 
 
-def _first_places(dofs: Indices) -> tuple[Indices, Indices]:
+def first_places(dofs: Indices) -> tuple[Indices, Indices]:
     """Return the different entries of an array in order, and for each the first place of it."""
     first = np.full(int(dofs.max(initial=-1)) + 1, -1, dtype=np.int32)
     first[dofs[::-1]] = np.arange(len(dofs) - 1, -1, -1, dtype=np.int32)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs, friedrichs_keller, owned_cells
 from dolfinx_signorini.refinement import refined
-from dolfinx_signorini.solvers.transfer import Transfer, covering_cells, interpolate_between
+from dolfinx_signorini.solvers.transfer import Carrier, covering_cells, interpolate_between
 
 COMM = MPI.COMM_WORLD
 
@@ -78,7 +78,7 @@ def test_a_lattice_knows_the_cells_around_points(meshes):
     old.interpolate(lambda x: np.sin(40.0 * x[0]) + np.cos(30.0 * x[1] - 20.0 * x[2]))
     owned = np.arange(fine.dofmap.index_map.size_local, dtype=np.int32)
     chosen = owned[np.abs(np.sin(3.0 * owned)) > 0.3] if COMM.rank == 0 else owned[:0]
-    Transfer(coarse, fine)([(old, new)], chosen)
+    Carrier(coarse, fine)([(old, new)], chosen)
     # The search of DOLFINx for the cells around the same points.
     cells = owned_cells(fine.mesh)
     points = fem.create_interpolation_data(fine, coarse, cells, padding=1e-9)
@@ -106,5 +106,5 @@ def test_a_refined_mesh_knows_the_cells_around_points(kind, make, monkeypatch):
         f.interpolate(lambda x: 1.0 + x[0] ** 3 - 2.0 * x[0] * x[1] ** 2 + x[1] * x[2])
     owned = np.arange(target.dofmap.index_map.size_local, dtype=np.int32)
     for dofs in (owned[::4], owned[:0]):
-        Transfer(source, target)([(old, new)], dofs)
+        Carrier(source, target)([(old, new)], dofs)
         assert new.x.array[dofs] == pytest.approx(exact.x.array[dofs], abs=1e-11)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.elements import lagrange_space
-from dolfinx_signorini.refinement import ends_of_edges, parent_mesh
+from dolfinx_signorini.refinement import ends_of_edges, first_places, parent_mesh
 from dolfinx_signorini.solvers.lattice import Lattice, coarsened, find_lattice
 
 Array = npt.NDArray[np.float64]
@@ -67,9 +67,7 @@ def _degree_prolongation(coarse: fem.FunctionSpace, fine: fem.FunctionSpace) -> 
     shares = high.interpolation_matrix @ low.tabulate(0, high.points)[0, :, :, 0]
     shares[np.abs(shares) < ZERO] = 0.0
     owned, dofs = fine.dofmap.index_map.size_local, fine.dofmap.list
-    place = np.empty(int(dofs.max(initial=-1)) + 1, dtype=np.int64)  # one place of each dof
-    place[dofs.ravel()] = np.arange(dofs.size)
-    cells, local = np.divmod(place[:owned], dofs.shape[1])
+    cells, local = np.divmod(first_places(dofs.ravel())[1][:owned], dofs.shape[1])
     entries, columns = shares[local], coarse.dofmap.list[cells]
     kept = entries != 0.0
     starts = np.zeros(owned + 1, dtype=PETSc.IntType)

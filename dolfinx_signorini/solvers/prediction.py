@@ -14,7 +14,7 @@ from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
-from dolfinx_signorini.solvers.transfer import Transfer
+from dolfinx_signorini.solvers.transfer import Carrier
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
@@ -33,7 +33,7 @@ def predict(system: System, coarse: ContactState) -> Mask:
         One entry per contact dof of this rank.
     """
     dofs = system.contact_dofs
-    carry = Transfer(coarse.u.function_space, system.space)
+    carry = Carrier(coarse.u.function_space, system.space)
     u, density = fem.Function(system.space), fem.Function(system.space)
     carry([(coarse.u, u), (coarse.density, density)], dofs)
     gap = u.x.array[dofs] - system.obstacle
@@ -43,7 +43,7 @@ def predict(system: System, coarse: ContactState) -> Mask:
 
 
 def _settled(
-    system: System, carry: Transfer, coarse: fem.Function, u: fem.Function, held: Mask
+    system: System, carry: Carrier, coarse: fem.Function, u: fem.Function, held: Mask
 ) -> Mask:
     """Return the predicted set with its ends settled by patch problems, if the patches are small.
 

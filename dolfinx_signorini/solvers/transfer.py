@@ -24,10 +24,10 @@ Pairs = Sequence[tuple[fem.Function, fem.Function]]
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
 
 
-class Transfer:
+class Carrier:
     """Carries functions from a coarse mesh to chosen dofs of a finer one:
 
-        carry = Transfer(coarse.function_space, fine.function_space)
+        carry = Carrier(coarse.function_space, fine.function_space)
         carry([(coarse, fine)], dofs)
 
     The meshes need not be nested, and may be the same; collective.
