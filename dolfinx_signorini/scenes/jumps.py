@@ -18,6 +18,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.bounds.reference_flux import barycentric
+from dolfinx_signorini.elements import constants
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
@@ -66,7 +67,7 @@ def integrable(
     cells, values = projected.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
-    marks = fem.Function(fem.functionspace(domain, ("DG", 0)))
+    marks = fem.Function(constants(domain))
     marks.x.array[marks.function_space.dofmap.list[cells, 0]] = 1.0
     projection = fem.Function(space)
     projection.x.array[space.dofmap.list[cells]] = values

@@ -103,13 +103,19 @@ flux = "where(x < 0.3713, 3, 1)"
 """
 
 
-@pytest.mark.parametrize("degree", [1, 2, 4])
-def test_the_flux_of_a_scene_is_integrated_piece_by_piece(comm, parse, degree):
-    posed = pose(parse(NEUMANN.format(degree=degree)), comm)
+def _work(comm, scene, values):
+    """The work of the load and the fluxes of a scene on a function with given values."""
+    posed = pose(scene, comm)
     w = fem.Function(posed.problem.space)
-    w.interpolate(lambda x: x[0] ** degree)
+    w.interpolate(values)
     work = comm.allreduce(fem.assemble_scalar(fem.form(ufl.action(posed.L, w))))
     posed.problem.destroy()
+    return work
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+def test_the_flux_of_a_scene_is_integrated_piece_by_piece(comm, parse, degree):
+    work = _work(comm, parse(NEUMANN.format(degree=degree)), lambda x: x[0] ** degree)
     assert work == pytest.approx((1.0 + 2.0 * JUMP ** (degree + 1)) / (degree + 1), rel=1e-4)
 
 
@@ -173,11 +179,8 @@ manufactured = true
 def test_the_data_of_a_manufactured_solution_are_integrated_piece_by_piece(
     comm, parse, diffusion, u, exact
 ):
-    posed = pose(parse(CURRENT.format(diffusion=diffusion, u=u)), comm)
-    w = fem.Function(posed.problem.space)
-    w.interpolate(lambda x: x[0] * x[1])
-    work = comm.allreduce(fem.assemble_scalar(fem.form(ufl.action(posed.L, w))))
-    posed.problem.destroy()
+    scene = parse(CURRENT.format(diffusion=diffusion, u=u))
+    work = _work(comm, scene, lambda x: x[0] * x[1])
     assert work == pytest.approx(exact, abs=3e-4)
 
 
