@@ -251,7 +251,7 @@ def test_four_million_unknowns(serial, record):
     orders = ", ".join(f"{name} {rate:.3f}" for name, rate in rates.items())
     record(
         "cells",
-        f"N = 2001, {report['unknowns']} unknowns, cascade at its default rtol 1e-7",
+        f"N = 2001, {report['unknowns']} unknowns, cascade with rtol 1e-7",
         "order from the paper's errors at N = 1001",
         f"orders {orders}; {report['seconds']:.0f} s with mesh, load and these errors, "
         f"{report['solve']:.1f} s of it the solve; {report['gigabytes']:.1f} GB",
