@@ -8,17 +8,19 @@ Source: Christof and Haubner, Section 2.2, for the singularity.
 
 import math
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 
-from dolfinx_signorini.accuracy.cells import Indices
+from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 
 EXPONENT = 1.5  # of the distance
 CODIMENSION = 2  # of the ends: points in the plane, curves in space
+SAMPLES = 24  # on each edge of a facet
 
 
 def rate_at_ends(target: Target) -> float:
@@ -73,6 +75,20 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.
     closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
     dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
     return pairs, dofs, _marked(space, problem.active)[dofs]
+
+
+def facet_lattice(space: fem.FunctionSpace) -> Array:
+    """Return points of the reference facet, in order, from which functions on a facet are known.
+
+    Args:
+        space: A space on triangles, with SAMPLES parts of an edge, or on tetrahedra, with a third.
+    """
+    dim = space.mesh.topology.dim
+    facet = basix.cell.subentity_types(space.element.basix_element.cell_type)[dim - 1][0]
+    count = SAMPLES if dim == 2 else SAMPLES // 3
+    kind = basix.LatticeType.equispaced
+    lattice: Array = np.asarray(basix.create_lattice(facet, count, kind, exterior=True))
+    return lattice[np.lexsort(lattice.T[::-1])]
 
 
 def _marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:

@@ -156,12 +156,13 @@ class Estimator:
             self._correction = min(max(moved / fallen, 1.0), CORRECTION)
 
     def _with_misfits(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
-        """Add to an estimate, and to the outlook, what the obstacle shows between the nodes."""
+        """Add to an estimate, and to the outlook, what obstacle and pressure show between nodes."""
         norm = self._target.norm
         if norm is None or norm.boundary:
             return value
         misfits = obstacle_misfits(fine, norm)
         parts = collected(misfits, parents, len(self.outlook.remaining), norm.p)
+        parts = joined(parts, self.found.pulled, norm.p)
         whole = total(parts, norm.p, self._comm)
         if whole == 0.0:
             return value

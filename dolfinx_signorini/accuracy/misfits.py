@@ -9,19 +9,16 @@ is long.
 
 import math
 
-import basix
 import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import Array
-from dolfinx_signorini.accuracy.contact_ends import contact_on_facets
+from dolfinx_signorini.accuracy.contact_ends import SAMPLES, contact_on_facets, facet_lattice
 from dolfinx_signorini.meshes import facet_scale, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import FormulaAtPoints, Points
 from dolfinx_signorini.problem import SignoriniProblem
-
-SAMPLES = 24  # on each edge of a facet
 
 
 def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
@@ -37,12 +34,7 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
     if isinstance(data, int | float | np.number) or (norm.derivatives and dim > 2):
         return misfits  # a number is met everywhere, and below it the nodes show
     pairs, _, touching = contact_on_facets(problem)
-    cell = problem.space.element.basix_element.cell_type
-    facet = basix.cell.subentity_types(cell)[dim - 1][0]
-    kind = basix.LatticeType.equispaced
-    count = SAMPLES if dim == 2 else SAMPLES // 3
-    lattice: Array = np.asarray(basix.create_lattice(facet, count, kind, exterior=True))
-    points = Points(domain, pairs, lattice[np.lexsort(lattice.T[::-1])])
+    points = Points(domain, pairs, facet_lattice(problem.space))
     (u,) = points.values(problem.u)
     gap = problem.sign * (u - _obstacle(problem, points))
     held = touching.all(axis=1).reshape(-1, 1)
