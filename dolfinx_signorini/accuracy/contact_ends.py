@@ -51,9 +51,9 @@ def cells_at_contact_ends(
     """
     space = problem.space
     _, dofs, touching = contact_on_facets(problem)
-    held = _marked(space, problem.fixed_dofs)[dofs]
+    held = marked(space, problem.fixed_dofs)[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
-    cells = cells_with_dofs(space, _marked(space, dofs[ends].ravel()))
+    cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
     result = np.zeros(count, dtype=bool)
     result[parents[cells[cells < len(parents)]]] = True
     return result
@@ -74,7 +74,7 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.
     pairs = facet_cells(space.mesh, problem.contact[owned])
     closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
     dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
-    return pairs, dofs, _marked(space, problem.active)[dofs]
+    return pairs, dofs, marked(space, problem.active)[dofs]
 
 
 def facet_lattice(space: fem.FunctionSpace) -> Array:
@@ -91,7 +91,7 @@ def facet_lattice(space: fem.FunctionSpace) -> Array:
     return lattice[np.lexsort(lattice.T[::-1])]
 
 
-def _marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
+def marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
     """Whether dofs of this rank are named by any rank."""
     f = fem.Function(space)
     f.x.array[dofs] = 1.0

@@ -1,0 +1,128 @@
+"""Gaps in the contact set that no dof sees: the pressure between the dofs shows them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from known import Known, true_error
+
+from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.accuracy.pulls import pressure_density, pulls
+from dolfinx_signorini.elements import bernstein_space, control_points
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.norm_names import parse_norm
+from dolfinx_signorini.refinement import Transfer, refined
+from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes.reading import parse_scene
+
+CENTRE, HALF = 0.5531, 0.02
+PULLS = {2: 6e-4, 3: 2.4e-3}  # by dimension, so small that all forces on dofs are positive
+
+
+def gap():
+    """Contact on the bottom but for an interval: u = -Im (z^2 - k^2)^(3/2), which is k^3 there."""
+    text = f"""
+[domain]
+shape = "square"
+cells = 8
+[define]
+X = "x - {CENTRE!r}"
+k = "{HALF!r}"
+t = "0.5*(atan2(y, X - k) + atan2(y, X + k))"
+w = "0 - (hypot(X - k, y)*hypot(X + k, y))^1.5*sin(3*t)"
+[equation]
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def parts(x, y):
+        z = x - CENTRE + 1j * np.abs(y)
+        angle = 0.5 * (np.angle(z - HALF) + np.angle(z + HALF))
+        return z, np.sqrt(np.abs(z**2 - HALF**2)) * np.exp(1j * angle)
+
+    def gradient(x, y):
+        z, root = parts(x, y)
+        return -(3.0 * z * root).imag, -(3.0 * z * root).real
+
+    return Known(text, lambda x, y: -(parts(x, y)[1] ** 3).imag, gradient, {})
+
+
+@pytest.mark.parametrize(("norm", "accuracy"), [("Linf", 1e-6), ("L2", 1e-7), ("W1_4", 2e-5)])
+def test_a_gap_between_the_dofs_of_coarse_meshes_is_found(comm, norm, accuracy):
+    known = gap()
+    scene = parse_scene(known.text, Path("gap.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, max_unknowns=100_000)
+    result.destroy()
+    assert result.found.reached
+    assert true_error(result.u, known, norm) <= accuracy
+
+
+def held(comm, dim, pull, degree=3):
+    """A solution with contact on the whole bottom: a polynomial with the pressure 3 X^2 - pull."""
+    if dim == 2:
+        domain = mesh.create_unit_square(comm, 4, 4)
+    else:
+        domain = mesh.create_unit_cube(comm, 2, 2, 2)
+    facets = boundary_facets(domain)
+    rest = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[dim - 1], 0.0))
+    division = refined(SidedMesh(domain, {"bottom": np.intersect1d(facets, rest)}))
+    space = bernstein_space(division.sided.mesh, degree)
+    x = ufl.SpatialCoordinate(space.mesh)
+    X, z = x[0] - CENTRE, x[dim - 1]
+    exact = z**3 - 3 * X**2 * z + pull * z
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    flux = ufl.dot(ufl.grad(exact), ufl.FacetNormal(space.mesh))
+    # The force on the bottom is left to the contact: there the flux of the data is 0.
+    outside = ufl.conditional(ufl.gt(z, 1e-12), flux, 0.0)
+    problem = SignoriniProblem(
+        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+        exact * v * ufl.dx + outside * v * ufl.ds(metadata={"quadrature_degree": 6}),
+        contact=division.sided.sides["bottom"],
+        obstacle=0.0,
+    )
+    problem.solve(rtol=1e-12)
+    return problem, Transfer(bernstein_space(domain, degree), space, division.parents)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_density_of_the_pressure_is_that_of_the_flux(comm, dim):
+    pull = PULLS[dim]
+    problem, _ = held(comm, dim, pull)
+    # At the vertices, where the coefficients of the Bernstein basis are values.
+    space = problem.space
+    vertices = mesh.locate_entities_boundary(space.mesh, 0, lambda x: np.isclose(x[dim - 1], 0.0))
+    dofs = fem.locate_dofs_topological(space, 0, vertices)
+    x = control_points(space)[dofs, 0]
+    found = pressure_density(problem).x.array[dofs]
+    assert found == pytest.approx(3.0 * (x - CENTRE) ** 2 - pull, abs=1e-7)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_pull_is_measured(comm, dim):
+    pull = PULLS[dim]
+    problem, transfer = held(comm, dim, pull)
+    assert len(problem.active) == len(problem.contact_dofs)
+    largest = {}
+    for norm in ("W1_inf", "Linf"):
+        parts = pulls(problem, transfer, parse_norm(norm))
+        largest[norm] = max(comm.allgather(parts.max(initial=0.0)))
+    problem.destroy()
+    assert 0.8 * pull <= largest["W1_inf"] <= pull * (1.0 + 1e-5)
+    # The pressure is negative on a strip of this half-width; a crack of the width is opened by the
+    # pull times the half-width.
+    half = np.sqrt(pull / 3.0)
+    assert 0.5 * pull * half <= largest["Linf"] <= 5.0 * pull * half
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_where_the_obstacle_pushes_nothing_is_added(comm, dim):
+    problem, transfer = held(comm, dim, -1e-3)
+    assert not pulls(problem, transfer, parse_norm("L2")).any()
+    problem.destroy()
