@@ -5,6 +5,11 @@ and cells of width h leave an error of h^(1/2) in H^1. With the jump on facets t
 smooth in each cell as without a jump. So vertices near the jump are moved onto the jump, and the
 edges that still cross the jump are split. Refinement keeps straight lines and planes on facets.
 
+Where the load jumps, second derivatives of the solution do, and the error depends on how near the
+jump is to a side of the cells. Along a mesh line all cells agree: divisions may help little for
+some steps, and no comparison of solutions shows that. Such jumps get facets where they are
+straight. Curves cut cells at all shares of their width, and comparisons tell.
+
 Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM Trans. Graph. 26
 (2007) 57, who also move vertices first, and split afterwards.
 """
@@ -20,28 +25,36 @@ from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.cutting import THIN, Array, Flags, Ids, Simplices, depths, fitted
 from dolfinx_signorini.scenes.formulas import Formula, Node
 from dolfinx_signorini.scenes.mesh_defects import all_cells
-from dolfinx_signorini.scenes.roughness import switches
+from dolfinx_signorini.scenes.roughness import factors, switches
 
 ROUNDS = 8  # of refinements along curves
 CHILDREN = 6  # about how many cells the refinement of a cell adds
 
 
-def fitted_mesh(sided: SidedMesh, formulas: Sequence[Formula], max_cells: int) -> SidedMesh:
+def fitted_mesh(
+    sided: SidedMesh,
+    formulas: Sequence[Formula],
+    max_cells: int,
+    straight: Sequence[Formula] = (),
+) -> SidedMesh:
     """Return a mesh in which formulas jump across facets only, or next to them along curves.
 
     Args:
         sided: The mesh with its sides; the call is collective.
         formulas: The formulas.
-        max_cells: The limit on the number of cells where the mesh is refined along curves.
+        max_cells: The limit on the number of cells where the mesh is refined along curves, or
+            fitted to what follows.
+        straight: More formulas, whose jumps count along straight lines and planes only.
 
     Returns:
         The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
         that the cells follow a curve, this curve is left inside of cells.
     """
     nodes = [node for formula in formulas for node in reversed(switches(formula))]
+    lines = [part for formula in straight for node in switches(formula) for part in factors(node)]
     comm, best = sided.mesh.comm, sided
-    for attempt in range(ROUNDS if nodes else 0):
-        whole, marks = _fitted(_gathered(sided), nodes)
+    for attempt in range(ROUNDS if nodes or lines else 0):
+        whole, marks = _fitted(_gathered(sided), nodes, lines, max_cells)
         changed, marks = comm.bcast((whole is not None, marks))
         if attempt == 0 or not marks.any():
             best = _shared(sided, whole) if changed else sided
@@ -54,7 +67,9 @@ def fitted_mesh(sided: SidedMesh, formulas: Sequence[Formula], max_cells: int) -
     return best
 
 
-def _fitted(gathered: Simplices | None, nodes: list[Node]) -> tuple[Simplices | None, Flags]:
+def _fitted(
+    gathered: Simplices | None, nodes: list[Node], lines: list[Node], max_cells: int
+) -> tuple[Simplices | None, Flags]:
     """Fit a mesh on rank 0: the mesh, None if unchanged, and the cells too large for a curve."""
     if gathered is None:
         return None, np.empty(0, dtype=bool)
@@ -65,6 +80,10 @@ def _fitted(gathered: Simplices | None, nodes: list[Node]) -> tuple[Simplices | 
     marks = np.zeros(len(gathered.cells), dtype=bool)
     for node in failing:
         marks |= depths(gathered, node) > 0.0
+    for node in lines:
+        more = fitted(whole, node)
+        if len(more.cells) <= max_cells and not depths(more, node).any():
+            whole = more
     return (None if whole is gathered else whole), marks
 
 

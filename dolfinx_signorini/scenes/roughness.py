@@ -47,16 +47,20 @@ def poles(formula: Formula) -> list[Node]:
             base = node.args[1]
         elif node.op == "log" or (node.op == "^" and node.args[1].value < 0.0):
             base = node.args[0]
-        for factor in _factors(base) if base is not None else []:
+        for factor in factors(base) if base is not None else []:
             found.setdefault(names[factor], factor)
     return list(found.values())
 
 
-def _factors(node: Node) -> list[Node]:
-    """The parts at whose zeros a part of a formula vanishes."""
+def factors(node: Node) -> list[Node]:
+    """Return the parts at whose zeros a part of a formula vanishes."""
     if node.op in ("*", "/"):
-        return [f for a in node.args[: 2 if node.op == "*" else 1] for f in _factors(a)]
+        return [f for a in node.args[: 2 if node.op == "*" else 1] for f in factors(a)]
     if node.op in ("^", "sqrt", "negative", "abs"):
-        return _factors(node.args[0])
+        return factors(node.args[0])
+    if node.op == "-":  # a comparison with 0 is such a difference
+        others = [a for a in node.args if a.op != "number" or a.value != 0.0]
+        if len(others) == 1:
+            return factors(others[0])
     constant = all(part.op != "coordinate" for part in nodes(node))
     return [] if constant or node.op in POSITIVE else [node]

@@ -255,12 +255,13 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
-    entries = scene.diffusion_entries
     most = min(MOST_CELLS, max_unknowns // per_cell)
-    sided = fitted_mesh(scene.domain.make(comm), entries, most)
-    resolved = resolved_mesh(scene, sided, most)
+    loads = [scene.load, scene.reaction, scene.solution if scene.manufactured else None]
+    data = [formula for formula in loads if formula is not None]
+    fit = partial(fitted_mesh, formulas=scene.diffusion_entries, max_cells=most, straight=data)
+    resolved = resolved_mesh(scene, fit(scene.domain.make(comm)), most)
     # Narrow layers are found by `resolved_mesh` only.
-    return replace(resolved, sided=fitted_mesh(resolved.sided, entries, most))
+    return replace(resolved, sided=fit(resolved.sided))
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:

@@ -351,6 +351,44 @@ value = "w"
     return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
 
 
+def strip(accuracies: dict[str, tuple[float, ...]]) -> Known:
+    """A load that jumps by 20 y along the line s = 0: u = cos 2x cosh y - 10 y max(s, 0)^2.
+
+    On meshes of squares all cells along the line are cut at the same share of their width. The
+    obstacle has its corner where contact ends.
+    """
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "x - 4/11"
+w = "cos(2*x)*cosh(y) - 10*y*max(s, 0)^2"
+[equation]
+reaction = 3
+load = "6*cos(2*x)*cosh(y) - 30*y*max(s, 0)^2 + where(s < 0, 0, 20*y)"
+[contact]
+sides = "bottom"
+obstacle = "cos(2*x) - 2*max(4/11 - x, 0)"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def beyond(x: Array) -> Array:
+        return np.maximum(x - 4.0 / 11.0, 0.0)
+
+    def u(x: Array, y: Array) -> Array:
+        return np.cos(2.0 * x) * np.cosh(y) - 10.0 * y * beyond(x) ** 2
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        dx = -2.0 * np.sin(2.0 * x) * np.cosh(y) - 20.0 * y * beyond(x)
+        return dx, np.cos(2.0 * x) * np.sinh(y) - 10.0 * beyond(x) ** 2
+
+    return Known(text, u, gradient, accuracies)
+
+
 def edge(accuracies: dict[str, tuple[float, ...]]) -> Known:
     """A cube whose bottom is in contact, with a singularity r^0.63 along an edge of the bottom."""
     c, s = 0.8, 0.6
@@ -530,6 +568,15 @@ SCENES = {
             "Linf": (1e-2, 1e-3, 1e-4),
             "H1": (1e-1, 1e-2, 1e-3),
             "W1_4": (1e-1, 3e-2, 1e-2),
+        }
+    ),
+    "strip of load": strip(
+        {
+            "L2": (1e-2, 1e-3, 1e-4),
+            "L4": (1e-2, 1e-3, 1e-4),
+            "Linf": (1e-2, 1e-3, 1e-4),
+            "H1": (5e-2, 5e-3, 5e-4),
+            "W1_4": (7e-2, 7e-3, 7e-4),
         }
     ),
     "tiny contact set": interval(

@@ -66,6 +66,27 @@ def test_a_mesh_without_a_jump_inside_cells_stays_as_it_is(comm):
     assert fitted_mesh(plain, [parsing.parse("1 + x^2")], 3000) is plain
 
 
+def test_a_strip_narrower_than_a_cell_has_facets_on_both_sides(comm):
+    plain = Square(4).make(comm)
+    strip = parsing.parse("where(5*(x - 0.26)*(0.37 - x) > 0, 20*y, 0)")
+    points, _ = inner_points(fitted_mesh(plain, [], 3000, straight=[strip]).mesh)
+    inside = abs(points[..., 0] - 0.315) < 0.055
+    assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
+    assert comm.allreduce(bool(inside.any()))
+
+
+def test_of_loads_only_straight_jumps_get_facets(comm):
+    plain = Square(4).make(comm)
+    circle = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
+    line = parsing.parse("max(x + 0.37*y - 0.71, 0)")
+    assert fitted_mesh(plain, [], 3000, straight=[circle]) is plain
+    assert fitted_mesh(plain, [], 32, straight=[line]) is plain  # 32 cells are there already
+    both = fitted_mesh(plain, [], 3000, straight=[circle, line])
+    points, _ = inner_points(both.mesh)
+    inside = points @ (1.0, 0.37) < 0.71
+    assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
+
+
 def test_refined_meshes_follow_a_circle(comm):
     formula = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
     sided = fitted_mesh(Square(4).make(comm), [formula], 3000)
