@@ -28,6 +28,7 @@ from dolfinx_signorini.scenes.mesh_defects import all_cells
 from dolfinx_signorini.scenes.roughness import factors, switches
 
 ROUNDS = 8  # of refinements along curves
+STRAIGHT = 0.01  # of a cell: what a line may cut off that counts as straight
 CHILDREN = 6  # about how many cells the refinement of a cell adds
 
 
@@ -82,7 +83,7 @@ def _fitted(
         marks |= depths(gathered, node) > 0.0
     for node in lines:
         more = fitted(whole, node)
-        if len(more.cells) <= max_cells and not depths(more, node).any():
+        if len(more.cells) <= max_cells and (depths(more, node) < STRAIGHT).all():
             whole = more
     return (None if whole is gathered else whole), marks
 

@@ -87,6 +87,13 @@ def test_of_loads_only_straight_jumps_get_facets(comm):
     assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
 
 
+def test_lines_that_are_nearly_straight_get_facets_next_to_them(comm):
+    wave = parsing.parse("where(y < 0.4091 + 0.0004*sin(6*x), 0, 40)")
+    points, _ = inner_points(fitted_mesh(Square(4).make(comm), [], 3000, straight=[wave]).mesh)
+    above = points[..., 1] - 0.4091
+    assert ((above > -1e-3).all(axis=1) | (above < 1e-3).all(axis=1)).all()
+
+
 def test_refined_meshes_follow_a_circle(comm):
     formula = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
     sided = fitted_mesh(Square(4).make(comm), [formula], 3000)
