@@ -66,6 +66,28 @@ def test_a_load_that_jumps_along_a_mesh_line_is_estimated_and_resolved(comm):
     assert max(found.values()) < 1.0
 
 
+def test_a_reaction_that_jumps_far_is_definite_on_all_ranks(comm):
+    # On three ranks smoothers that leave out couplings between ranks were indefinite.
+    text = """
+[domain]
+shape = "square"
+cells = 8
+[equation]
+reaction = "where(x > 0.71*y + 0.13, 1e4, 0)"
+load = "where(x < 3/5, 0, 8*y)"
+[contact]
+sides = "bottom"
+obstacle = "cos(2*x)"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "cos(2*x)"
+"""
+    scene = parse_scene(text, Path("reaction.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=1e-2, norm="L2")
+    result.destroy()
+    assert result.found.reached
+
+
 def test_an_accuracy_far_below_the_tolerance_of_a_solve_is_reached(comm):
     request = "jump of the diffusion", "Linf", 1e-11
     assert 0.0 < shares(comm, [request])[request] < 1.0
