@@ -184,22 +184,29 @@ class Loop:
         self.steps.append(step)
         self.whole = size(self.problem.u, self.request.target)
         if self.whole > 0.0:
-            rtol = ALGEBRAIC * estimate / self.whole * self._slope_of_rounding()
-            self.keywords = {"rtol": max(rtol, SMALLEST_RTOL)} if rtol < DEFAULT_RTOL else {}
+            share = self._share_in_derivatives()
+            rtol = ALGEBRAIC * estimate / self.whole * share
+            # The stop of a solve by default looks at values and not at derivatives.
+            free = share == 1.0 and rtol >= DEFAULT_RTOL
+            rtol = min(max(rtol, SMALLEST_RTOL), DEFAULT_RTOL)
+            self.keywords = {} if free else {"rtol": rtol}
         self.on_step(step)
 
-    def _slope_of_rounding(self) -> float:
-        """By what an algebraic error is to be smaller so that the largest derivatives are right.
+    def _share_in_derivatives(self) -> float:
+        """By what an algebraic error is to be smaller so that derivatives in L^p, p > d, are right.
 
-        On the smallest cells differences of values are divided by the size of the cell.
+        On the smallest cells, of size h in d dimensions, differences of values are divided by h,
+        which is h^(d/p - 1) in the norm.
         """
-        norm = self.request.target.norm
-        if norm is None or norm.derivatives == 0 or not math.isinf(norm.p):
+        norm, domain = self.request.target.norm, self.sided.mesh
+        dim = domain.topology.dim
+        if norm is None or norm.derivatives == 0 or norm.p <= dim:
             return 1.0
-        domain = self.sided.mesh
-        smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / domain.topology.dim)
+        smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / dim)
         smallest = self.comm.allreduce(smallest, op=MPI.MIN)
-        return smallest / longest_side(self.comm, domain.geometry.x)
+        return float(
+            (smallest / longest_side(self.comm, domain.geometry.x)) ** (1.0 - dim / norm.p)
+        )
 
     def _next_mesh(self) -> Divided | None:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
