@@ -146,7 +146,7 @@ def test_the_load_of_a_manufactured_solution_that_jumps_inside_cells(comm):
 shape = "square"
 cells = 8
 [define]
-s = "0.8*x + 0.6*y - 0.7123"
+s = "(x + 0.3)^2 + (y - 0.2)^2 - 0.7123"
 [contact]
 sides = "top"
 [[dirichlet]]
@@ -157,7 +157,7 @@ manufactured = true
 """
 
     def u(x, y):
-        s = 0.8 * x + 0.6 * y - 0.7123
+        s = (x + 0.3) ** 2 + (y - 0.2) ** 2 - 0.7123
         return np.where(s > 0.0, s**2 * np.exp(x), 0.0) + 2.0 * y
 
     scene = parse_scene(text, Path("load.toml"), comm)
