@@ -127,8 +127,11 @@ def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) ->
         except InputError as error:
             raise InputError(error.message, subject) from None
         if expectation.infinite(norm):
-            message = f"{norm} of the solution is infinite near {expectation.worst}"
-            raise InputError(message, subject)
+            raise InputError(
+                f"{norm} of the solution is infinite near {expectation.worst}; only data made for "
+                "a smoother solution avoid that, and the key solution says so",
+                subject,
+            )
 
 
 def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
