@@ -253,6 +253,18 @@ def test_slow_convergence_leads_to_boomeramg(degree):
     problem.destroy()
 
 
+@pytest.mark.parametrize("height", [100.0, 1000.0])
+def test_convergence_that_becomes_slow_leads_to_boomeramg(height):
+    # On cells as flat as that the first iterations take two digits, and hundreds the next ones.
+    domain = mesh.create_rectangle(COMM, [(0.0, 0.0), (1.0, height)], (64, 64))
+    problem = loaded(domain)
+    solver, residual = solved(problem, held_below(problem))
+    assert solver.setups == 2 and solver.iterations <= 25
+    assert residual <= 1.001e-8
+    solver.destroy()
+    problem.destroy()
+
+
 def not_a_lattice(kind):
     if kind == "crossed":
         return mesh.create_unit_square(COMM, 20, 20, diagonal=mesh.DiagonalType.crossed)
