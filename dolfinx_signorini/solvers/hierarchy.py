@@ -129,8 +129,8 @@ def _merged(steps: list[PETSc.Mat]) -> list[PETSc.Mat]:
 def lattice_prolongations(lattice: Lattice) -> list[PETSc.Mat]:
     """Return the prolongations to a lattice, the finest first, from a coarsest lattice on."""
     made = []
-    while lattice.size > FEW and min(lattice.cells) > 1:
-        coarse, parents, weights = coarsened(lattice)
+    while lattice.size > FEW and (step := coarsened(lattice)) is not None:
+        coarse, parents, weights = step
         made.append(edge_prolongation(lattice.comm, parents, coarse.places.shape[1], weights))
         lattice = coarse
     return made

@@ -22,6 +22,7 @@ Places = npt.NDArray[np.int32]
 Numbers = npt.NDArray[np.int64]
 
 ROUNDING = 1e-6  # of the width of a cell
+FLAT = 1.5  # times the least width of cells: larger widths in other directions stay as they are
 
 
 @dataclass(frozen=True)
@@ -99,18 +100,27 @@ def _complete(lattice: Lattice) -> bool:
     return (found - (count - 1) * count * (2 * count - 1) // 6) % 2**64 == 0
 
 
-def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array | float]:
+def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array | float] | None:
     """Return the lattice of every second node, and the coarse parents of each node; collective.
 
-    A coarse node belongs to the rank of the fine node at its place.
+    On flat cells nodes are left out only in the directions in which the cells are narrow, until the
+    cells are about as wide as long: point smoothers smooth across narrow cells only. A coarse node
+    belongs to the rank of the fine node at its place.
 
     Returns:
         The coarse lattice; for each fine node the global numbers of the two coarse nodes that the
         node lies between, or twice that of the node at its place, shape (2, nodes); and the weight
-        of the second one: 1/2 but for nodes next to a first or last cell of another width.
+        of the second one: 1/2 but for nodes next to a first or last cell of another width. None for
+        a single cell.
+
+    Source: Trottenberg, Oosterlee and Schueller, Multigrid, Academic Press (2001), Section 5.1, for
+    the directions.
     """
     comm, places = lattice.comm, lattice.places
-    tables = [_parents(line) for line in lattice.lines]
+    narrow = _narrow(lattice)
+    if not any(narrow):
+        return None
+    tables = [_parents(line, halved) for line, halved in zip(lattice.lines, narrow, strict=True)]
     low, high = (
         np.stack([table[side].take(p) for p, table in zip(places, tables, strict=True)])
         for side in (0, 1)
@@ -186,7 +196,15 @@ def _weights(
     return np.asarray(total / np.maximum(count, 1.0))
 
 
-def _parents(line: Array) -> tuple[Places, Places]:
+def _narrow(lattice: Lattice) -> list[bool]:
+    """In which directions cells are narrow, among those with more than one cell."""
+    cells = np.array(lattice.cells)
+    widths = lattice.unit * [line[-1] for line in lattice.lines] / cells
+    widths[cells == 1] = np.inf
+    return ((cells > 1) & (widths <= FLAT * widths.min())).tolist()
+
+
+def _parents(line: Array, halved: bool) -> tuple[Places, Places]:
     """The coarse neighbours of nodes in a row, on the low and on the high side.
 
     Of an odd number of cells one stays as it is, the wider one of the first and the last: so no
@@ -194,8 +212,11 @@ def _parents(line: Array) -> tuple[Places, Places]:
 
     Args:
         line: The coordinates of the nodes.
+        halved: Whether nodes are left out.
     """
     i = np.arange(len(line), dtype=np.int32)
+    if not halved:
+        return i, i
     odd = len(line) % 2 == 0
     shift = int(odd and line[1] - line[0] > line[-1] - line[-2])
     low, high = (i + shift) // 2, (i + shift + 1) // 2
