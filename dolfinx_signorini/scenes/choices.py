@@ -25,10 +25,10 @@ from dolfinx_signorini.scenes.enclosures import (
     enclosed_on_simplices,
     undefined,
 )
-from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
+from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.scenes.names import Names
 from dolfinx_signorini.scenes.pieces import divided
-from dolfinx_signorini.scenes.roughness import switch, switches
+from dolfinx_signorini.scenes.roughness import chosen, factors, switch, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -97,7 +97,30 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
 
 
 def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Whether a function is positive in most of a simplex, and on what share it may be negative."""
+    """Whether a function is positive in most of a simplex, and on what share it may be negative.
+
+    A product changes its sign where one of its factors does, and nowhere else: factors tell more
+    where they are simpler, (x - a) (b - x) for example next to the lines x = a and x = b.
+    """
+    positive, share = _sides_of_one(margin, corners)
+    parts = [Formula("", part) for part in factors(margin.root)]
+    if len(parts) < 2:
+        return positive, share
+    middle = corners.mean(axis=1)
+    known = ~undefined(margin, corners)
+    total = np.zeros(len(corners))
+    for part in parts:
+        above, shared = _sides_of_one(part, corners)
+        value = evaluated(part.root, middle)
+        known &= np.where(above, value > 0.0, value < 0.0)
+        total += shared
+    value = evaluated(margin.root, middle)
+    better = known & (value != 0.0) & (total < share)
+    return np.where(better, value > 0.0, positive), np.where(better, total, share)
+
+
+def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+    """The same, by what encloses the function itself."""
     total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
     pieces, size = corners, 1.0
     owners: Indices = np.arange(len(corners))
@@ -151,18 +174,6 @@ class _Chosen(PerNode[Node]):
     def find(self, node: Node) -> Node:
         margin = switch(node)
         if margin is not None:
-            return self(_chosen(node, self.positive[self.names[margin]]))
+            return self(chosen(node, self.positive[self.names[margin]]))
         parts = tuple(map(self, node.args))
         return Node(node.op, parts, node.value) if parts else node
-
-
-def _chosen(node: Node, positive: bool) -> Node:
-    """What an operation that chooses chooses where its switch is positive, or negative."""
-    if node.op == "abs":
-        return node.args[0] if positive else Node("negative", node.args)
-    if node.op == "sign":
-        return Node("number", value=1.0 if positive else -1.0)
-    if node.op == "where":
-        greater = node.args[0].op in (">", ">=")
-        return node.args[1 if positive == greater else 2]
-    return node.args[0 if positive == (node.op == "max") else 1]

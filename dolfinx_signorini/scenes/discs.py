@@ -16,11 +16,13 @@ Complex Analysis (1979), Sections 4.2 and 4.3.
 """
 
 from collections.abc import Callable
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.scenes.formulas import Formula, Node, PerNode
+from dolfinx_signorini.scenes.roughness import chosen, factors, switch
 
 Array = npt.NDArray[np.float64]
 Truth = npt.NDArray[np.bool_]
@@ -67,32 +69,31 @@ class _Discs(PerNode[Disc]):
             return np.array(node.value), np.array(0.0)
         if node.op == "coordinate":
             return self.centres[int(node.value)], self.radii[int(node.value)]
-        if node.op == "where":
-            comparison = node.args[0]
-            a, b = map(self, comparison.args)
-            low, high = (a, b) if comparison.op in ("<", "<=") else (b, a)
-            return self._chosen(subtract(high, low), *map(self, node.args[1:]))
+        if (margin := switch(node)) is not None:
+            return self._choice(margin, self(chosen(node, True)), self(chosen(node, False)))
         parts = [self(argument) for argument in node.args]
         if node.op == "^":
             return power(parts[0], node.args[1].value)
-        if node.op in ("min", "max"):
-            a, b = parts if node.op == "min" else parts[::-1]
-            return self._chosen(subtract(b, a), *parts)
-        if node.op == "abs":
-            return self._chosen(parts[0], parts[0], negative(parts[0]))
-        if node.op == "sign":
-            one: Disc = (np.array(1.0), np.array(0.0))
-            return self._chosen(parts[0], one, negative(one))
         if node.op == "atan2":
             return self._angle(*parts)
         return OPERATIONS[node.op](*parts)
 
-    def _chosen(self, margin: Disc, a: Disc, b: Disc) -> Disc:
-        """a where the margin is positive in the whole simplex, b where negative."""
-        inner = (1.0 - EDGE) / self.reach * margin[1]
-        yes, no = margin[0] - inner > 0.0, margin[0] + inner < 0.0
-        centre = np.where(yes, a[0], b[0])
-        return centre, np.where(yes, a[1], np.where(no, b[1], np.inf))
+    def _choice(self, margin: Node, a: Disc, b: Disc) -> Disc:
+        """a where the margin is positive in the whole simplex, b where negative.
+
+        An analytic product without a zero of its factors has one sign, that at the centre.
+        """
+        centre, radius = self(margin)
+        clear = self._nonzero((centre, radius))
+        if len(parts := factors(margin)) > 1:
+            known = reduce(np.logical_and, map(self._nonzero, map(self, parts)))
+            clear = clear | (known & np.isfinite(radius))
+        yes, no = clear & (centre > 0.0), clear & (centre < 0.0)
+        return np.where(yes, a[0], b[0]), np.where(yes, a[1], np.where(no, b[1], np.inf))
+
+    def _nonzero(self, a: Disc) -> Truth:
+        """Whether a function has no zero in the whole simplex."""
+        return np.asarray(np.abs(a[0]) > (1.0 - EDGE) / self.reach * a[1])
 
     def _angle(self, y: Disc, x: Disc) -> Disc:
         """atan2(y, x), whose derivatives are x/q and -y/q with q = x^2 + y^2."""

@@ -143,8 +143,8 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
     coefficients[flat] = 0.0
     bounds[flat] = np.inf
     finite = flat & np.isfinite(low) & np.isfinite(high)
-    coefficients[finite, 0] = 0.5 * (low + high)[finite]
-    bounds[finite] = 0.5 * (high - low)[finite] * ROUNDING
+    coefficients[finite, 0] = 0.5 * (low[finite] + high[finite])
+    bounds[finite] = 0.5 * (high[finite] - low[finite]) * ROUNDING
     return coefficients, bounds
 
 

@@ -34,6 +34,18 @@ def switch(node: Node) -> Node | None:
     return Node("-", node.args[0].args) if node.op == "where" else None
 
 
+def chosen(node: Node, positive: bool) -> Node:
+    """Return what an operation that chooses chooses where its switch is positive, or negative."""
+    if node.op == "abs":
+        return node.args[0] if positive else Node("negative", node.args)
+    if node.op == "sign":
+        return Node("number", value=1.0 if positive else -1.0)
+    if node.op == "where":
+        greater = node.args[0].op in (">", ">=")
+        return node.args[1 if positive == greater else 2]
+    return node.args[0 if positive == (node.op == "max") else 1]
+
+
 def poles(formula: Formula) -> list[Node]:
     """Return the parts of a formula at whose zeros the formula may be infinite.
 

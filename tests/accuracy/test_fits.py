@@ -38,7 +38,8 @@ ANALYTIC = st.recursive(st.one_of(NUMBERS, st.sampled_from(["x", "y"])), combine
 CHOICES = st.tuples(
     ANALYTIC,
     st.sampled_from(["abs({a})", "min({a}, {b})", "max({a}, {b})", "where({a} < {b}, {a}, {b})",
-                     "sign({a})*{b}", "hypot({a}, {b})", "atan2({a}, {b})"]),
+                     "sign({a})*{b}", "where(({a} - 1)*{b} > 0, {a}, {b})",
+                     "max(0, {a}*(1 - {b}))", "hypot({a}, {b})", "atan2({a}, {b})"]),
     ANALYTIC,
 ).map(lambda t: t[1].format(a=t[0], b=t[2]))  # fmt: skip
 COMPLEX = {"^": lambda a, b: a**b, "+": lambda a, b: a + b, "-": lambda a, b: a - b}
@@ -87,6 +88,16 @@ def test_discs_are_tight():
     corners = np.array([[[0.0], [2.0]]])
     for text, radius in [("x^3", 63.0), ("exp(x)", math.e * (math.e**3 - 1)), ("1/(5 + x)", 1 / 6)]:
         assert discs(parse(text), corners, 3.0)[1] == pytest.approx(radius)
+
+
+def test_discs_of_a_product_next_to_its_zeros():
+    """At the ends of the first three segments factors vanish; the last one has a kink inside."""
+    product = "(x - 0.3)*(0.4 - x)"
+    corners = np.array([[[0.3], [0.4]], [[0.4], [0.5]], [[0.2], [0.3]], [[0.35], [0.45]]])
+    for reach in (2.5, 8.0, 20.0):
+        radii = discs(parse(f"max(0, {product})"), corners, reach)[1]
+        assert radii[0] == discs(parse(product), corners, reach)[1][0]
+        assert radii[1] == radii[2] == 0.0 and math.isinf(radii[3])
 
 
 def composite(formula, corners):

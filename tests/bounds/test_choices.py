@@ -17,6 +17,8 @@ FORMULAS = {
     "kinks": "max(x - y, 0.1) + min(x, 0.6) + abs(y - 0.3)",
     "sign": "sign(sin(7*x) - y)*exp(x)",
     "sums": "abs(x - 2) + 3*abs(y - 3) + 5*abs(x - 4) + sign(y - 5) + 7*abs(y - 9)",
+    "product": "max(0, (x - 0.3)*(0.7 - x)) + where(y*(x - 0.5)/(2 - x)^2 > 0, 1, 2)",
+    "product of roots": "where(-(0.9 - x)*(y - 0.5)^3*(x*y - 0.2) >= 0, 1, 2)",
     "no value": "where(sqrt(x - 0.4) < 9, 1, 100)",
     "inside of each other": "abs(abs(x - 0.5) - 0.2) + where(max(x, y) > 0.6, 1, 2)",
 }
@@ -54,6 +56,17 @@ def test_a_line_along_an_edge_up_to_rounding_leaves_next_to_nothing():
     for cell, value in ((0, 2.0), (1, 1.0)):
         assert found[cell].shares[0] < 1e-13
         assert evaluated(found[cell].formulas[0].root, corners[0, 0]) == value
+
+
+def test_a_product_is_as_clear_next_to_its_zeros_as_its_factors():
+    """The product's own derivatives change their signs on wide cells between both lines."""
+    corners = np.array([[[0.3, 0.0], [0.7, 0.0], [0.3, 1.0]], [[0.3, 0.0], [0.0, 0.0], [0.3, 1.0]]])
+    parts = decided([parse("max(0, (x - 0.3)*(0.7 - x))")], corners)
+    found = {int(part.cells[0]): part for part in parts}
+    inside_, outside = np.array([0.5, 0.2]), np.array([0.2, 0.2])
+    for cell, place, value in ((0, inside_, 0.04), (1, outside, 0.0)):
+        assert found[cell].shares[0] < 1e-13
+        assert evaluated(found[cell].formulas[0].root, place) == pytest.approx(value)
 
 
 def test_many_choices_keep_the_formula():
