@@ -20,7 +20,7 @@ from common import child, coarse_state, report
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import SignoriniProblem, boundary_facets, coarse_levels, friedrichs_keller
+from dolfinx_signorini import SignoriniProblem, boundary_facets, box_mesh, coarse_levels
 from dolfinx_signorini.problem import DEFAULT_RTOL
 from dolfinx_signorini.timing import Phases
 
@@ -43,7 +43,7 @@ def pose(domain: mesh.Mesh) -> SignoriniProblem:
 
 def domain_of(n: int, dimension: int) -> mesh.Mesh:
     """The unit square or cube with n cells across."""
-    return friedrichs_keller(COMM, n) if dimension == 2 else mesh.create_unit_cube(COMM, n, n, n)
+    return box_mesh(COMM, [np.linspace(0.0, 1.0, n + 1)] * dimension)
 
 
 def measure(n: int, dimension: int, gigabytes: float) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from common import contact_solve, report
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import SignoriniProblem, boundary_facets, friedrichs_keller
+from dolfinx_signorini import SignoriniProblem, boundary_facets, box_mesh, friedrichs_keller
 from dolfinx_signorini.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem import DEFAULT_RTOL
@@ -103,7 +103,7 @@ def contact(problem: SignoriniProblem, make: Callable[[int], mesh.Mesh], n: int)
 
 def cube(n: int) -> mesh.Mesh:
     """The unit cube, n cells across."""
-    return mesh.create_unit_cube(COMM, n, n, n)
+    return box_mesh(COMM, [np.linspace(0.0, 1.0, n + 1)] * 3)
 
 
 def square(n: int) -> mesh.Mesh:

@@ -9,11 +9,12 @@ from dolfinx_signorini import requirements  # isort: skip  # before what needs d
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, gmsh_mesh
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, gmsh_mesh
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
@@ -48,6 +49,7 @@ __all__ = [
     "StressIntensity",
     "bernstein_space",
     "boundary_facets",
+    "box_mesh",
     "christof_haubner",
     "coarse_levels",
     "detachment_points",

@@ -3,10 +3,17 @@
 import importlib
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+import ufl
+from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
+
+ELEMENTS = {
+    dim: basix.ufl.element("Lagrange", cell, 1, shape=(dim,))
+    for dim, cell in ((2, "triangle"), (3, "tetrahedron"))
+}  # of the geometry of straight-sided meshes
 
 
 def interpolation_points(element: Any) -> npt.NDArray[np.float64]:
@@ -93,6 +100,35 @@ def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     local = np.take_along_axis(vertices[facets[:, 0]], ends, axis=1)
     numbers = domain.topology.index_map(0).local_to_global(local.ravel()).reshape(local.shape)
     return np.asarray(numbers[:, 0] > numbers[:, 1])
+
+
+def simplicial_mesh(
+    comm: MPI.Comm,
+    vertices: npt.NDArray[np.int64],
+    cells: npt.NDArray[np.int64],
+    owners: npt.NDArray[np.int32],
+    nodes: npt.NDArray[np.int64],
+    x: npt.NDArray[np.float64],
+    surface: npt.NDArray[np.int64],
+) -> mesh.Mesh:
+    """Return a mesh of triangles or tetrahedra whose cells are shared and in order already.
+
+    Args:
+        comm: The communicator.
+        vertices: The nodes of the cells of this rank, of which ghosts come last.
+        cells: The numbers of these cells among those of all ranks.
+        owners: The ranks of the ghosts.
+        nodes: The nodes of these cells, sorted.
+        x: The coordinates of these nodes.
+        surface: The nodes on facets of only one cell that this rank owns.
+    """
+    kind = mesh.to_type({2: "triangle", 3: "tetrahedron"}[x.shape[1]])
+    flat = vertices.ravel()
+    topology = cpp.mesh.create_topology(comm, [kind], [flat], [cells], [owners], surface)
+    element = cpp.fem.CoordinateElement_float64(kind, 1)
+    args = topology, [element], nodes, flat, x.ravel(), x.shape[1]
+    made = cpp.mesh.Mesh_float64(comm, topology, cpp.mesh.create_geometry(*args))
+    return mesh.Mesh(made, ufl.Mesh(ELEMENTS[x.shape[1]]))
 
 
 def refine(

@@ -8,19 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
-import ufl
-from dolfinx import fem, graph, mesh
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
 from dolfinx_signorini.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
 
 Indices = npt.NDArray[np.int32]
-
-TRIANGLE = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))  # straight-sided, in the plane
 
 
 @dataclass(frozen=True)
@@ -85,66 +81,6 @@ def _sides_of(domain: mesh.Mesh) -> Kind:
         return ""
 
     return kind
-
-
-def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
-    """Return the Friedrichs-Keller triangulation of the unit square.
-
-    The ranks share the triangles in rectangular blocks: unlike a graph partitioner's, this
-    partition is the same in every run, and takes no time.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        n: Cells per side; every one of the n * n squares is cut into two triangles.
-
-    Raises:
-        InputError: n is no integer, or smaller than 1.
-    """
-    check(comm=(comm, COMMUNICATOR), n=(n, integer(1)))
-    blocks = _Blocks(comm, n)
-    right, left = (0, 1, n + 2), (0, n + 1, n + 2)  # of each square, beside its first corner
-    cells = np.add.outer(blocks.first_corners(), [right, left]).reshape(-1, 3)
-    ends = [rank * (n + 1) ** 2 // comm.size for rank in (comm.rank, comm.rank + 1)]
-    x = (1.0 / n) * np.stack(np.divmod(np.arange(*ends), n + 1)[::-1], axis=-1)
-    partitioner = blocks.partition if comm.size > 1 else None
-    return mesh.create_mesh(comm, cells, x=x, e=ufl.Mesh(TRIANGLE), partitioner=partitioner)
-
-
-class _Blocks:
-    """The ranks share the squares of a Friedrichs-Keller triangulation in rectangular blocks.
-
-    Args:
-        comm: The communicator.
-        n: Squares per side.
-    """
-
-    def __init__(self, comm: MPI.Comm, n: int):
-        self._rank, self._n = comm.rank, n
-        self._columns, self._rows = MPI.Compute_dims(comm.size, 2)
-
-    def first_corners(self) -> npt.NDArray[np.int64]:
-        """Return the numbers of the lower left corners of the squares of this rank, row by row."""
-        row, column = divmod(self._rank, self._columns)
-        j, i = (
-            np.arange(-(-k * self._n // of), -(-(k + 1) * self._n // of))
-            for k, of in ((row, self._rows), (column, self._columns))
-        )
-        return np.add.outer((self._n + 1) * j, i)
-
-    def partition(self, _: MPI.Comm, ranks: int, types: Any, cells: Any) -> Any:
-        """Return the ranks of the cells of this rank, ghosts by shared facets: for DOLFINx."""
-        j, i = np.divmod(np.reshape(cells[0], (-1, 3))[:, 0], self._n + 1)
-        side = np.resize([1, -1], len(i))  # each square is cut into a right and a left triangle
-        own, beside, above = self._owner(i, j), self._owner(i + side, j), self._owner(i, j - side)
-        targets = np.stack([own, beside, above], axis=1).astype(np.int32)
-        new = np.stack([own >= 0, beside != own, (above != own) & (above != beside)], axis=1)
-        offsets = np.concatenate([[0], np.cumsum(new.sum(axis=1))]).astype(np.int32)
-        return compat.cpp_graph(graph.adjacencylist(targets[new], offsets))
-
-    def _owner(self, i: Any, j: Any) -> Any:
-        """The rank of the square in a column and a row, or of the one next to it in the domain."""
-        i, j = np.clip(i, 0, self._n - 1), np.clip(j, 0, self._n - 1)
-        return i * self._columns // self._n + self._columns * (j * self._rows // self._n)
 
 
 def facet_count(domain: mesh.Mesh) -> int:
@@ -218,6 +154,20 @@ def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
     return mesh.exterior_facet_indices(domain.topology)
+
+
+def sampled(count: int, step: int) -> Indices:
+    """Return one index at random of each `step` successive ones, the same in every call.
+
+    On structured meshes cells at equal distances are all alike.
+
+    Args:
+        count: The number of all indices.
+        step: The number of indices that one of them stands for.
+    """
+    first = np.arange(0, count, step)
+    chosen = first + np.random.default_rng(0).integers(step, size=len(first))
+    return chosen[chosen < count].astype(np.int32)
 
 
 def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

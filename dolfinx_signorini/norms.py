@@ -35,7 +35,7 @@ from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.kinds import FUNCTION, TEXT, check, instance, optional, sequence
 from dolfinx_signorini.logs import Progress
 from dolfinx_signorini.maxima import Maxima
-from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, owned_cells
+from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, owned_cells, sampled
 from dolfinx_signorini.norm_names import Norm, parse_norm
 from dolfinx_signorini.points import Array, Indices, Points
 from dolfinx_signorini.pointwise import ErrorAtPoints
@@ -221,7 +221,9 @@ def _mostly(
         mean = _total(comm, values[np.isfinite(values)], norm.p) * count ** (-1.0 / norm.p)
         large |= ~(values <= LARGE ** (1.0 / norm.p) * mean)
     step = max(1, count // SAMPLE)
-    sample = (np.arange(len(places)) % step == 0) & ~large
+    sample = np.zeros(len(places), dtype=bool)
+    sample[sampled(len(places), step)] = True
+    sample &= ~large
     chosen = large | sample
     exact = _integrated(error, places[chosen], norms, None)
     close = True

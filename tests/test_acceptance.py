@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.solvers.active_set import MAX_STEPS, solve_active_set
 from dolfinx_signorini.solvers.held import HeldSolver

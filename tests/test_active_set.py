@@ -6,7 +6,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
 from dolfinx_signorini.solvers.active_set import solve_active_set

@@ -7,7 +7,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
 

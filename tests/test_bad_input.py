@@ -10,8 +10,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import checks
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
 

@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import InputError, SignoriniProblem
 from dolfinx_signorini.bodies import bodies
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 
 N = 12
 

@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.scenes.parsing import parse
 
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.contact_boundary import (
     CLEAR,
     ContactBoundary,
     gather_contact_boundary,
 )
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 
 COMM = MPI.COMM_WORLD

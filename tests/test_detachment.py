@@ -5,9 +5,9 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini import detachment
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.detachment import DetachmentPoint, _extrapolated, detachment_points
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 
 COMM = MPI.COMM_WORLD

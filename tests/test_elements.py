@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import (
     coefficients_of,
     control_points,
@@ -19,7 +20,7 @@ from dolfinx_signorini.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes import facet_cells, friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import facet_cells, owned_cells
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.points import Points
 from dolfinx_signorini.refinement import Transfer, refined

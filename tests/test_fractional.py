@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.boundary_edges import closed_curves
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.fractional import fractional_norm
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 
 

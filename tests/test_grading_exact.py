@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.detachment import DetachmentPoint
-from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.tradeoff.grading import RADIUS, RESOLUTION, TOLERANCE, graded_mesh
 
 COMM = MPI.COMM_WORLD

@@ -7,8 +7,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.manufactured import contact_violations, manufacture, matching_obstacle
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, owned_cells
 from dolfinx_signorini.paper.solution import christof_haubner
 
 

@@ -6,8 +6,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.manufactured import CLEARANCE, matching_obstacle
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 
 COMM = MPI.COMM_WORLD
 

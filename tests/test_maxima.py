@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini import refinement
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.maxima import _largest
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.points import Points

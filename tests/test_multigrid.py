@@ -9,8 +9,9 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import bernstein_space, nodal_space
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import parent_mesh, refined
 from dolfinx_signorini.solvers import hierarchy, lattice, projected

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini import norms as norms_module
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norm_names import Norm, parse_norm
 from dolfinx_signorini.norms import cell_errors, error_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner

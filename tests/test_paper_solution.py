@@ -10,7 +10,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, friedrichs_keller, owned_cells
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner
 from dolfinx_signorini.references import interpolated

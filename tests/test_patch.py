@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.solvers.held import HeldSolver
 from dolfinx_signorini.solvers.patch import active_in_patch

@@ -7,8 +7,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import control_points
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.solution import AMPLITUDE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 

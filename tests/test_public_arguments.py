@@ -71,6 +71,13 @@ TABLE = {
         lambda t: {"domain": (*NO_MESH, t.quadrilaterals), "degree": (*NO_INTEGER, 0, -1, 9)},
     ),
     "boundary_facets": (lambda t: {"domain": t.mesh}, lambda t: {"domain": NO_MESH}),
+    "box_mesh": (
+        lambda t: {"comm": COMM, "lines": [[0.0, 1.0, 3.0], np.linspace(0.0, 1.0, 5)]},
+        lambda t: {
+            "comm": (None, 4, "world"),
+            "lines": (None, 4, "lines", [4, 4], [[0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]], [[], []]),
+        },
+    ),
     "christof_haubner": (
         lambda t: {"domain": t.mesh, "detachment": (0.5, 0.0), "radius": 0.45},
         lambda t: {

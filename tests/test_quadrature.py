@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
 from dolfinx_signorini.references import Reference

@@ -8,7 +8,8 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller, owned_cells
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import Refinement, Transfer, carried_across, refined
 
 KINDS = ["square", "cube"]

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS

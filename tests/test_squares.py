@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.squares import is_sum_of_squares
 
 grad, inner, dot = ufl.grad, ufl.inner, ufl.dot

@@ -9,7 +9,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
@@ -66,13 +67,16 @@ def test_a_fiftieth_of_the_discretisation_error_is_left(family):
     make, coarse, fine = FAMILIES[family]
     state, (problem, exact) = coarse_state(make, coarse), make(fine)
     u = problem.solve(coarse=state).copy()
-    loose = problem.result
+    loose, active = problem.result, problem.active
     tight = problem.solve(coarse=state, rtol=1e-10, warm_start=False)
     assert problem.result.algebraic_share is None
     assert problem.result.linear_iterations > loose.linear_iterations
-    assert problem.result.active_dofs == loose.active_dofs
     assert 0.0 < loose.algebraic_share <= SHARE
     errors = error_norms(tight, exact, NORMS)
+    # Both contact sets are the same, but for dofs with a gap that nobody can tell from none.
+    changed = np.setxor1d(active, problem.active)
+    for found in (u, tight):
+        assert np.abs(found.x.array[changed]).max(initial=0.0) <= SHARE * errors["Linf"]
     u.x.array[:] -= tight.x.array
     left = error_norms(u, None, NORMS)
     assert all(left[norm] <= SHARE * errors[norm] for norm in NORMS)

@@ -7,10 +7,11 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.detachment import detachment_points
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.solution import AMPLITUDE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.stress_intensity import stress_intensity

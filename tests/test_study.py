@@ -7,8 +7,8 @@ import basix
 import pytest
 from dolfinx import fem
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import eoc
 from dolfinx_signorini.paper.sampling import LINF, PAPER_NAMES, W1_INF, paper_errors

@@ -3,7 +3,7 @@
 import pytest
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.tao import FIRST_ORDER, METHODS, TaoRounds

@@ -43,6 +43,7 @@ GROUPS = {
     ),
     "Meshes, elements and quadrature": (
         "friedrichs_keller",
+        "box_mesh",
         "boundary_facets",
         "SidedMesh",
         "bernstein_space",

@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.sampling import PAPER_NAMES

@@ -5,10 +5,11 @@ from dataclasses import replace
 import ufl
 from dolfinx import mesh
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.kinds import check, coordinates, positive, simplices
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.tradeoff.family import Family, Posed

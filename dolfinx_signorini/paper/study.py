@@ -7,8 +7,8 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.logs import log
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.paper.sampling import LINF, W1_INF, paper_errors
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem

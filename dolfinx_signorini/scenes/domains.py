@@ -11,13 +11,8 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import (
-    Indices,
-    SidedMesh,
-    boundary_facets,
-    entity_nodes,
-    friedrichs_keller,
-)
+from dolfinx_signorini.box_meshes import box_mesh, friedrichs_keller
+from dolfinx_signorini.meshes import Indices, SidedMesh, boundary_facets, entity_nodes
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.mesh_files import MeshFile
 from dolfinx_signorini.scenes.polygons import Polygon
@@ -69,8 +64,8 @@ class Cube(Square):
     first_cells = 2
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
-        n = self.cells
-        return _with_sides(mesh.create_unit_cube(comm, n, n, n), self.side_names)
+        domain = box_mesh(comm, [np.linspace(0.0, 1.0, self.cells + 1)] * 3)
+        return _with_sides(domain, self.side_names)
 
 
 DOMAINS: dict[str, type[Domain]] = {d.shape: d for d in (Square, Cube, Polygon, MeshFile)}

@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.elements import constants
-from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells
+from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells, sampled
 from dolfinx_signorini.quadrature import MANY, QuadratureRule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
@@ -257,8 +257,8 @@ class _Projection:
 
         Of a cell the median of the values at the vertices is taken, for one may be at a pole.
         """
-        step = max(1, len(self.whole) // MANY)
-        values = self._values(self.formula.root, self.whole[::step].transpose(1, 0, 2))
+        some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
+        values = self._values(self.formula.root, self.whole[some].transpose(1, 0, 2))
         medians = np.median(np.abs(values), axis=0)
         sizes = medians[np.isfinite(medians)]
         total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -84,14 +84,15 @@ def _settled(
 
 
 def _ends(system: System, held: Mask) -> Indices:
-    """Owned contact dofs of cells that have held and free contact dofs."""
-    state = fem.Function(system.space)
+    """Owned contact dofs of cells at the contact boundary that have held and free contact dofs."""
+    space = system.space
+    state = fem.Function(space)
     state.x.array[system.contact_dofs] = np.where(held, 1.0, -1.0)
     state.x.scatter_forward()
-    cells = system.space.dofmap.list[cells_with_dofs(system.space, state.x.array != 0.0)]
+    cells = space.dofmap.list[np.unique(facet_cells(space.mesh, system.layout.facets)[:, 0])]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
     marked = np.zeros(len(state.x.array), dtype=bool)
     marked[cells[mixed][values[mixed] != 0.0]] = True
-    owned = system.space.dofmap.index_map.size_local
+    owned = space.dofmap.index_map.size_local
     return np.flatnonzero(marked[:owned]).astype(np.int32)

@@ -11,8 +11,9 @@ from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.indicators import Solution, difference, indicators
 from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets, owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
 from dolfinx_signorini.refinement import Transfer, refined

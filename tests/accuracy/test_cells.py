@@ -7,7 +7,8 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.accuracy.cells import cell_norms, collected, total, volumes
-from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norm_names import parse_norm
 
 

@@ -7,7 +7,8 @@ import pytest
 from known import SCENES, true_error
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.meshes import SidedMesh, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.paper.solution import paper_problem
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.reading import parse_scene

@@ -30,8 +30,9 @@ from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule

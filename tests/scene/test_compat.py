@@ -6,7 +6,8 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import boundary_facets, facet_cells, friedrichs_keller, owned_cells
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets, facet_cells, owned_cells
 
 
 def test_points_of_an_edge_run_from_its_first_to_its_last_vertex_in_the_cell(comm):

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
+from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.scenes.formulas import OPERATIONS, number
 from dolfinx_signorini.scenes.parsing import MAX_SIZE, parse
 

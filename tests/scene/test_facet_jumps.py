@@ -5,7 +5,8 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.scenes import parsing, pose
 from dolfinx_signorini.scenes.expectations import expect

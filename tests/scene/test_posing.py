@@ -8,9 +8,9 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE

@@ -5,7 +5,7 @@ import pytest
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.quadrature import CELL_RULE, QuadratureRule
 from dolfinx_signorini.scenes import jumps, load_scene, parsing, rules, solve_scene

@@ -7,8 +7,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 
 N = 7

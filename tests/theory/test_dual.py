@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.paper.theory.discretisation import Discretisation
 from dolfinx_signorini.paper.theory.dual import (
     discrete_contact_cells,

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import approximation_order, eoc
 from dolfinx_signorini.paper.theory import triangulations

@@ -11,8 +11,8 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.manufactured import ManufacturedSolution
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE
 from dolfinx_signorini.paper.theory import parts

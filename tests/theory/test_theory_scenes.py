@@ -9,7 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.orders import eoc
 from dolfinx_signorini.paper.theory.curve import BoundaryCurve

@@ -16,7 +16,7 @@ from typing import Any
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.paper.theory import measures, parts, triangulations
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.paper.theory.dual import EPSILONS

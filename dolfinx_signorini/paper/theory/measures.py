@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.detachment import detachment_points
-from dolfinx_signorini.meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.theory import parts, ritz, triangulations
 from dolfinx_signorini.paper.theory.cea import smallest_one_sided

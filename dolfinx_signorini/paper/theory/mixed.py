@@ -17,7 +17,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.meshes import boundary_facets, friedrichs_keller
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.paper.solution import DETACHMENT
 from dolfinx_signorini.paper.theory.discretisation import NEAR_CELL_RULE, THEORY_RTOL, near_cells
 from dolfinx_signorini.problem import SignoriniProblem

@@ -9,7 +9,8 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import friedrichs_keller, owned_cells
+from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.paper.solution import DETACHMENT
 from dolfinx_signorini.scenes.polygons import Polygon
 
