@@ -22,7 +22,7 @@ from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
 from dolfinx_signorini.elements import coefficients_of, is_bernstein, nodal_space
 from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.squares import is_sum_of_squares
 from dolfinx_signorini.system import Layout, System
 from dolfinx_signorini.timing import Phases
@@ -224,8 +224,8 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     """Return a function that evaluates data at dofs, each time with the present values.
 
     In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
-    data at the control points. A UFL expression is compiled once, and evaluated on the cells that
-    have one of the dofs.
+    data at the control points. A UFL expression is compiled once, and evaluated on few cells that
+    together have all of the dofs.
 
     Args:
         space: A scalar Lagrange space.
@@ -245,7 +245,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     g = fem.Function(space)
     marked = np.zeros(len(g.x.array), dtype=bool)
     marked[dofs] = True
-    cells = cells_with_dofs(space, marked)
+    cells = covering_cells(space, marked, cells_with_dofs(space, marked))
     points = compat.interpolation_points(space.element)
     expression = compiled.expression(value, points, space.mesh.comm)
 

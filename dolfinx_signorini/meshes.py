@@ -266,3 +266,33 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
     for dofs in space.dofmap.list.T:
         found |= marked[dofs]
     return np.flatnonzero(found).astype(np.int32)
+
+
+def covering_cells(
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices
+) -> Indices:
+    """Return few cells of this rank that together have all of some dofs.
+
+    Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
+    cell for each dof.
+
+    Args:
+        space: A function space.
+        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+        cells: All cells that have one of them, see `cells_with_dofs`.
+    """
+    left, chosen = marked.copy(), []
+    cells = np.random.default_rng(0).permutation(cells)
+    for _ in range(2):
+        dofs = space.dofmap.list[cells]
+        wanted = left[dofs]
+        order = np.argsort(-wanted.sum(axis=1), kind="stable")
+        cells, dofs, wanted = cells[order], dofs[order], wanted[order]
+        rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
+        first = np.full(len(left), len(cells))
+        first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
+        wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
+        chosen.append(cells[wins])
+        left[dofs[wins]] = False
+    chosen.append(cells[np.unique(first[left])])
+    return np.sort(np.concatenate(chosen))

@@ -74,22 +74,23 @@ class Layout:
     def weights(self) -> Array:
         """The share of the contact boundary that belongs to each contact dof of this rank.
 
-        In the Bernstein basis the shares are the integrals of the basis functions. Otherwise they
-        are the diagonal of the boundary mass matrix, scaled so that they add up to the size of the
-        boundary: unlike the integrals of nodal basis functions this diagonal is positive for every
-        degree and dimension. The first call is collective.
+        In the Bernstein basis and for degree 1 the shares are the integrals of the basis functions.
+        Otherwise they are the diagonal of the boundary mass matrix, scaled so that they add up to
+        the size of the boundary: unlike the integrals of nodal basis functions this diagonal is
+        positive for every degree and dimension. The first call is collective.
 
         Source: Hinton, Rock and Zienkiewicz, Earthq. Eng. Struct. Dyn. 4 (1976) 245-249.
         """
-        domain, bernstein = self.space.mesh, is_bernstein(self.space)
+        domain, element = self.space.mesh, self.space.ufl_element()
+        lumped = is_bernstein(self.space) or self.space.element.basix_element.degree == 1
         pairs = facet_cells(domain, self.owned_facets).flatten()
         coordinates = domain.ufl_domain().ufl_coordinate_element()
         form = compiled.form_on(
-            _boundary_mass(coordinates, self.space.ufl_element(), bernstein),
-            [self.space] if bernstein else [self.space] * 2,
+            _boundary_mass(coordinates, element, lumped),
+            [self.space] if lumped else [self.space] * 2,
             {fem.IntegralType.exterior_facet: [(1, pairs)]},
         )
-        if bernstein:
+        if lumped:
             vector = fem.assemble_vector(form)
             vector.scatter_reverse(la.InsertMode.add)
             return np.asarray(vector.array[self.contact_dofs])

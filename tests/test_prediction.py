@@ -9,9 +9,9 @@ from mpi4py import MPI
 
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.elements import bernstein_space
-from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs, owned_cells
+from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs, covering_cells, owned_cells
 from dolfinx_signorini.refinement import refined
-from dolfinx_signorini.solvers.transfer import Carrier, covering_cells, interpolate_between
+from dolfinx_signorini.solvers.transfer import Carrier, interpolate_between
 
 COMM = MPI.COMM_WORLD
 
