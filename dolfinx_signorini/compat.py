@@ -124,7 +124,11 @@ def simplicial_mesh(
     """
     kind = mesh.to_type({2: "triangle", 3: "tetrahedron"}[x.shape[1]])
     flat = vertices.ravel()
-    topology = cpp.mesh.create_topology(comm, [kind], [flat], [cells], [owners], surface)
+    parts: list[Any] = [comm, [kind], [flat], [cells], [owners], surface]
+    try:
+        topology = cpp.mesh.create_topology(*parts)
+    except TypeError:  # from 0.11 on with a number of threads
+        topology = cpp.mesh.create_topology(*parts, 1)
     element = cpp.fem.CoordinateElement_float64(kind, 1)
     args = topology, [element], nodes, flat, x.ravel(), x.shape[1]
     made = cpp.mesh.Mesh_float64(comm, topology, cpp.mesh.create_geometry(*args))
