@@ -245,7 +245,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     g = fem.Function(space)
     marked = np.zeros(len(g.x.array), dtype=bool)
     marked[dofs] = True
-    cells = covering_cells(space, marked, cells_with_dofs(space, marked))
+    cells = covering_cells(space, marked, cells_with_dofs(space, marked), rounds=0)
     points = compat.interpolation_points(space.element)
     expression = compiled.expression(value, points, space.mesh.comm)
 

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 ROUNDING = 1e-12  # relative; data that differ by so little are the same
 VANISHING = 1e-12  # relative; what is as small as that is nothing
-DOUBTFUL = 1e-9  # of the trace; smaller row sums may be rounding
+DOUBTFUL = 1e-9  # of the diagonal entry, or of the trace; smaller row sums may be rounding
 HATS = {2: 13, 3: 6}  # for each dimension: nodes along each side of the grid of `check_definite`
 MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
@@ -190,7 +190,7 @@ def vanishes_on_constants(
     product.destroy()
     definite = energy >= -VANISHING * bound
     require(comm, definite, "not positive definite, a(1, 1) is negative", "form a")
-    if _held_in_all_cells(layout, sums, DOUBTFUL * bound):
+    if _held_in_all_cells(layout, sums > DOUBTFUL * np.abs(diagonal)):
         return np.empty(0, dtype=bool)
     parts = layout.bodies
     loose = (parts.sums(sums) <= DOUBTFUL * bound) & (parts.counts(layout.fixed_dofs) == 0)
@@ -208,10 +208,10 @@ def vanishes_on_constants(
     return loose & (energies <= VANISHING * _energy_of_coordinates(A, space))
 
 
-def _held_in_all_cells(layout: Layout, sums: Array, doubtful: float) -> bool:
-    """Whether each cell of each rank has Dirichlet data or an entry that is not doubtful."""
+def _held_in_all_cells(layout: Layout, beyond_doubt: npt.NDArray[np.bool_]) -> bool:
+    """Whether each cell of each rank has Dirichlet data or a row sum that is beyond doubt."""
     held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
-    held.array[: len(sums)] = sums > doubtful
+    held.array[: len(beyond_doubt)] = beyond_doubt
     held.array[layout.fixed_dofs] = 1
     held.scatter_forward()
     everywhere = bool(held.array[layout.space.dofmap.list].any(axis=1).all())

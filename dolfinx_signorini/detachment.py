@@ -20,7 +20,6 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, instance
-from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.problem import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -165,7 +164,7 @@ def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Arr
     space = problem.space
     gap, pressure = problem.gap.x.array, problem.pressure.x.array
     values = values_at_control_points(space, gap)
-    pairs = facet_cells(space.mesh, problem.system.layout.owned_facets)
+    pairs = problem.system.layout.owned_facet_cells
     parts = [np.empty((0, 2), dtype=np.int32)]
     for facet in range(3):
         closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)

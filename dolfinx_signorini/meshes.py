@@ -269,30 +269,34 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
 
 
 def covering_cells(
-    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices, rounds: int = 2
 ) -> Indices:
     """Return few cells of this rank that together have all of some dofs.
 
-    Cells of many dofs that no neighbour claims come first; what is left after two rounds takes a
-    cell for each dof.
+    In some rounds cells with many dofs that no neighbour claims come first; of each dof that is
+    left then, a cell is taken. Rounds take time, and pay where cells are searched for.
 
     Args:
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
         cells: All cells that have one of them, see `cells_with_dofs`.
+        rounds: The number of rounds.
     """
     left, chosen = marked.copy(), []
-    cells = np.random.default_rng(0).permutation(cells)
-    for _ in range(2):
+    if rounds:
+        cells = np.random.default_rng(0).permutation(cells)
+    for k in range(rounds + 1):
+        wanted = left[space.dofmap.list[cells]]
+        if k < rounds:
+            order = np.argsort(-wanted.sum(axis=1), kind="stable")
+            cells, wanted = cells[order], wanted[order]
         dofs = space.dofmap.list[cells]
-        wanted = left[dofs]
-        order = np.argsort(-wanted.sum(axis=1), kind="stable")
-        cells, dofs, wanted = cells[order], dofs[order], wanted[order]
         rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
         first = np.full(len(left), len(cells))
         first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
-        wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
-        chosen.append(cells[wins])
-        left[dofs[wins]] = False
+        if k < rounds:
+            wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
+            chosen.append(cells[wins])
+            left[dofs[wins]] = False
     chosen.append(cells[np.unique(first[left])])
     return np.sort(np.concatenate(chosen))

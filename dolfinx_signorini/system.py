@@ -64,11 +64,16 @@ class Layout:
         """The connected parts of the mesh; the first call is collective."""
         return bodies(self.space)
 
+    @functools.cached_property
+    def facet_cells(self) -> Indices:
+        """The contact facets as (cell, local facet) pairs, shape (facets, 2)."""
+        return facet_cells(self.space.mesh, self.facets)
+
     @property
-    def owned_facets(self) -> Indices:
-        """The contact facets that this rank owns."""
-        dimension = self.space.mesh.topology.dim - 1
-        return self.facets[self.facets < self.space.mesh.topology.index_map(dimension).size_local]
+    def owned_facet_cells(self) -> Indices:
+        """The same pairs for the contact facets that this rank owns."""
+        topology = self.space.mesh.topology
+        return self.facet_cells[self.facets < topology.index_map(topology.dim - 1).size_local]
 
     @functools.cached_property
     def weights(self) -> Array:
@@ -83,7 +88,7 @@ class Layout:
         """
         domain, element = self.space.mesh, self.space.ufl_element()
         lumped = is_bernstein(self.space) or self.space.element.basix_element.degree == 1
-        pairs = facet_cells(domain, self.owned_facets).flatten()
+        pairs = self.owned_facet_cells.flatten()
         coordinates = domain.ufl_domain().ufl_coordinate_element()
         form = compiled.form_on(
             _boundary_mass(coordinates, element, lumped),

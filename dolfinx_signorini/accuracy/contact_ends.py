@@ -15,7 +15,7 @@ from dolfinx import fem, la
 
 from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.meshes import cells_with_dofs, facet_cells
+from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.problem import SignoriniProblem
 
 EXPONENT = 1.5  # of the distance
@@ -70,8 +70,7 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.
     """
     space = problem.space
     dim = space.mesh.topology.dim
-    owned = problem.contact < space.mesh.topology.index_map(dim - 1).size_local
-    pairs = facet_cells(space.mesh, problem.contact[owned])
+    pairs = problem.system.layout.owned_facet_cells
     closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
     dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
     return pairs, dofs, marked(space, problem.active)[dofs]

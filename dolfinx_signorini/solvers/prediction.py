@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -89,7 +88,7 @@ def _ends(system: System, held: Mask) -> Indices:
     state = fem.Function(space)
     state.x.array[system.contact_dofs] = np.where(held, 1.0, -1.0)
     state.x.scatter_forward()
-    cells = space.dofmap.list[np.unique(facet_cells(space.mesh, system.layout.facets)[:, 0])]
+    cells = space.dofmap.list[np.unique(system.layout.facet_cells[:, 0])]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
     marked = np.zeros(len(state.x.array), dtype=bool)
