@@ -3,8 +3,11 @@
 Everything here is local to the rank that calls it, except the creation of meshes.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
+from itertools import combinations
 from typing import Any
 
 import basix
@@ -119,15 +122,16 @@ def cells_near_ball(
         centre: Coordinates of the centre, as many as the mesh has space dimensions.
         radius: Radius of the ball.
     """
-    cells = domain.geometry.dofmap[: len(owned_cells(domain))]
-    x = domain.geometry.x[:, : len(centre)]
+    vertices = domain.geometry.dofmap[: len(owned_cells(domain))].T
+    x = [np.ascontiguousarray(line) for line in domain.geometry.x.T[: len(centre)]]
     # A cell whose vertices are all farther away than radius + diameter cannot meet the ball.
     diameter = 0.0
-    for k in range(cells.shape[1]):
-        edge = x[cells[:, k]] - x[cells[:, k - 1]]
-        diameter = max(diameter, float(np.sqrt((edge**2).sum(axis=1).max(initial=0.0))))
-    near = ((x - np.asarray(centre)) ** 2).sum(axis=1) <= (radius + diameter) ** 2
-    return np.flatnonzero(near[cells].any(axis=1)).astype(np.int32)
+    for a, b in combinations(vertices, 2):
+        edges = reduce(np.add, (np.square(y[a] - y[b]) for y in x))
+        diameter = max(diameter, math.sqrt(np.max(edges, initial=0.0)))
+    distances = reduce(np.add, (np.square(y - c) for y, c in zip(x, centre, strict=True)))
+    near = distances <= (radius + diameter) ** 2
+    return np.flatnonzero(np.any([near[v] for v in vertices], axis=0)).astype(np.int32)
 
 
 def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
