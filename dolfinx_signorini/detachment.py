@@ -164,7 +164,7 @@ def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Arr
     space = problem.space
     gap, pressure = problem.gap.x.array, problem.pressure.x.array
     values = values_at_control_points(space, gap)
-    pairs = problem.system.layout.owned_facet_cells
+    pairs = problem.system.layout.facet_cells
     parts = [np.empty((0, 2), dtype=np.int32)]
     for facet in range(3):
         closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)

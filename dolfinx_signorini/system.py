@@ -66,14 +66,10 @@ class Layout:
 
     @functools.cached_property
     def facet_cells(self) -> Indices:
-        """The contact facets as (cell, local facet) pairs, shape (facets, 2)."""
-        return facet_cells(self.space.mesh, self.facets)
-
-    @property
-    def owned_facet_cells(self) -> Indices:
-        """The same pairs for the contact facets that this rank owns."""
+        """The contact facets that this rank owns as (cell, local facet) pairs."""
         topology = self.space.mesh.topology
-        return self.facet_cells[self.facets < topology.index_map(topology.dim - 1).size_local]
+        owned = self.facets < topology.index_map(topology.dim - 1).size_local
+        return facet_cells(self.space.mesh, self.facets[owned])
 
     @functools.cached_property
     def weights(self) -> Array:
@@ -88,7 +84,7 @@ class Layout:
         """
         domain, element = self.space.mesh, self.space.ufl_element()
         lumped = is_bernstein(self.space) or self.space.element.basix_element.degree == 1
-        pairs = self.owned_facet_cells.flatten()
+        pairs = self.facet_cells.flatten()
         coordinates = domain.ufl_domain().ufl_coordinate_element()
         form = compiled.form_on(
             _boundary_mass(coordinates, element, lumped),

@@ -7,7 +7,8 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.estimates import Hidden
-from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS, Loop, Pose, Request, Step
+from dolfinx_signorini.accuracy.loop import Loop, Pose
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.kinds import callable_, check, instance, optional, positive
@@ -131,9 +132,9 @@ def solve_adaptively(
         loop.problem = problem
     return AdaptiveSolution(
         problem=loop.problem,
-        sided=loop.division.sided,
+        sided=loop.last.division.sided,
         request=request,
         stopped=loop.stopped,
         steps=tuple(loop.steps),
-        cells=loop.estimator.outlook.remaining[loop.division.parents],
+        cells=loop.last.remaining[loop.last.division.parents],
     )

@@ -11,11 +11,11 @@ import math
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.meshes import cells_with_dofs
+from dolfinx_signorini.meshes import cells_with_dofs, marked
 from dolfinx_signorini.problem import SignoriniProblem
 
 EXPONENT = 1.5  # of the distance
@@ -70,7 +70,7 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.
     """
     space = problem.space
     dim = space.mesh.topology.dim
-    pairs = problem.system.layout.owned_facet_cells
+    pairs = problem.system.layout.facet_cells
     closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
     dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
     return pairs, dofs, marked(space, problem.active)[dofs]
@@ -88,12 +88,3 @@ def facet_lattice(space: fem.FunctionSpace) -> Array:
     kind = basix.LatticeType.equispaced
     lattice: Array = np.asarray(basix.create_lattice(facet, count, kind, exterior=True))
     return lattice[np.lexsort(lattice.T[::-1])]
-
-
-def marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
-    """Whether dofs of this rank are named by any rank."""
-    f = fem.Function(space)
-    f.x.array[dofs] = 1.0
-    f.x.scatter_reverse(la.InsertMode.add)
-    f.x.scatter_forward()
-    return np.asarray(f.x.array > 0.5)

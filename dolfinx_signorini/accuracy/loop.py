@@ -8,7 +8,7 @@ The estimate of the first step is not believed.
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 from dolfinx import fem
@@ -18,13 +18,12 @@ from dolfinx_signorini.accuracy.cells import Indices, volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
 from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.steps import Request, Result, Step
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
 
-MAX_UNKNOWNS = 1_000_000
 AIM = 0.9  # estimate aimed at, over the accuracy
 LEAST = 0.8  # of the estimate: to fall less is not worth a step
 CLOSE = 1.5  # times the accuracy: further steps from here aim lower and lower
@@ -36,48 +35,13 @@ RISEN = 20.0  # times the smallest estimate
 ROUNDING = 1e-7  # of the size of the solution: so small are estimates that may be rounding
 ALGEBRAIC = 1e-2  # of the last estimate: the residual to reach, where both are relative
 SMALLEST_RTOL = 1e-13
+ROUNDED = "rounding"  # why a loop ended, in its first word
 
 # Up to which factor between the first estimate and the accuracy a degree takes the least time.
 ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
 RESOLVED = 0.5  # of the size of the solution: a larger first estimate tells nothing about degrees
 
 Pose = Callable[[SidedMesh], SignoriniProblem]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of the adaptive loop:
-
-        print(step.unknowns, step.estimate, step.seconds)
-
-    Attributes:
-        unknowns: The number of dofs of the better solution.
-        estimate: The estimated error of this solution.
-        seconds: Wall-clock seconds since the loop began.
-    """
-
-    unknowns: int
-    estimate: float
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the loop is asked for:
-
-        Request(target("L4"), accuracy=1e-3)
-
-    Attributes:
-        target: What is to be accurate.
-        accuracy: The largest error allowed; None for no such limit.
-        budget: The seconds that may be spent; None for no such limit.
-        max_unknowns: The limit on the dofs of a mesh.
-    """
-
-    target: Target
-    accuracy: float | None = None
-    budget: float | None = None
-    max_unknowns: int = MAX_UNKNOWNS
 
 
 class Loop:
@@ -101,6 +65,8 @@ class Loop:
         predicted: The estimate that was predicted for the present mesh; 0 for none.
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
+        best: The result with the least estimate.
+        last: The result of the problem that was solved last.
         whole: The size of the last solution in the norm that is asked for.
         stopped: Why the loop ended.
         keywords: The keywords of the next solves.
@@ -110,6 +76,8 @@ class Loop:
     division: Refinement
     estimator: Estimator
     owners: Indices | None
+    best: Result
+    last: Result
     whole: float
 
     def __init__(
@@ -146,8 +114,19 @@ class Loop:
                 continue
             divided = self._next_mesh()
             if divided is None:
+                yield from self._back()
                 return
             yield divided.sided, self.keywords
+
+    def _back(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
+        """Solve on the mesh of the best result again if rounding has spoilt the results since."""
+        if not self.stopped.startswith(ROUNDED) or self.last is self.best:
+            return
+        self.last = self.best
+        yield self.best.division.sided, dict(self.best.keywords)
+        seconds = self.comm.bcast(time.perf_counter() - self.began)
+        self.steps.append(replace(self.best.step, seconds=seconds))
+        self.on_step(self.steps[-1])
 
     def _require_room(self) -> None:
         needed = _unknowns(self.division.sided, self.problem.space)
@@ -181,6 +160,10 @@ class Loop:
         """Note the step, after which the algebraic error is to be far below the estimate."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
+        remaining = self.estimator.outlook.remaining
+        self.last = Result(step, self.division, remaining, self.keywords)
+        if not self.steps or estimate < self.best.step.estimate:
+            self.best = self.last
         self.steps.append(step)
         self.whole = size(self.problem.u, self.request.target)
         if self.whole > 0.0:
@@ -221,7 +204,7 @@ class Loop:
                 self.stopped = "the accuracy is reached"
                 return None
             if self._standing():
-                self.stopped = "rounding: the estimate does not fall any more"
+                self.stopped = f"{ROUNDED}: the estimate does not fall any more"
                 return None
             goal = 0.0
             if accuracy is not None:
@@ -233,7 +216,7 @@ class Loop:
                 return None
             marks = mark(self.sided, self.estimator.outlook, goal, min(growth, GROWTH))
             if not self.comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX):
-                self.stopped = "rounding: the cells with the error cannot be divided any more"
+                self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None
             divided = marks.apply(self.sided)
             self.predicted = marks.factor * estimate

@@ -24,8 +24,8 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
-from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice, marked
-from dolfinx_signorini.meshes import facet_scale, facet_vertices, owned_cells
+from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
+from dolfinx_signorini.meshes import facet_scale, facet_vertices, marked, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import Points
 from dolfinx_signorini.problem import SignoriniProblem

@@ -1,7 +1,7 @@
 """The adaptive loop in words, for a terminal or a report."""
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
-from dolfinx_signorini.accuracy.loop import Step
+from dolfinx_signorini.accuracy.steps import Step
 
 
 def step_line(step: Step) -> str:

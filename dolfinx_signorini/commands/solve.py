@@ -8,8 +8,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS, Step
 from dolfinx_signorini.accuracy.report import step_line
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.costs import cost_text
 from dolfinx_signorini.elements import HIGHEST_DEGREE

@@ -12,7 +12,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
-from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS, Step
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.kinds import (
     COMMUNICATOR,

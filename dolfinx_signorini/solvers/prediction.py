@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.meshes import marked
 from dolfinx_signorini.solvers.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -58,15 +59,15 @@ def _settled(
     if is_small(system):
         return held
     seeds = _ends(system, held)
-    marked = system.A.createVecRight()
-    marked.set(0.0)
+    patch = system.A.createVecRight()
+    patch.set(0.0)
     dimension = system.space.mesh.topology.dim
     near = patch_dofs(system, seeds, RINGS[dimension] + 1)
-    marked.setValues(near, np.ones(len(near)))
-    marked.assemble()
-    wanted = np.flatnonzero(marked.array_r).astype(np.int32)
-    count = marked.sum()
-    marked.destroy()
+    patch.setValues(near, np.ones(len(near)))
+    patch.assemble()
+    wanted = np.flatnonzero(patch.array_r).astype(np.int32)
+    count = patch.sum()
+    patch.destroy()
     if not 0.0 < count <= LARGE[dimension] * system.unknowns:
         return held
     carry([(coarse, u)], wanted)
@@ -91,7 +92,5 @@ def _ends(system: System, held: Mask) -> Indices:
     cells = space.dofmap.list[np.unique(system.layout.facet_cells[:, 0])]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
-    marked = np.zeros(len(state.x.array), dtype=bool)
-    marked[cells[mixed][values[mixed] != 0.0]] = True
-    owned = space.dofmap.index_map.size_local
-    return np.flatnonzero(marked[:owned]).astype(np.int32)
+    ends = marked(space, cells[mixed][values[mixed] != 0.0])
+    return np.flatnonzero(ends[: space.dofmap.index_map.size_local]).astype(np.int32)

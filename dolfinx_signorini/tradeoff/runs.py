@@ -12,7 +12,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
-from dolfinx_signorini.accuracy.loop import MAX_UNKNOWNS
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import HIGHEST_DEGREE
 from dolfinx_signorini.errors import InputError

@@ -353,4 +353,14 @@ def test_a_loop_that_has_come_to_rounding_ends(comm):
     found = solve_adaptively(pose, square(comm), norm="L2", accuracy=1e-40, max_unknowns=300_000)
     assert found.stopped == "rounding: the estimate does not fall any more"
     assert not found.reached and found.estimate < 1e-6
+    # What is handed out is the solution with the least estimate, and its error is not larger.
+    assert found.estimate == min(step.estimate for step in found.steps[:-1])
+    assert found.estimate < max(step.estimate for step in found.steps[-3:-1])
+    assert found.problem.unknowns == found.steps[-1].unknowns < found.steps[-2].unknowns
+    assert found.problem.space.mesh is found.sided.mesh
+    assert len(found.cells) == len(owned_cells(found.sided.mesh))
+    assert found.problem.result.natural_residual < 1e-12
+    x = ufl.SpatialCoordinate(found.sided.mesh)
+    error = true_error(found, "L2", lambda _: 1.0 + x[0] * x[1])
+    assert error <= 10.0 * found.estimate < 1e-12
     found.problem.destroy()

@@ -1,0 +1,66 @@
+"""What the adaptive loop is asked for, and what each of its steps came to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dolfinx_signorini.accuracy.cells import Array
+from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.refinement import Refinement
+
+MAX_UNKNOWNS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the adaptive loop:
+
+        print(step.unknowns, step.estimate, step.seconds)
+
+    Attributes:
+        unknowns: The number of dofs of the better solution.
+        estimate: The estimated error of this solution.
+        seconds: Wall-clock seconds since the loop began.
+    """
+
+    unknowns: int
+    estimate: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a step of the loop came to:
+
+        result = Result(step, division, remaining, keywords={})
+
+    Attributes:
+        step: The step.
+        division: The division of the mesh, on which the better solution is.
+        remaining: What each owned cell of the mesh leaves in the error of this solution.
+        keywords: The keywords of the solve.
+    """
+
+    step: Step
+    division: Refinement
+    remaining: Array
+    keywords: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the loop is asked for:
+
+        Request(target("L4"), accuracy=1e-3)
+
+    Attributes:
+        target: What is to be accurate.
+        accuracy: The largest error allowed; None for no such limit.
+        budget: The seconds that may be spent; None for no such limit.
+        max_unknowns: The limit on the dofs of a mesh.
+    """
+
+    target: Target
+    accuracy: float | None = None
+    budget: float | None = None
+    max_unknowns: int = MAX_UNKNOWNS
