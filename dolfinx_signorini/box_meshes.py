@@ -9,8 +9,9 @@ longer than all the rest; cells row by row are in a good order already.
 Source: Freudenthal, Ann. of Math. 43 (1942) 580-582, for the division.
 """
 
+import math
 from collections.abc import Sequence
-from itertools import permutations
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,21 @@ def _line(value: Any) -> str:
     return "" if good else "must be lists of at least two finite numbers in increasing order"
 
 
+def _blocks(ranks: int, cubes: Sequence[int]) -> tuple[int, ...]:
+    """Return how many blocks of cubes lie along each axis.
+
+    The largest block is as small as can be, and has as small a surface as can be then.
+    """
+    divisors = [k for k in range(1, ranks + 1) if ranks % k == 0]
+
+    def cost(blocks: tuple[int, ...]) -> tuple[int, int]:
+        sides = [-(-n // k) for n, k in zip(cubes, blocks, strict=True)]
+        return math.prod(sides), sum(math.prod(sides) // side for side in sides)
+
+    grids = product(divisors, repeat=len(cubes))
+    return min((blocks for blocks in grids if math.prod(blocks) == ranks), key=cost)
+
+
 class _Block:
     """The cubes of one rank, among those of all ranks.
 
@@ -101,7 +117,7 @@ class _Block:
 
     def __init__(self, comm: MPI.Comm, cubes: Sequence[int]):
         self._comm, self._cubes = comm, np.array(cubes, dtype=np.int64)
-        self._blocks = np.array(MPI.Compute_dims(comm.size, len(cubes)))
+        self._blocks = np.array(_blocks(comm.size, cubes))
         place = np.array(np.unravel_index(comm.rank, self._blocks, order="F"))
         # A cube at i of n belongs to the block i k // n of k.
         self._low, self._high = (-(-(place + end) * self._cubes // self._blocks) for end in (0, 1))

@@ -155,4 +155,4 @@ def refine(
     count = len(parents)
     offset = domain.comm.exscan(count) or 0  # None on rank 0
     order = np.asarray(fine.topology.original_cell_index[:count]) - offset
-    return fine, parents[order], facets.reshape(count, -1)[order]
+    return fine, parents[order], facets.reshape(count, domain.topology.dim + 1)[order]

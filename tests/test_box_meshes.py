@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
+from dolfinx_signorini import box_meshes
 from dolfinx_signorini.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.errors import InputError
 
@@ -95,6 +96,21 @@ def test_the_last_node_of_a_side_is_at_one():
     for n in (7, 49, 93):  # (1 / 49) * 49 is less than 1
         x = friedrichs_keller(COMM, n).geometry.x
         assert COMM.allreduce(x[:, :2].max(initial=0.0), op=MPI.MAX) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("cubes", "ranks", "blocks"),
+    [
+        ((1001, 1001), 4, (2, 2)),
+        ((100, 2), 4, (4, 1)),
+        ((2, 100), 6, (1, 6)),
+        ((8, 8, 8), 8, (2, 2, 2)),
+        ((64, 64, 4), 16, (4, 4, 1)),
+        ((5, 7), 1, (1, 1)),
+    ],
+)
+def test_blocks_are_small_and_have_small_surfaces(cubes, ranks, blocks):
+    assert box_meshes._blocks(ranks, cubes) == blocks
 
 
 @pytest.mark.parametrize(

@@ -198,3 +198,11 @@ def test_functions_are_carried_across_between_refinements(comm, kind, degree):
         expected = u.eval(x[known], cells.array[cells.offsets[known]]).ravel()
         assert owned(found)[known] == pytest.approx(expected, abs=1e-9)
         assert comm.allreduce(len(known)) > 0.9 * space.dofmap.index_map.size_global
+
+
+def test_a_mesh_of_which_a_rank_has_no_cell_is_refined(comm):
+    domain = friedrichs_keller(comm, 1)
+    refinement = refined(SidedMesh(domain, {}))
+    assert refinement.sided.mesh.topology.index_map(2).size_global == 8
+    own = len(owned_cells(domain))
+    assert sorted(refinement.parents) == sorted([*range(own)] * 4)
