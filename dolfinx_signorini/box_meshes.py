@@ -92,13 +92,15 @@ def _line(value: Any) -> str:
 def _blocks(ranks: int, cubes: Sequence[int]) -> tuple[int, ...]:
     """Return how many blocks of cubes lie along each axis.
 
-    The largest block is as small as can be, and has as small a surface as can be then.
+    The largest block is as small as can be, and has as small a surface as can be then. In doubt
+    the first axes are cut, so that ranks share a bottom in contact.
     """
     divisors = [k for k in range(1, ranks + 1) if ranks % k == 0]
 
-    def cost(blocks: tuple[int, ...]) -> tuple[int, int]:
+    def cost(blocks: tuple[int, ...]) -> tuple[int, ...]:
         sides = [-(-n // k) for n, k in zip(cubes, blocks, strict=True)]
-        return math.prod(sides), sum(math.prod(sides) // side for side in sides)
+        volume = math.prod(sides)
+        return volume, sum(volume // side for side in sides), *(-k for k in blocks)
 
     grids = product(divisors, repeat=len(cubes))
     return min((blocks for blocks in grids if math.prod(blocks) == ranks), key=cost)
