@@ -20,7 +20,12 @@ from ufl.core.expr import Expr
 from dolfinx_signorini import checks, compat, compiled
 from dolfinx_signorini.changes import Watch
 from dolfinx_signorini.costs import Ledger
-from dolfinx_signorini.elements import coefficients_of, is_bernstein, nodal_space
+from dolfinx_signorini.elements import (
+    coefficients_of,
+    control_points,
+    is_bernstein,
+    nodal_space,
+)
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.squares import is_sum_of_squares
@@ -239,13 +244,13 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
         return lambda: value.x.array[dofs].copy()
     if is_bernstein(space):
         return _coefficients(space, value, dofs)
-    if callable(value) and not isinstance(value, Expr):
-        x = space.tabulate_dof_coordinates()[dofs].T
-        return lambda: _called(space, value, x)
     g = fem.Function(space)
     marked = np.zeros(len(g.x.array), dtype=bool)
     marked[dofs] = True
     cells = covering_cells(space, marked, cells_with_dofs(space, marked), rounds=0)
+    if callable(value) and not isinstance(value, Expr):
+        x = control_points(space, cells)[dofs].T
+        return lambda: _called(space, value, x)
     points = compat.interpolation_points(space.element)
     expression = compiled.expression(value, points, space.mesh.comm)
 

@@ -12,6 +12,7 @@ Ainsworth, Andriamaro and Davydov, SIAM J. Sci. Comput. 33 (2011) 3087-3109.
 """
 
 import functools
+from collections.abc import Iterator
 from typing import Any
 
 import basix
@@ -98,30 +99,48 @@ def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return nodal
 
 
-def control_points(space: fem.FunctionSpace) -> Array:
+def control_points(space: fem.FunctionSpace, cells: Indices | None = None) -> Array:
     """Return the places of the dofs of this rank, shape (dofs, 3): nodes or control points.
 
+    A node on an edge lies where the ends of the edge put the node, without the rounding of the
+    other corners: on the boundary y = 0 all coordinates y are 0.
+
     Args:
-        space: A scalar space of continuous elements; in the Bernstein basis on straight cells.
+        space: A scalar space of continuous elements.
+        cells: Cells of this rank whose dofs are wanted; None for all. Other places are 0.
     """
-    if not is_bernstein(space):
-        return np.asarray(space.tabulate_dof_coordinates())
-    dofs = space.dofmap.list
-    places = np.zeros((int(dofs.max(initial=-1)) + 1, 3))
-    places[dofs] = points_on_cells(space, np.arange(len(dofs), dtype=np.int32))
+    dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
+    places = np.zeros((int(space.dofmap.list.max(initial=-1)) + 1, 3))
+    for dof, place in zip(dofs.T, _on_cells(space, cells), strict=True):
+        places[dof] = place
     return places
 
 
 def points_on_cells(space: fem.FunctionSpace, cells: Indices) -> Array:
-    """Return the places of the dofs of straight cells, shape (cells, dofs of a cell, 3).
+    """Return the places of the dofs of some cells, shape (cells, dofs of a cell, 3).
 
     Args:
         space: A scalar space of continuous elements.
         cells: The cells.
     """
-    lattice, geometry = control_lattice(space), space.mesh.geometry
-    shares = np.column_stack((1.0 - lattice.sum(axis=1), lattice))
-    return np.asarray(shares @ geometry.x[geometry.dofmap[cells]])
+    return np.stack(list(_on_cells(space, cells)), axis=1)
+
+
+def _on_cells(space: fem.FunctionSpace, cells: Indices | None) -> Iterator[Array]:
+    """The places on cells of one dof of the cells after the other, shape (cells, 3)."""
+    geometry = space.mesh.geometry
+    nodes = geometry.dofmap if cells is None else geometry.dofmap[cells]
+    for shares in _shares(space):
+        yield sum(shares[k] * geometry.x[nodes[:, k]] for k in np.flatnonzero(shares))
+
+
+def _shares(space: fem.FunctionSpace) -> Array:
+    """The values of the functions of the geometry at the dofs of a cell, one row for each dof."""
+    element = space.mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
+    shares = np.array(element.tabulate(0, control_lattice(space))[0])
+    for exact in (0.0, 1.0):
+        shares[np.abs(shares - exact) < ZERO] = exact
+    return shares
 
 
 def control_lattice(space: fem.FunctionSpace) -> Array:

@@ -20,7 +20,7 @@ from dolfinx_signorini.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes import facet_cells, owned_cells
+from dolfinx_signorini.meshes import cells_with_dofs, facet_cells, owned_cells
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.points import Points
 from dolfinx_signorini.refinement import Transfer, refined
@@ -63,6 +63,35 @@ def test_values_and_coefficients_are_those_of_one_function(dimension, degree):
     difference = fem.form((function - nodal) ** 2 * ufl.dx)
     assert COMM.allreduce(fem.assemble_scalar(difference)) <= 1e-28
     assert values_at_control_points(space, function.x.array) == pytest.approx(values, abs=1e-12)
+
+
+@pytest.mark.parametrize("variant", ["bernstein", "gll_warped"])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_places_of_dofs_lie_on_the_sides(kind, degree, variant):
+    cell = mesh.CellType[kind]
+    flat = kind in ("triangle", "quadrilateral")
+    if flat:
+        domain = mesh.create_unit_square(COMM, 3, 4, cell)
+    else:
+        domain = mesh.create_unit_cube(COMM, 2, 3, 2, cell)
+    if variant == "gll_warped":
+        space = fem.functionspace(domain, ("Lagrange", degree))
+    elif kind in ("triangle", "tetrahedron"):
+        space = bernstein_space(domain, degree)
+    else:
+        pytest.skip("the Bernstein basis is one of simplices")
+    places, last = control_points(space), 1 if flat else 2
+    assert places == pytest.approx(nodal_space(space).tabulate_dof_coordinates(), abs=1e-15)
+    domain.topology.create_connectivity(last, last + 1)
+    for side in (0.0, 1.0):
+        facets = mesh.locate_entities_boundary(domain, last, lambda x, s=side: x[last] == s)
+        dofs = fem.locate_dofs_topological(space, last, facets)
+        assert COMM.allreduce(len(dofs)) > 0
+        rounding = 1e-15 if side and degree > 1 else 0.0
+        assert np.abs(places[dofs, last] - side).max(initial=0.0) <= rounding
+        some = cells_with_dofs(space, np.isin(np.arange(len(places)), dofs))
+        assert (control_points(space, some)[dofs] == places[dofs]).all()
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])

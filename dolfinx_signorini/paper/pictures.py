@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.orders import expected_order
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.paper.sampling import PAPER_NAMES
@@ -149,7 +150,7 @@ def _exact_on_edge() -> Array:
     )
     exact = christof_haubner(strip)
     space = fem.functionspace(strip, ("Lagrange", 1))
-    x, y = space.tabulate_dof_coordinates().T[:2]
+    x, y = control_points(space).T[:2]
     bottom = np.flatnonzero(y == 0.0)
     bottom = bottom[np.argsort(x[bottom])]
     fields = (interpolant(space, expression) for expression in (exact.u, -exact.grad[1]))
@@ -160,7 +161,7 @@ def _grid(function: fem.Function, n: int) -> Array:
     """Gather the nodal values of a Friedrichs-Keller mesh on rank 0, first index y."""
     space = function.function_space
     owned = space.dofmap.index_map.size_local
-    x = space.tabulate_dof_coordinates()[:owned]
+    x = control_points(space)[:owned]
     parts = space.mesh.comm.gather((x, function.x.array[:owned]), root=0)
     grid = np.zeros((n + 1, n + 1))
     for points, values in parts or ():

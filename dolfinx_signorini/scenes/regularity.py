@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la, mesh
 
+from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.meshes import facet_cells, owned_cells
 from dolfinx_signorini.scenes.formulas import Formula
 
@@ -89,7 +90,7 @@ def singular_corners(
     seen = angles if diffusion is None else _vertex_angles(space, diffusion)
     meeting = {kind: _touched(space, facets[kind]) for kind in facets}
     found = []
-    x = space.tabulate_dof_coordinates()
+    x = control_points(space)
     for i in np.flatnonzero(np.any(list(meeting.values()), axis=0)):
         kinds = tuple(kind for kind, touched in meeting.items() if touched[i])
         straight = abs(angles[i] - math.pi) < STRAIGHT
