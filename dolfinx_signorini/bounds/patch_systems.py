@@ -1,5 +1,7 @@
 """The linear systems of many patches with equal numbers of cells and facets."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -35,30 +37,27 @@ def solved(
         return np.zeros_like(b)
     moments = width // signs.shape[2]
     size, rows = count * moments, cells - closed
-    place = np.where(unknowns[..., None] >= 0, unknowns[..., None] * moments, size)
-    place = np.where(place < size, place + np.arange(moments), size).reshape(b.shape)
+    last = size + rows  # takes up what is given
+    place = np.where(unknowns[..., None] >= 0, unknowns[..., None] * moments, last)
+    place = np.where(place < last, place + np.arange(moments), last).reshape(b.shape)
     sign = np.repeat(signs, moments, axis=-1).astype(np.float64)
-    patch = np.arange(patches)[:, None, None]
-    at = (patch[..., None] * (size + 1) + place[..., :, None]) * (size + 1) + place[..., None, :]
-    entries = (K * sign[..., :, None] * sign[..., None, :]).ravel()
-    full = np.bincount(at.ravel(), entries, patches * (size + 1) ** 2)
-    full = full.reshape(patches, size + 1, size + 1)[:, :size, :size]
-    load = np.bincount(
-        (patch * (size + 1) + place).ravel(), (b * sign).ravel(), patches * (size + 1)
-    ).reshape(patches, size + 1)[:, :size]
-    scale = np.einsum("pii->p", full)[:, None] / size
-    system = np.zeros((patches, size + rows, size + rows))
-    system[:, :size, :size] = full / scale[..., None]
-    sums = np.zeros((patches, cells, size + 1))
-    np.put_along_axis(sums, place[..., ::moments], sign[..., ::moments], axis=2)
-    system[:, size:, :size] = sums[:, :rows, :size]
-    system[:, :size, size:] = system[:, size:, :size].transpose(0, 2, 1)
-    rest = np.arange(size, size + rows)
-    system[:, rest, rest] = -slack[:, :rows] * scale
-    right = np.concatenate((load / scale, total[:, :rows]), axis=1)
+    scale = np.einsum("pcii,pci->p", K, sign**2) / size
+    patch, shape = np.arange(patches)[:, None, None], (patches, last + 1, last + 1)
+    at = (patch[..., None] * shape[1] + place[..., :, None]) * shape[1] + place[..., None, :]
+    entries = K * (sign / scale[:, None, None])[..., :, None] * sign[..., None, :]
+    whole = np.bincount(at.ravel(), entries.ravel(), math.prod(shape)).reshape(shape)
+    cell = size + np.arange(rows)[:, None]
+    facet, inward = place[:, :rows, ::moments], sign[:, :rows, ::moments]
+    whole[patch, cell, facet] = whole[patch, facet, cell] = inward
+    whole[:, cell[:, 0], cell[:, 0]] = -slack[:, :rows] * scale[:, None]
+    load = b * sign / scale[:, None, None]
+    right = np.bincount((patch * shape[1] + place).ravel(), load.ravel(), patches * shape[1])
+    right = right.reshape(shape[:2])
+    right[:, size:last] = total[:, :rows]
+    system, right = whole[:, :last, :last], right[:, :last]
     try:
-        x = np.linalg.solve(system, right[..., None])[:, :size, 0]
+        x = np.linalg.solve(system, right[..., None])[..., 0]
     except np.linalg.LinAlgError:  # the cells at a vertex where the domain touches itself
-        x = (np.linalg.pinv(system, hermitian=True) @ right[..., None])[:, :size, 0]
+        x = (np.linalg.pinv(system, hermitian=True) @ right[..., None])[..., 0]
     x = np.concatenate((x, np.zeros((patches, 1))), axis=1)
     return np.asarray(np.take_along_axis(x[:, None, :], place, axis=2) * sign)
