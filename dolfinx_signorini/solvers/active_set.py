@@ -102,19 +102,19 @@ def solve_active_set(
             if stop.settle(x, _any_equal(system, [held], measure.defect(x) > 0.0)):
                 break
             probing = False
-        if probing and residual <= NOISE * target:  # the set is as right as the solve can tell
-            probing = False
-            solver.solves -= 1  # which goes on
-            continue
-        update = None
+        update, doubtful = None, probing and residual <= NOISE * target
         if careful:
             exact.append(held)
-        else:
+        elif not doubtful:
             stalled = 0 if measure.norm < best else stalled + 1
             best = min(best, measure.norm)
             if stalled < STALL:
                 update = _correct_locally(system, measure, x, held, reach=2**local)
                 known = update is None
+        if probing and update is None:  # so few digits show wrong ends of a predicted set, no more
+            probing = False
+            solver.solves -= 1  # which goes on
+            continue
         local = 0 if update is None else local + 1
         before, held = held, measure.defect(x) > 0.0 if update is None else update
         settled = local > 0 or _any_equal(system, [before], held)
