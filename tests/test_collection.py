@@ -47,9 +47,10 @@ def test_unknowns_iterations_and_errors(name):
     # gmsh meshes a polygon in its own way in each version.
     assert found["unknowns"] == pytest.approx(tracked["unknowns"], rel=0.03)
     assert found["linear_solves"] <= tracked["linear_solves"] + 1
-    # Gauss-Seidel sweeps of several ranks know less of each other.
-    more = 1.3 if MPI.COMM_WORLD.size == 1 else 1.6
-    assert found["linear_iterations"] <= more * tracked["linear_iterations"] + 1
+    # Gauss-Seidel sweeps of several ranks know less of each other. How much less is chance where
+    # a graph shares the mesh: each solve ends an iteration later then.
+    more, later = (1.3, 1) if MPI.COMM_WORLD.size == 1 else (1.6, found["linear_solves"])
+    assert found["linear_iterations"] <= more * tracked["linear_iterations"] + later
     if known["quantity"] == "energy":
         # The energy of a discrete solution lies above that of the solution, here by O(h^2).
         found, tracked = (row["energy"] - known["reference"] for row in (found, tracked))
