@@ -260,7 +260,7 @@ def _integrated(
             done += len(rows)
             errors = error(points)
             if tops is not None:
-                sizes = np.abs(np.stack(errors)).max(axis=2)
+                sizes = np.stack([p_norm(e, math.inf) for e in errors])
                 tops[:, rows] = sizes[0], *([sizes.max(axis=0)] if len(tops) > 1 else [])
             groups, sizes = (errors[:1], errors[1:]), points.scale * weights
             parts = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}

@@ -79,8 +79,8 @@ class Points:
         if self._element.degree > 1:
             return places
         return [
-            np.clip(x, nodes.min(axis=1, keepdims=True), nodes.max(axis=1, keepdims=True))
-            for x, nodes in zip(places, self._nodes, strict=True)
+            np.clip(x, corners.min(axis=0)[:, None], corners.max(axis=0)[:, None])
+            for x, corners in zip(places, (nodes.T.copy() for nodes in self._nodes), strict=True)
         ]
 
     @functools.cached_property

@@ -19,13 +19,16 @@ def p_norm(values: Array, p: float, weights: Array | float = 1.0) -> Array:
         p: The exponent, from 1 to infinity.
         weights: The weights w, broadcast to the shape of the values; unused for p = inf.
     """
-    sizes = np.abs(values)
-    largest = sizes.max(axis=-1, initial=0.0)
+    # NumPy is slow along a last axis of a few points.
+    sizes = np.ascontiguousarray(np.moveaxis(np.abs(values), -1, 0))
+    largest = sizes.max(axis=0, initial=0.0)
     if math.isinf(p):
         return np.asarray(largest)
     with np.errstate(invalid="ignore"):
-        sizes /= np.where(largest > 0.0, largest, 1.0)[..., None]
-        total = (power(sizes, p) * weights).sum(axis=-1)
+        sizes /= np.where(largest > 0.0, largest, 1.0)
+        sizes = power(sizes, p)
+        sizes *= np.moveaxis(np.broadcast_to(weights, np.shape(values)), -1, 0)
+        total = sizes.sum(axis=0)
     return np.asarray(largest * total ** (1.0 / p))
 
 
