@@ -6,8 +6,8 @@ set of the set-up is served by the same preconditioner, see `projected`. A set-u
 additional iterations than a new one is dropped.
 
 The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
-`hierarchy`, with BoomerAMG below, or BoomerAMG alone. Coefficients that no coarse mesh resolves may
-slow the former down: a solver that sees this turns to BoomerAMG for good.
+`hierarchy`, or BoomerAMG alone. Coefficients that no coarse mesh resolves may slow the former down:
+a solver that sees this turns to BoomerAMG for good.
 """
 
 import math

@@ -3,7 +3,7 @@
 Coarse matrices are Galerkin products. A held dof has no row in the matrix that the products are
 made of: so the prolongations are truncated at the active set, without being changed. One
 Gauss-Seidel sweep forward on the way down and one backward on the way up make the cycle symmetric.
-BoomerAMG takes care of the coarsest level.
+A Cholesky factorization takes care of the coarsest level, or BoomerAMG where many nodes are left.
 
 Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
 """
@@ -15,13 +15,17 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.hierarchy import prolongations
+from dolfinx_signorini.solvers.hierarchy import SMALL, prolongations
 from dolfinx_signorini.solvers.options import options_set
 from dolfinx_signorini.system import System
 
 Indices = npt.NDArray[np.int32]
 
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
+# On the coarsest level: one cycle of BoomerAMG may be far from a solution on flat cells. The matrix
+# of some hundred nodes fits on every rank.
+CHOLESKY = {"pc_type": "cholesky"}
+REDUNDANT_CHOLESKY = {"pc_type": "redundant", "redundant_pc_type": "cholesky"}
 CYCLES = 2  # on each coarser mesh, of a solve that begins there
 BOTH = "pc_sor_local_symmetric"  # for degrees above 2: a quarter fewer iterations for the same time
 
@@ -41,7 +45,7 @@ class Multigrid:
             over.
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
-        coarsest: The options of the coarsest level, without prefix.
+        coarsest: The options of a coarsest level of many nodes, without prefix.
 
     Attributes:
         pc: The cycle as a PETSc preconditioner.
@@ -185,8 +189,11 @@ class Multigrid:
             self._levels.append((down, up))
         coarse = self.pc.getMGCoarseSolve()
         coarse.setType(PETSc.KSP.Type.PREONLY)
+        options: Mapping[str, Any] = self.coarsest
+        if self.prolongations[-1].getSize()[1] <= SMALL:
+            options = CHOLESKY if comm.size == 1 else REDUNDANT_CHOLESKY
         coarse.setOptionsPrefix(f"{self.prefix}mg_coarse_")
-        with options_set(f"{self.prefix}mg_coarse_", {}, self.coarsest):
+        with options_set(f"{self.prefix}mg_coarse_", {}, options):
             coarse.setFromOptions()
         self._levels.append((coarse,))
 
@@ -213,7 +220,7 @@ def multigrid_for(
         system: The system.
         prefix: The prefix of PETSc options.
         options: PETSc options without prefix.
-        coarsest: The options of the coarsest level, without prefix.
+        coarsest: The options of a coarsest level of many nodes, without prefix.
     """
     names = (*options, *PETSc.Options(prefix).getAll())
     if any(name.startswith("pc_") for name in names):
