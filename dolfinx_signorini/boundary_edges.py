@@ -7,10 +7,10 @@ algorithms on the curves are plain NumPy.
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
+from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_vertices
 
 Array = npt.NDArray[np.float64]
@@ -69,10 +69,9 @@ class BoundaryEdges:
         Returns:
             Shape (edges, points, expressions), from the first to the second end of each edge.
         """
-        compiled = fem.Expression(
-            ufl.as_vector(expressions), np.asarray(points)[:, None], comm=self.domain.comm
-        )
-        values = compat.evaluate(compiled, self.domain, self.facets)
+        at = np.asarray(points)[:, None]
+        expression = compiled.expression(ufl.as_vector(expressions), at, self.domain.comm)
+        values = compat.evaluate(expression, self.domain, self.facets)
         return self.gathered(values.reshape(-1, len(points), len(expressions)))
 
     def gathered(self, local: npt.NDArray) -> npt.NDArray:

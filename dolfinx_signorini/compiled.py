@@ -3,10 +3,16 @@
 DOLFINx looks up the code of each new form in a folder that holds all code compiled so far: the
 folder is listed, and the code loaded, again each time. On a mesh of some thousand cells this takes
 longer than everything else. Forms with the same signature have the same code, whatever their mesh.
+
+A process that is killed while it compiles leaves a file in the folder which makes DOLFINx wait for
+code that never comes. The file is removed when it is old.
 """
 
+import re
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import ffcx.naming
@@ -18,6 +24,10 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 
 _codes: dict[tuple[str, str], Any] = {}  # by signature and options
+
+# What FFCx says after it has waited in vain for the code of another process.
+WAITED = re.compile(r"JIT compilation timed out.*remove (.*\.c)\)", re.DOTALL)
+LONGEST = 60.0  # seconds that a compilation takes, before its process is taken for one that is gone
 
 
 def form(item: ufl.Form, **options: Any) -> fem.Form:
@@ -86,8 +96,31 @@ def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> A
     if comm.size > 1:  # to look a code up is collective
         known = comm.allreduce(known, op=MPI.LAND)
     if not known:
-        _codes[key] = look_up()
+        _codes[key] = _found(comm, look_up)
     return _codes[key]
+
+
+def _found(comm: MPI.Comm, look_up: Callable[[], Any]) -> Any:
+    """Look a code up, however long another process compiles it, or whatever that has left."""
+    while True:
+        try:
+            return look_up()
+        except TimeoutError if comm.size == 1 else RuntimeError as error:
+            # On several ranks the first one waits for the code, and all raise.
+            again = comm.bcast(_may_come(str(error)) if comm.rank == 0 else None)
+            if not again:
+                raise
+
+
+def _may_come(message: str) -> bool:
+    """Whether a code may be found after an error; remove the file of a process that is gone."""
+    begun = WAITED.search(message)
+    if begun is None:
+        return False
+    file = Path(begun[1])
+    if file.exists() and abs(time.time() - file.stat().st_mtime) > LONGEST:
+        file.unlink(missing_ok=True)
+    return True
 
 
 def _signature(item: Any) -> str:

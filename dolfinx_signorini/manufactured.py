@@ -19,7 +19,7 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
-from dolfinx_signorini import compat
+from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.meshes import cells_with_dofs, facet_cells, facet_vertices, owned_cells
@@ -213,10 +213,10 @@ def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> tuple[
         facets is none.
     """
     points, comm = _facet_points(domain), domain.comm
-    compiled = fem.Expression(ufl.as_vector(values), points, comm=comm)
+    expression = compiled.expression(ufl.as_vector(values), points, comm)
 
     def sampled(pairs: Indices) -> Array:
-        found = compat.evaluate(compiled, domain, pairs)
+        found = compat.evaluate(expression, domain, pairs)
         return found.reshape(-1, len(points), len(values))
 
     found = sampled(facet_cells(domain, _owned(domain, facets)))

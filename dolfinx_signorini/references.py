@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
+from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.kinds import (
     LARGEST_DEGREE,
@@ -90,8 +90,8 @@ def interpolant(
     """
     function = fem.Function(space)
     points = compat.interpolation_points(space.element)
-    compiled = fem.Expression(expression, points, comm=space.mesh.comm)
-    function.interpolate(compiled, cells0=cells)
+    values = compiled.expression(expression, points, space.mesh.comm)
+    function.interpolate(values, cells0=cells)
     function.x.scatter_forward()
     return function
 

@@ -1,5 +1,8 @@
 """Compiled forms that are looked up once: their values are those of exact integrals."""
 
+import os
+import time
+
 import numpy as np
 import pytest
 import ufl
@@ -77,6 +80,33 @@ def test_a_code_that_one_rank_knows_is_looked_up_by_all(looked_up):
     domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
     area = domain.comm.allreduce(fem.assemble_scalar(compiled.form(1.0 * ufl.dx(domain))))
     assert area == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("age", [0.0, 1000.0])
+def test_a_process_that_was_killed_while_it_compiled_stops_nobody(age, folder, monkeypatch):
+    monkeypatch.setattr(compiled, "LONGEST", 2.5)
+    domain, comm = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2), MPI.COMM_WORLD
+    options = {"jit_options": {"cache_dir": str(folder), "timeout": 1}}
+    for last in (False, True):
+        monkeypatch.setattr(compiled, "_codes", {})
+        form = compiled.form(3.0 * ufl.dx(domain), **options)
+        comm.barrier()
+        if comm.rank == 0 and not last:  # what a killed process leaves is an empty file
+            (begun,) = folder.glob("libffcx_forms_*.c")
+            for file in folder.iterdir():
+                file.unlink()
+            begun.touch()
+            os.utime(begun, (time.time() - age, time.time() - age))
+        comm.barrier()
+    assert comm.allreduce(fem.assemble_scalar(form)) == pytest.approx(3.0)
+
+
+def test_other_errors_of_a_compiler_are_raised(folder, monkeypatch):
+    monkeypatch.setattr(compiled, "_codes", {})
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    options = {"cache_dir": str(folder), "cffi_extra_compile_args": ["-no-such-option"]}
+    with pytest.raises(Exception, match="(?i)compil"):
+        compiled.form(4.0 * ufl.dx(domain), jit_options=options)
 
 
 def test_dolfinx_looks_up_by_itself_afterwards():

@@ -7,11 +7,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat
+from dolfinx_signorini import compat, compiled
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
 from dolfinx_signorini.meshes import owned_cells
 
@@ -153,18 +153,18 @@ def values_at(
         The values, shape (entities, points, data).
     """
     result = np.zeros((len(entities), len(points), len(data)))
-    compiled = []
+    rest = []
     for k, item in enumerate(data):
         if isinstance(item, int | float | np.number):
             result[:, :, k] = item
         else:
-            compiled.append(k)
-    if compiled:
+            rest.append(k)
+    if rest:
         # The coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
-        terms = [*(as_ufl(data[k]) for k in compiled), SpatialCoordinate(domain)[0]]
-        expression = fem.Expression(as_vector(terms), points, comm=domain.comm)
+        terms = [*(as_ufl(data[k]) for k in rest), SpatialCoordinate(domain)[0]]
+        expression = compiled.expression(as_vector(terms), points, domain.comm)
         values = compat.evaluate(expression, domain, entities.astype(np.int32))
-        result[:, :, compiled] = values.reshape(len(entities), len(points), len(terms))[:, :, :-1]
+        result[:, :, rest] = values.reshape(len(entities), len(points), len(terms))[:, :, :-1]
     return result
 
 

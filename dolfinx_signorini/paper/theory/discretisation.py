@@ -15,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.errors import NotConvergedError
 from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells, owned_cells
 from dolfinx_signorini.paper.solution import PAPER_RULE
@@ -61,7 +62,7 @@ class Discretisation(SignoriniProblem):
         self.forms = a, self._product(v) - flux
         super().__init__(*self.forms, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
-        self.flux = fem_petsc.assemble_vector(fem.form(flux))
+        self.flux = fem_petsc.assemble_vector(compiled.form(flux))
         self.flux.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.moments = self.b.copy()
         self.moments.axpy(1.0, self.flux)

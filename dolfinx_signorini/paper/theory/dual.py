@@ -17,6 +17,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE
@@ -223,7 +224,7 @@ class _Dual:
         return work + sign * (fine.exact_product(z) - fine.product(z, interpolated))
 
     def _integral(self, integrand: Expr) -> float:
-        form = fem.form(integrand * ufl.dx(metadata=PAPER_RULE.metadata))
+        form = compiled.form(integrand * ufl.dx(metadata=PAPER_RULE.metadata))
         return float(self.fine.comm.allreduce(fem.assemble_scalar(form)))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation
@@ -83,6 +84,6 @@ def dual_force_bound(discretisation: Discretisation, value: float, energy: float
     dual = SignoriniProblem(d.forms[0], nothing, contact=facets, obstacle=1.0)
     psi = dual.solve(rtol=THEORY_RTOL)
     missed = energy_bound(dual, EnergyTerms(reaction=1.0)).total
-    integral = d.comm.allreduce(float(fem.assemble_scalar(fem.form(psi * ufl.dx))))
+    integral = d.comm.allreduce(float(fem.assemble_scalar(compiled.form(psi * ufl.dx))))
     dual.destroy()
     return energy * missed + value * (float(integral) + missed)

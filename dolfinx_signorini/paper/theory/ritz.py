@@ -8,6 +8,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from dolfinx_signorini import compiled
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation, difference
 from dolfinx_signorini.paper.theory.one_sided import edge_data, solve_linear_program
@@ -88,7 +89,7 @@ def check_obstacle_problem(discretisation: Discretisation) -> ObstacleCheck:
 def _identity(discretisation: Discretisation) -> float:
     d, v = discretisation, ufl.TestFunction(discretisation.space)
     defect = fem_petsc.assemble_vector(
-        fem.form(d.exact.load * v * ufl.dx(metadata=LOAD_RULE.metadata))
+        compiled.form(d.exact.load * v * ufl.dx(metadata=LOAD_RULE.metadata))
     )
     defect.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     defect.axpy(1.0, d.flux)
