@@ -102,11 +102,12 @@ def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> A
 
 def _found(comm: MPI.Comm, look_up: Callable[[], Any]) -> Any:
     """Look a code up, however long another process compiles it, or whatever that has left."""
+    # On several ranks the first one waits for the code, and all raise what DOLFINx makes of that.
+    raised: type[Exception] = TimeoutError if comm.size == 1 else RuntimeError
     while True:
         try:
             return look_up()
-        except TimeoutError if comm.size == 1 else RuntimeError as error:
-            # On several ranks the first one waits for the code, and all raise.
+        except raised as error:
             again = comm.bcast(_may_come(str(error)) if comm.rank == 0 else None)
             if not again:
                 raise

@@ -105,7 +105,7 @@ def test_other_errors_of_a_compiler_are_raised(folder, monkeypatch):
     monkeypatch.setattr(compiled, "_codes", {})
     domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
     options = {"cache_dir": str(folder), "cffi_extra_compile_args": ["-no-such-option"]}
-    with pytest.raises(Exception, match="(?i)compil"):
+    with pytest.raises(Exception, match=r"(?i)compil"):
         compiled.form(4.0 * ufl.dx(domain), jit_options=options)
 
 
