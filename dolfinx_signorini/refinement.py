@@ -142,6 +142,8 @@ def _sides(
     """Return the owned facets of a refined mesh on the sides of its parent mesh."""
     domain = sided.mesh
     tdim = domain.topology.dim
+    if not sided.sides:  # nobody needs the facets of a mesh that is on the way to another
+        return {}
     facets = boundary_facets(fine)
     cells, local = facet_cells(fine, facets).T
     coarse = domain.topology.connectivity(tdim, tdim - 1).array.reshape(-1, tdim + 1)

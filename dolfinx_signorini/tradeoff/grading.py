@@ -34,6 +34,7 @@ RADIUS = 0.125  # where the grading begins, relative to the size of the domain
 RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced
 TOLERANCE = 1.5  # a cell is cut if its size over the wanted size is larger
 MAX_ROUNDS = 60
+MANY = 1500  # cells: from here on a few more of them cost less than to make a finer mesh again
 
 
 def graded_mesh(
@@ -60,11 +61,12 @@ def graded_mesh(
         raise InputError("grading: only for triangulations of plane domains")
     radii, rounds = _radii(sided, points), MAX_ROUNDS if exponent < 1.0 and points else 0
     for level in reversed(range(halvings + 1)):
+        parts = level == 1 and _count(sided) > MANY
         for _ in range(rounds):
-            middles, sizes = _cells(sided)
+            places, sizes = _cells(sided, parts)
             wanted = np.full(len(sizes), width)
             for point, radius in zip(points, radii, strict=True):
-                wanted = np.minimum(wanted, _wanted(middles, point, radius, width, exponent))
+                wanted = np.minimum(wanted, _wanted(places, point, radius, width, exponent))
             cells = np.flatnonzero(sizes > TOLERANCE * 2.0**level * wanted).astype(np.int32)
             if not domain.comm.allreduce(len(cells)):
                 break
@@ -86,18 +88,35 @@ def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
     return radii
 
 
-def _cells(sided: SidedMesh) -> tuple[Array, Array]:
-    """Midpoints and sizes of the owned cells."""
+def _count(sided: SidedMesh) -> int:
+    return int(sided.mesh.topology.index_map(2).size_global)
+
+
+def _cells(sided: SidedMesh, parts: bool) -> tuple[Array, Array]:
+    """Where the sizes of the owned cells are compared with the wanted ones, and the sizes.
+
+    Args:
+        sided: The mesh.
+        parts: Whether a size is compared at the middles of the parts that the cell has after it is
+            halved, and not at the middle of the cell. The finer mesh then needs no more cuts.
+
+    Returns:
+        The places, shape (cells, places of a cell, 2), and the sizes, shape (cells,).
+    """
     domain, cells = sided.mesh, owned_cells(sided.mesh)
-    middles = domain.geometry.x[domain.geometry.dofmap[cells], :2].mean(axis=1)
-    return middles, np.sqrt(np.abs(np.linalg.det(cell_edges(domain, cells))))
+    corners = domain.geometry.x[domain.geometry.dofmap[cells], :2]
+    places = corners.mean(axis=1, keepdims=True)
+    if parts:
+        places = 0.5 * (corners + places)
+    return places, np.sqrt(np.abs(np.linalg.det(cell_edges(domain, cells))))
 
 
 def _wanted(
-    middles: Array, point: DetachmentPoint, radius: float, width: float, exponent: float
+    places: Array, point: DetachmentPoint, radius: float, width: float, exponent: float
 ) -> Array:
     """The cell sizes that the grading towards one point asks for."""
-    distance = np.hypot(*(middles - point.position).T) - point.uncertainty
+    distances = np.linalg.norm(places - point.position, axis=2)
+    distance = distances.min(axis=1) - point.uncertainty
     smallest = max(radius * (width / radius) ** (1.0 / exponent), RESOLUTION * point.uncertainty)
     sizes = width * (np.maximum(distance, 0.0) / radius) ** (1.0 - exponent)
     return np.maximum(sizes, smallest)
