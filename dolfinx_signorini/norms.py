@@ -40,7 +40,7 @@ from dolfinx_signorini.norm_names import Norm, parse_norm
 from dolfinx_signorini.points import Array, Indices, Points
 from dolfinx_signorini.pointwise import ErrorAtPoints
 from dolfinx_signorini.power_sums import p_norm
-from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, MANY, QuadratureRule
+from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.references import Reference
 
 BLOCK = 131_072  # points whose values are held at a time
@@ -202,7 +202,9 @@ def _smaller_rule(
         return None
     degree = max([math.ceil(min(norm.p, 8.0)) for norm in norms] or [2]) * (error.degree + 1)
     many = error.domain.comm.allreduce(len(places)) > MANY
-    return QuadratureRule("default", degree) if many and degree < CELL_RULE.degree else None
+    if not many or degree >= CELL_RULE.degree:
+        return None
+    return interior_rule(basix.CellType[error.domain.topology.cell_name()], degree)
 
 
 def _mostly(

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import GeometricQuantity
+from ufl.classes import Conditional, GeometricQuantity
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat, compiled
@@ -31,6 +31,8 @@ from dolfinx_signorini.meshes import facet_vertices
 Array: TypeAlias = npt.NDArray[np.float64]
 Indices: TypeAlias = npt.NDArray[np.int32]
 
+INWARD = 1e-11  # of the way to the middle of a cell: more than rounding on all but tiny cells
+JUMP = 1e-3  # of the largest value in a cell: what INWARD makes of a root at a vertex is less
 SLOTS, POINTS_PER_SLOT = 4096, 4  # the points of one call of a compiled formula
 
 
@@ -82,6 +84,20 @@ class Points:
             np.clip(x, corners.min(axis=0)[:, None], corners.max(axis=0)[:, None])
             for x, corners in zip(places, (nodes.T.copy() for nodes in self._nodes), strict=True)
         ]
+
+    @property
+    def inside(self) -> list[Array]:
+        """The coordinates, moved a trifle towards the middle of each cell."""
+        middles = (nodes.mean(axis=1)[:, None] for nodes in self._nodes)
+        return [x + INWARD * (middle - x) for x, middle in zip(self.x, middles, strict=True)]
+
+    @property
+    def at_ends(self) -> bool:
+        """Whether some points are on the boundary of a cell, in places that are cells."""
+        at, simplices = self._reference, self._nodes[0].shape[1] == self._reference.shape[-1] + 1
+        last = at.sum(axis=-1) if simplices else at
+        near = (at < INWARD).any() or (last > 1.0 - INWARD).any()
+        return bool(self.places.ndim == 1 and near)
 
     @functools.cached_property
     def jacobian(self) -> Array:
@@ -160,6 +176,7 @@ class FormulaAtPoints:
     def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr]):
         self.count, dim = len(expressions), domain.geometry.dim
         formula = apply_derivatives(apply_algebra_lowering(ufl.as_vector(list(expressions))))
+        self._jumps = bool(extract_type(formula, Conditional))
         space, at = _slots()
         self._x = [fem.Function(space) for _ in range(dim)]
         replaced: dict[Any, Any] = {ufl.SpatialCoordinate(domain): ufl.as_vector(self._x)}
@@ -183,8 +200,23 @@ class FormulaAtPoints:
         self._compiled = compiled.expression(ufl.as_vector(components), at, domain.comm)
 
     def __call__(self, points: Points) -> list[Array]:
-        """Return the values of each expression at the points, each of shape (n, m)."""
-        data = list(zip(self._x, points.x, strict=True))
+        """Return the values of each expression at the points, each of shape (n, m).
+
+        On a facet where an expression jumps these are the values from inside of each cell.
+        """
+        values = self._at(points, points.x)
+        if not (self._jumps and points.at_ends):
+            return values
+        for at, within in zip(values, self._at(points, points.inside), strict=True):
+            size = np.abs(within).max(axis=1, initial=0.0, keepdims=True)
+            with np.errstate(invalid="ignore"):
+                other = (np.abs(at - within) > JUMP * size) & np.isfinite(at)
+            at[other] = within[other]
+        return values
+
+    def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
+        """The values at points for other coordinates that are nearly the same."""
+        data = list(zip(self._x, x, strict=True))
         for function, values, slopes in self._inputs:
             gradients = [part for component in points.gradients(function) for part in component]
             data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)

@@ -1,5 +1,7 @@
 """A rule has the degree that its name says: in forms and as points, no more and no less."""
 
+import math
+
 import basix
 import basix.ufl
 import dolfinx
@@ -11,7 +13,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule, interior_rule
 from dolfinx_signorini.references import Reference
 
 COMM = MPI.COMM_WORLD
@@ -70,3 +72,28 @@ def test_the_points_of_a_counterclockwise_cell_are_those_of_the_rule():
     assert error_norms(zero, root, ["L1"], CELL_RULE)["L1"] == pytest.approx(expected, rel=1e-13)
     turned, _ = CELL_RULE.points(basix.CellType.triangle, reverse=True)
     assert abs(np.sqrt(turned[:, 1]) @ weights - expected) > 1e-6 * expected
+
+
+@pytest.mark.parametrize("cell", [basix.CellType.triangle, basix.CellType.tetrahedron])
+@pytest.mark.parametrize("degree", range(1, 11))
+def test_interior_rules_are_exact_and_have_no_point_on_the_boundary(cell, degree):
+    points, weights = interior_rule(cell, degree).points(cell)
+    assert min(points.min(), (1.0 - points.sum(axis=1)).min()) > 1e-6
+    # The integral of x^k over a simplex is k! / (k + dimension)!.
+    exact = math.factorial(degree) / math.factorial(degree + points.shape[1])
+    assert points[:, 0] ** degree @ weights == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_kink_on_facets_belongs_to_each_side(dim):
+    # u is in the space: nothing but rounding is left, though grad u jumps where z = 0.4.
+    domain = dolfinx.mesh.create_box(COMM, [(0.0,) * 3, (1.0,) * 3], (5, 5, 5))
+    if dim == 2:
+        domain = friedrichs_keller(COMM, 5)
+    z = ufl.SpatialCoordinate(domain)[dim - 1]
+    gradient = [0.0 * z] * (dim - 1) + [ufl.conditional(ufl.lt(z, 0.4), 1.0, 1.0 / 7.0)]
+    exact = Reference(domain, (z - 0.4) * gradient[-1], tuple(gradient))
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
+    u.interpolate(lambda x: (x[dim - 1] - 0.4) * np.where(x[dim - 1] < 0.4, 1.0, 1.0 / 7.0))
+    for norm, error in error_norms(u, exact, ["Linf", "W1_inf", "H1", "W1_4"]).items():
+        assert error < 1e-9, norm

@@ -24,7 +24,7 @@ from dolfinx_signorini.accuracy.cells import Array, summed_at_vertices, total
 from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import cell_edges, owned_cells
-from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.scenes.formulas import Node, evaluated
 from dolfinx_signorini.scenes.jumps import cut_cells
 from dolfinx_signorini.scenes.pieces import inside
@@ -94,7 +94,8 @@ class _Cuts:
         entries = [entry for row in self.rows for entry in row]
         pieces, owners = cut_cells(entries, self.domain, self.degree)
         self.cells, self.owners = np.unique(owners, return_inverse=True)
-        points, weights = QuadratureRule("default", 2 * self.degree).points(element.cell_type)
+        rule = interior_rule(element.cell_type, 2 * self.degree)
+        points, weights = rule.points(element.cell_type)
         places = inside(pieces, points)
         self.reference, self.x = places[..., :dim], places[..., dim:]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]

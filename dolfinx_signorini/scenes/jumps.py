@@ -20,7 +20,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.elements import constants
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells, sampled
-from dolfinx_signorini.quadrature import MANY, QuadratureRule
+from dolfinx_signorini.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
 from dolfinx_signorini.scenes.roughness import jumps, poles, rough, switches
@@ -172,8 +172,8 @@ class _Projection:
         self.switches, self.poles = switches(formula), poles(formula)
         self.variation = 0.0  # that is seen
         self.dimension, self.element = corners.shape[1] - 1, element
-        rule = QuadratureRule("default", self.element.degree + 4)
-        self.points, self.weights = rule.points(self.element.cell_type)
+        rule = interior_rule(element.cell_type, element.degree + 4)
+        self.points, self.weights = rule.points(element.cell_type)
         halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
         self.lattice = np.array(halves) / 2.0
         x = domain.geometry.x[:, : domain.geometry.dim]

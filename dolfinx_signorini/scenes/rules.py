@@ -10,6 +10,7 @@ points and narrow features.
 from collections.abc import Sequence
 from typing import TypeAlias
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -19,7 +20,7 @@ from mpi4py import MPI
 from dolfinx_signorini.manufactured import ManufacturedSolution
 from dolfinx_signorini.meshes import longest_side, owned_cells
 from dolfinx_signorini.points import FormulaAtPoints
-from dolfinx_signorini.quadrature import CELL_RULE, MANY, QuadratureRule
+from dolfinx_signorini.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.roughness import jumps
 
@@ -77,13 +78,13 @@ def measure_for(
     """
     if 2 * factor > CELL_RULE.degree and any(jumps(formula) for formula in formulas):
         # A projection that is integrated less well need not even be positive.
-        return _dx(domain, QuadratureRule("default", 2 * factor))
+        return _dx(domain, _interior(domain, 2 * factor))
     degrees = [polynomial_degree(formula.root) for formula in formulas]
     known = _known(degrees)
     if len(known) == len(degrees):
         data = max([*known, factor if any(jumps(formula) for formula in formulas) else 0])
         if factor + data <= CELL_RULE.degree:
-            return _dx(domain, QuadratureRule("default", factor + data))
+            return _dx(domain, _interior(domain, factor + data))
     if not _economical(domain, degree):
         return _dx(domain, CELL_RULE)
     middles, nodes = _places(domain)
@@ -112,7 +113,7 @@ def measure_for_load(
     if not _economical(domain, degree):
         # The projection that stands for a rough load has the degree of the elements.
         exact = 2 * degree <= CELL_RULE.degree
-        return _dx(domain, CELL_RULE if exact else QuadratureRule("default", 2 * degree))
+        return _dx(domain, CELL_RULE if exact else _interior(domain, 2 * degree))
     points, reach = _places(domain), 0.0
     if isinstance(load, Formula):
         values = [evaluated(load.root, x) for x in points]
@@ -160,7 +161,7 @@ def _rough(domain: mesh.Mesh, middles: Array, nodes: Array, floor: float) -> Mas
 
 def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:
     """The measure with the larger rule on rough cells, and the smaller one on the others."""
-    small = QuadratureRule("default", 2 * degree)
+    small = _interior(domain, 2 * degree)
     if not domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
         return _dx(domain, small)
     parts = [(k, np.flatnonzero(rough == k).astype(np.int32)) for k in (False, True)]
@@ -170,6 +171,10 @@ def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:
 
 def _dx(domain: mesh.Mesh, rule: QuadratureRule) -> ufl.Measure:
     return ufl.Measure("dx", domain, metadata=rule.metadata)
+
+
+def _interior(domain: mesh.Mesh, degree: int) -> QuadratureRule:
+    return interior_rule(basix.CellType[domain.topology.cell_name()], degree)
 
 
 def _known(degrees: Sequence[int | None]) -> list[int]:

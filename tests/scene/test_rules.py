@@ -1,5 +1,7 @@
 """Rules that data ask for: degrees of formulas, and solutions as accurate as with many points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ufl
@@ -111,3 +113,37 @@ def test_points_are_many_in_few_cells_and_a_load_of_rounding_is_none(comm, demos
     measure = posed.sources["load"][1]
     assert comm.allreduce(fem.assemble_scalar(fem.form(one * measure))) == pytest.approx(1.0)
     assert posed.problem.total_load == pytest.approx(np.pi / 4000.0, rel=0.02)
+
+
+IN_LAYERS = """
+[domain]
+shape = "cube"
+cells = 4
+[equation]
+reaction = "where(z < 0.5, 1, 1000)"
+diffusion = "where(y < 0.25, 1, 9)"
+load = "where(z < 0.5, 1, 1000)*(1 + z)"
+[contact]
+sides = "bottom"
+bound = "upper"
+obstacle = 1
+[[neumann]]
+sides = "top"
+flux = "where(y < 0.25, 1, 9)"
+[solution]
+u = "1 + z"
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_data_that_jump_on_facets_in_space_are_those_of_each_cell(degree, parse, comm):
+    # The solution is in the space: what is left is what the linear solves leave.
+    scene = replace(parse(IN_LAYERS), degree=degree, rtol=1e-11)
+    result = solve_scene(scene, comm)
+    u = result.posed.problem.u
+    assert u.function_space.element.basix_element.degree == degree
+    error = fem.Function(u.function_space)
+    error.interpolate(lambda x: 1.0 + x[2])
+    error.x.array[:] -= u.x.array
+    assert error_norms(error, None, ["Linf"])["Linf"] < 1e-8
+    result.destroy()
