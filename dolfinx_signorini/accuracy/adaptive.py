@@ -128,7 +128,7 @@ def solve_adaptively(
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     began = time.perf_counter() if began is None else began
     loop = Loop(poses, sided, request, on_step, began, hidden, fit)
-    for problem in ascend(lambda level, _: loop.pose(level), loop.levels()):
+    for problem in ascend(lambda level, _: loop.pose(level), loop.levels(), solve=loop.solve):
         loop.problem = problem
     return AdaptiveSolution(
         problem=loop.problem,

@@ -19,10 +19,11 @@ from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
 from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
+from dolfinx_signorini.solvers.pressure import ContactState
 
 AIM = 0.9  # estimate aimed at, over the accuracy
 LEAST = 0.8  # of the estimate: to fall less is not worth a step
@@ -35,6 +36,7 @@ RISEN = 20.0  # times the smallest estimate
 ROUNDING = 1e-7  # of the size of the solution: so small are estimates that may be rounding
 ALGEBRAIC = 1e-2  # of the last estimate: the residual to reach, where both are relative
 SMALLEST_RTOL = 1e-13
+ROUNDED_RTOL = 1e-11  # rounding may allow no residual below
 ROUNDED = "rounding"  # why a loop ended, in its first word
 
 # Up to which factor between the first estimate and the accuracy a degree takes the least time.
@@ -117,6 +119,20 @@ class Loop:
                 yield from self._back()
                 return
             yield divided.sided, self.keywords
+
+    def solve(
+        self, problem: SignoriniProblem, coarse: ContactState | None, keywords: Mapping[str, Any]
+    ) -> None:
+        """Solve to the residual that is asked for, or to the one that rounding allows."""
+        while True:
+            try:
+                problem.solve(coarse=coarse, **keywords)
+                return
+            except NotConvergedError:
+                rtol = 10.0 * keywords.get("rtol", DEFAULT_RTOL)
+                if rtol > ROUNDED_RTOL:
+                    raise
+                keywords = {"rtol": rtol}
 
     def _back(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
         """Solve on the mesh of the best result again if rounding has spoilt the results since."""

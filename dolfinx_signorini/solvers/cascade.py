@@ -76,6 +76,7 @@ def ascend(
     make_problem: Callable[[Level, Problem | None], Problem],
     levels: Iterable[tuple[Level, Mapping[str, Any]]],
     coarse: ContactState | None = None,
+    solve: Callable[[Problem, ContactState | None, Mapping[str, Any]], None] | None = None,
 ) -> Iterator[Problem]:
     """Solve a problem on one mesh after the other, and yield each problem when solved.
 
@@ -87,6 +88,7 @@ def ascend(
         levels: The levels, each with the keywords of its solve. An iterator may decide on a level
             when the level before has been solved.
         coarse: A contact state to start the first level from.
+        solve: Solves a problem, from a contact state and with keywords; `Problem.solve` by default.
 
     Raises:
         InputError: A problem is refused.
@@ -102,7 +104,10 @@ def ascend(
                 coarse = coarser.contact_state()
                 coarser.destroy()
             known = coarse if keywords.get("method", "cascade") == "cascade" else None
-            problem.solve(coarse=known, **keywords)
+            if solve is None:
+                problem.solve(coarse=known, **keywords)
+            else:
+                solve(problem, known, keywords)
             yield problem
     except BaseException:
         if problem is not None:

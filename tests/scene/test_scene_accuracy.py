@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 from dolfinx_signorini import InputError
 from dolfinx_signorini.commands.main import main
@@ -45,6 +46,33 @@ def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     # The obstacle is the solution on the whole facet with the point, 1/64 long, and next to the
     # facet far from the solution.
     assert summary.detachment_points[0] == pytest.approx((0.41337, 0.0), abs=0.02)
+
+
+CUBIC = """
+[domain]
+shape = "square"
+cells = 8
+[equation]
+load = "-1 - 2*y"
+[contact]
+sides = "bottom"
+obstacle = "-0.4"
+[[dirichlet]]
+sides = "top"
+value = 0
+"""
+
+
+@pytest.mark.parametrize("accuracy", [1e-8, 1e-13])
+def test_a_solution_in_the_space_is_found_to_rounding(comm, parse, accuracy):
+    # No residual relative to the error is reached where rounding is all that is left.
+    result = solve_scene(parse(CUBIC), comm, accuracy=accuracy, norm="Linf")
+    assert result.found.reached
+    exact = fem.Function(result.u.function_space)
+    exact.interpolate(lambda x: x[1] ** 2 / 2 + x[1] ** 3 / 3 - 13 * x[1] / 30 - 0.4)
+    exact.x.array[:] -= result.u.x.array
+    assert error_norms(exact, None, ["Linf"])["Linf"] <= 1e-13
+    result.destroy()
 
 
 def test_arguments_go_before_the_scene(comm, parse):
