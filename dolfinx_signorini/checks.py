@@ -96,7 +96,7 @@ def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:
         InputError: The subject is "load" or "form a".
     """
     finite = bool(np.isfinite(load).all())
-    require(comm, finite, "the assembled form L has an entry that is not finite", "load")
+    require(comm, finite, "the form L, of load and fluxes, has an entry that is not finite", "load")
     finite = bool(np.isfinite(diagonal).all())
     require(comm, finite, "the assembled matrix has an entry that is not finite", "form a")
     positive = bool((diagonal > 0.0).all())

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 # In the norms of the paper, the algebraic error is then about 1e-6 of the discretisation error.
 DEFAULT_RTOL = 1e-7
+LINEARISED_RTOL = 1e-3
 
 _counter = itertools.count()
 
@@ -316,7 +317,7 @@ class SignoriniProblem:
         return figure
 
     def solve_linearised(
-        self, load: ufl.Form, rtol: float = 1e-3
+        self, load: ufl.Form, rtol: float = LINEARISED_RTOL
     ) -> tuple[fem.Function, fem.Function]:
         """Solve the linear problem with the present contact set: the derivative of the solution.
 
@@ -332,8 +333,10 @@ class SignoriniProblem:
             with the basis functions as v.
 
         Raises:
-            InputError: The problem has not been solved.
+            InputError: The problem has not been solved, or an argument makes no sense.
         """
+        checked_space(self.a, load)
+        rtol = checked_tolerance(rtol, LINEARISED_RTOL)
         system, held = self.system, self.system.touching(self._solution())
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)

@@ -205,6 +205,18 @@ def test_forms_and_spaces_of_the_wrong_kind(parts):
             parts.problem(a=ufl.inner(u, v) * ufl.dx, L=ufl.inner(one, v) * ufl.dx)
 
 
+def test_loads_of_the_linearised_problem(parts):
+    problem = parts.problem()
+    problem.solve()
+    other = fem.functionspace(parts.mesh, ("Lagrange", 2))
+    for load in (parts.a, ufl.TestFunction(other) * ufl.dx, 3, parts.x[0] * ufl.dx):
+        with pytest.raises(InputError, match="load"):
+            problem.solve_linearised(load)
+    with pytest.raises(InputError, match="rtol"):
+        problem.solve_linearised(parts.L, rtol=-1.0)
+    problem.destroy()
+
+
 def test_a_refused_problem_leaves_a_usable_communicator(parts):
     # Every rank has left the refused call: the next collective one is not out of step.
     for _ in range(3):

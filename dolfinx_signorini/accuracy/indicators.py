@@ -36,6 +36,8 @@ from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import FACET_RULE, QuadratureRule
 from dolfinx_signorini.refinement import Transfer
 
+HIGHEST_POWER = 1000.0  # of an error in a load: larger ones are loads at a point as well
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -153,7 +155,7 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     if target.functional is not None:
         return target.functional(v)
     assert target.norm is not None
-    p = 2.0 if math.isinf(target.norm.p) else target.norm.p
+    p = 2.0 if math.isinf(target.norm.p) else min(target.norm.p, HIGHEST_POWER)
     largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)
     density = fem.Function(space)
     if apart > 0.0 and largest > 0.0:

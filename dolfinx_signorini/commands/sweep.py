@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "values",
         nargs="+",
         metavar="VALUE",
-        help="its values; one that begins with a minus and is no number goes behind --",
+        help="its values; one with a minus in front goes behind --, but for numbers such as -0.3",
     )
     add_out(parser, "results/sweep", "rows, table and plot")
 
@@ -126,7 +126,9 @@ def draw_sweep(key: str, rows: list[Row]) -> Figure:
                 axes.set_xscale("log")
             axes.legend(frameon=False)
         if not numeric:
-            axes.set_xticks(x, [row["value"] for row in rows], rotation=30, ha="right")
+            axes.set_xticks(
+                x, [str(row["value"]).replace("$", r"\$") for row in rows], rotation=30, ha="right"
+            )
     return figure
 
 

@@ -83,8 +83,6 @@ class MeshFile(RefinedDomain):
             return replace(found, refinements=times, vertices=vertices)
         except InputError as error:
             raise table.error("file", error.message) from None
-        except ValueError as error:  # a name that no file can have
-            raise table.error("file", str(error)) from None
 
     def at(self, n: int) -> "MeshFile":
         """Raise an error: the file has one mesh."""
@@ -128,13 +126,15 @@ def _refusal(path: Path) -> str:
     """Return what is wrong with a file, as far as the beginning of the file tells."""
     if path.suffix not in (".msh", ".xdmf"):
         return f"{path.name}: a mesh file ends in .msh or .xdmf"
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        return f"{path.name}: not a file"
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            return f"{path.name}: not a file"
         with path.open("rb") as file:
             head = file.read(MAX_XDMF + 1)
     except OSError as error:
         return f"{path}: {error.strerror}"
+    except ValueError as error:  # a name that no file can have
+        return f"{str(path)!r}: {error}"
     if path.suffix == ".msh":
         return "" if head.startswith(b"$MeshFormat") else f"{path.name}: not a .msh file of gmsh"
     if len(head) > MAX_XDMF or b"<!ENTITY" in head:
@@ -142,7 +142,7 @@ def _refusal(path: Path) -> str:
     try:
         items = ElementTree.fromstring(head).iter("DataItem")
         names = {str(i.text).split(":")[0].strip() for i in items if i.get("Format") == "HDF"}
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # or an unknown encoding
         return f"{path.name}: not an XDMF file ({error})"
     for name in names:
         if "/" in name or "\\" in name or not path.with_name(name).is_file():

@@ -51,7 +51,8 @@ def _index(place: Any, part: str, above: Sequence[str | int], name: str) -> str 
     where = ".".join(str(k + 1) if isinstance(k, int) else k for k in above)
     if not isinstance(place, list):
         raise InputError(f"{where!r} is no table", subject)
-    if not part.isdecimal() or not 1 <= int(part) <= len(place):
+    digits = len(str(len(place)))  # longer numbers are not even read
+    if not part.isdecimal() or len(part) > digits or not 1 <= int(part) <= len(place):
         items = f"1 to {len(place)}" if len(place) > 1 else "1"
         raise InputError(f"the items of {where!r} have the numbers {items}, not {part!r}", subject)
     return int(part) - 1
@@ -63,4 +64,6 @@ def _value(text: str) -> Any:
         data = tomllib.loads(f"value = {text}")
     except ValueError:
         return text
+    except RecursionError:
+        raise InputError("is nested too deeply", "--set") from None
     return data["value"] if len(data) == 1 else text

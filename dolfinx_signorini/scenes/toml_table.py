@@ -20,6 +20,7 @@ Key = tuple[str | int, ...]
 
 MAX_BYTES = 64_000
 MAX_ITEMS = 2_000  # of a list
+LARGEST = 2**63  # number of a side
 ALL = ("all",)  # the names that stand for all sides
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?")
 _ASSIGNMENT = re.compile(r"\s*([\w\"'.\s-]+?)\s*=")
@@ -142,7 +143,8 @@ class TomlTable:
         if not names:
             raise self.error("sides", "names no side")
         for name in names:
-            if isinstance(name, bool) or not isinstance(name, str | int):
+            number = isinstance(name, int) and not isinstance(name, bool) and abs(name) < LARGEST
+            if not (number or isinstance(name, str)):
                 raise self.error("sides", "must be names or numbers of sides")
             if str(name) not in known:
                 near = suggestion(str(name), known)

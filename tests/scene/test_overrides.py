@@ -62,6 +62,11 @@ def test_values_stand_in_place_of_those_of_the_file():
         ("dirichlet.1.value=x^", "--set dirichlet.1.value: a number, a name"),
         ("contact.sides=floor", "--set contact.sides: unknown side 'floor'"),
         ("equation.reaction=-1", "--set equation.reaction: must not be negative"),
+        (f"dirichlet.{'9' * 5000}.value=1", f"--set dirichlet.{'9' * 5000}.value: the items of"),
+        (f"domain.cells={'[' * 20000}", "--set: is nested too deeply"),
+        (f"contact.sides=0x{'f' * 5000}", "--set contact.sides: must be names or numbers"),
+        ('domain={shape="file",file="a\\u0000.msh"}', "--set domain.file: "),
+        (f'domain={{shape="file",file="{"a" * 300}.msh"}}', "--set domain.file: "),
     ],
 )
 def test_a_wrong_value_is_refused_with_its_key(override, message):
