@@ -11,6 +11,7 @@ from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini import compat, compiled
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import boundary_facets, facet_cells, facet_vertices
 
 Array = npt.NDArray[np.float64]
@@ -89,11 +90,13 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
         The curves, see `edge_chains`.
 
     Raises:
-        ValueError: Some vertex does not belong to exactly two edges.
+        InputError: Some vertex does not belong to exactly two edges.
     """
     _, counts = np.unique(vertices, return_counts=True)
     if (counts != 2).any():
-        raise ValueError("the boundary is not made of closed curves: a vertex has not two edges")
+        raise InputError(
+            "the boundary is not made of closed curves: a vertex has not two edges", "mesh"
+        )
     return edge_chains(vertices)
 
 
@@ -109,13 +112,13 @@ def edge_chains(edges: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
         0. Open curves come first.
 
     Raises:
-        ValueError: Some vertex belongs to more than two edges.
+        InputError: Some vertex belongs to more than two edges.
     """
     order = np.argsort(edges.ravel(), kind="stable")
     ids = edges.ravel()[order]
     same = np.flatnonzero(ids[1:] == ids[:-1])
     if (np.diff(same) == 1).any():
-        raise ValueError("the edges are no curves: a vertex has more than two of them")
+        raise InputError("the edges are no curves: a vertex has more than two of them", "mesh")
     partner = np.full(len(order), -1)  # the other edge end at the same vertex
     partner[order[same]], partner[order[same + 1]] = order[same + 1], order[same]
     free = np.flatnonzero(partner < 0)

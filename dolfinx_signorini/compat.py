@@ -39,11 +39,6 @@ def exterior_facet_pairs(
     return np.asarray(pairs, dtype=np.int32).reshape(-1)
 
 
-def cpp_graph(graph: Any) -> Any:
-    """Return the C++ object of an adjacency list; 0.9 has no other."""
-    return getattr(graph, "_cpp_object", graph)
-
-
 def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any]:
     """Return the mesh of a gmsh model that rank 0 holds, with its facet tags.
 

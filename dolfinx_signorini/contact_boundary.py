@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx_signorini.boundary_edges import edge_chains
 from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
 from dolfinx_signorini.meshes import facet_cells
+from dolfinx_signorini.shared_places import marked
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -129,9 +130,7 @@ def gather_contact_boundary(
         named[np.isin(facets, part)] = number
     closures = np.array(space.element.basix_element.entity_closure_dofs[tdim - 1])
     local = space.dofmap.list[pairs[:, 0, None], closures[pairs[:, 1]]]
-    fixed = fem.Function(space)
-    fixed.x.array[problem.fixed_dofs] = 1.0
-    fixed.x.scatter_forward()
+    fixed = marked(space, problem.fixed_dofs)
     pieces = local[:, :tdim]
     if tdim == 2 and len(local):
         chain = along_edge(local)
@@ -143,7 +142,7 @@ def gather_contact_boundary(
         values_at_control_points(space, entries)[used] for entries in (opened, problem.u.x.array)
     )
     pressure = problem.pressure.x.array[used].copy()
-    pressure[fixed.x.array[used] > 0.0] = np.nan
+    pressure[fixed[used]] = np.nan
     data = (
         index_map.local_to_global(used),
         control_points(space)[used][:, :tdim],

@@ -35,8 +35,7 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
         exact: The known solution; None for the norm of u_h itself.
 
     Raises:
-        InputError: The domain is not plane.
-        ValueError: The boundary of the domain is not made of closed curves.
+        InputError: The domain is not plane, or its boundary is not made of closed curves.
         FloatingPointError: The error is not a number at some point of evaluation.
     """
     domain = u_h.function_space.mesh

@@ -13,7 +13,7 @@ from typing import Any
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
@@ -257,20 +257,6 @@ def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     edges = x[:, 1:] - x[:, :1]
     gram = np.einsum("fik,fjk->fij", edges, edges)
     return np.sqrt(np.linalg.det(gram))
-
-
-def marked(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
-    """Return which dofs of this rank, ghosts included, some rank names; the call is collective.
-
-    Args:
-        space: A scalar function space.
-        dofs: Dofs that this rank names, ghosts included.
-    """
-    f = fem.Function(space)
-    f.x.array[dofs] = 1.0
-    f.x.scatter_reverse(la.InsertMode.add)
-    f.x.scatter_forward()
-    return np.asarray(f.x.array > 0.5)
 
 
 def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:

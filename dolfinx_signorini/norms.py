@@ -110,8 +110,7 @@ def cell_errors(u_h: fem.Function, exact: Reference | None, norm: str) -> npt.ND
         of samples on a lattice with the vertices, without a search for what lies between samples.
 
     Raises:
-        ValueError: The norm is unknown.
-        InputError: The norm is no sum over cells.
+        InputError: The norm is unknown, or no sum over cells.
         FloatingPointError: The error is not a number at some point of evaluation.
     """
     parsed = parse_norm(norm)

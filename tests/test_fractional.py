@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.boundary_edges import closed_curves
 from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.norms import error_norms
 
@@ -125,7 +126,7 @@ def test_edges_are_chained_to_curves():
     "vertices", [[[0, 1], [1, 2]], [[0, 1], [1, 2], [2, 0], [0, 3], [3, 4], [4, 0]]]
 )
 def test_open_and_crossing_curves_are_refused(vertices):
-    with pytest.raises(ValueError, match="closed curves"):
+    with pytest.raises(InputError, match=r"mesh: .*closed curves"):
         closed_curves(np.array(vertices))
 
 

@@ -5,7 +5,7 @@ import math
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.jacobians import determinants, inverses
@@ -13,6 +13,7 @@ from dolfinx_signorini.meshes import cell_edges, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.power_sums import power
 from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -104,12 +105,7 @@ def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: Indices) -> Arra
         values: One value per cell.
         cells: The owned cells that have the values.
     """
-    nodes, sums = domain.geometry.dofmap[cells], la.vector(domain.geometry.index_map())
-    shares = np.repeat(values, nodes.shape[1])
-    sums.array[:] = np.bincount(nodes.ravel(), shares, len(sums.array))
-    sums.scatter_reverse(la.InsertMode.add)
-    sums.scatter_forward()
-    return np.asarray(sums.array)
+    return summed(domain.geometry.index_map(), domain.geometry.dofmap[cells], values[:, None])
 
 
 def total(values: Array, power: float, comm: MPI.Comm) -> float:

@@ -14,10 +14,11 @@ problem, Calcolo 37 (2000) 65-77, for the dual problem with the contact set held
 """
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
 from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.shared_places import summed
 
 
 def contact_changes(
@@ -40,9 +41,6 @@ def _products(forces: fem.Function, moved: fem.Function) -> Array:
     """The sizes of force times movement, shared evenly by the owned cells of each dof."""
     space = forces.function_space
     cells = space.dofmap.list[: len(owned_cells(space.mesh))]
-    number = fem.Function(space)
-    np.add.at(number.x.array, cells.ravel(), 1.0)
-    number.x.scatter_reverse(la.InsertMode.add)
-    number.x.scatter_forward()
-    shares = np.abs(forces.x.array * moved.x.array) / np.maximum(number.x.array, 1.0)
+    number = summed(space.dofmap.index_map, cells)
+    shares = np.abs(forces.x.array * moved.x.array) / np.maximum(number, 1.0)
     return np.asarray(shares[cells].sum(axis=1))

@@ -15,8 +15,9 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.meshes import cells_with_dofs, marked
+from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.shared_places import marked
 
 EXPONENT = 1.5  # of the distance
 CODIMENSION = 2  # of the ends: points in the plane, curves in space

@@ -20,17 +20,18 @@ import math
 
 import basix
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
-from dolfinx_signorini.meshes import facet_scale, facet_vertices, marked, owned_cells
+from dolfinx_signorini.meshes import facet_scale, facet_vertices, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import Points
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
 from dolfinx_signorini.refinement import Transfer
+from dolfinx_signorini.shared_places import marked, summed
 
 DOUBT = 2.0  # times the difference to the interpolation: more than the error of the density
 TOLERANCE = 1e-8  # of the density: what the iteration may leave
@@ -108,16 +109,12 @@ class _BoundaryMass:
 
     def __init__(self, space: fem.FunctionSpace, pairs: Indices, dofs: Indices):
         sizes: Array = facet_scale(space.mesh, pairs)
-        self.dofs, self._carrier = dofs, fem.Function(space)
+        self.dofs, self._space = dofs, space
         self.matrices: Array = sizes[:, None, None] * _facet_masses(space)[pairs[:, 1]]
 
     def summed(self, values: Array) -> Array:
         """Return for each dof the sum of the values that facets of all ranks have for the dof."""
-        x = self._carrier.x
-        x.array[:] = np.bincount(self.dofs.ravel(), values.ravel(), len(x.array))
-        x.scatter_reverse(la.InsertMode.add)
-        x.scatter_forward()
-        return np.array(x.array)
+        return summed(self._space.dofmap.index_map, self.dofs, values)
 
     def divided(self, rest: Array) -> Array:
         """Return the dofs of the function whose products with the basis functions are given.
@@ -148,9 +145,8 @@ class _BoundaryMass:
         return self.summed((matrices @ x[self.dofs][:, :, None])[:, :, 0])
 
     def _dot(self, x: Array, y: Array) -> float:
-        space = self._carrier.function_space
-        owned = space.dofmap.index_map.size_local
-        return float(space.mesh.comm.allreduce(float(x[:owned] @ y[:owned])))
+        owned = self._space.dofmap.index_map.size_local
+        return float(self._space.mesh.comm.allreduce(float(x[:owned] @ y[:owned])))
 
 
 def _facet_masses(space: fem.FunctionSpace) -> Array:

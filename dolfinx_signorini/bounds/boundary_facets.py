@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.assembly import Data
@@ -18,6 +18,7 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, 
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.shared_places import marked, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -206,10 +207,7 @@ def facet_kinds(
 
 def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Marks) -> Indices:
     """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
-    fixed = fem.Function(problem.space)
-    fixed.x.array[problem.fixed_dofs] = 1.0
-    fixed.x.scatter_forward()
-    free = fixed.x.array == 0.0
+    free = ~marked(problem.space, problem.fixed_dofs)
     closed = (touching[dofs] | (_weightless(problem)[None, :] & free[dofs])).all(axis=1)
     # Of higher degree: where a facet touches with a vertex alone, the force is on its neighbours.
     degree, d = problem.space.element.basix_element.degree, problem.space.mesh.topology.dim
@@ -261,12 +259,9 @@ def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Mar
         frames: The cells of the mesh.
         parts: Facets that some rank knows, which need not have the cell of the facet.
     """
-    marks = la.vector(domain.topology.index_map(domain.topology.dim - 1))
-    for facets in parts:
-        marks.array[facets] = 1.0
-    marks.scatter_reverse(la.InsertMode.add)
-    marks.scatter_forward()
-    return np.asarray(marks.array[frames.local_facets] > 0.0)
+    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
+    index_map = domain.topology.index_map(domain.topology.dim - 1)
+    return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
 
 
 def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:

@@ -120,7 +120,7 @@ def energy_bound(
     data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
     ends = _ends(domain.comm, values, kinds == DIRICHLET)
-    moments, reason = _without_defects(domain.comm, values, data, moments, ends)
+    moments, reason = _without_defects(domain.comm, data, moments, ends)
     field = coefficients(data, reference, moments)
     flux, contact = flux_parts(problem, terms, values, data, field, reference, (points, gap), rest)
     parts = _Parts(
@@ -173,7 +173,7 @@ def _ends(comm: MPI.Comm, values: CellValues, exits: Marks) -> Marks:
 
 
 def _without_defects(
-    comm: MPI.Comm, values: CellValues, data: CellData, moments: Array, ends: Marks
+    comm: MPI.Comm, data: CellData, moments: Array, ends: Marks
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without much reaction; also return why not, or ""."""
     exits, moments, ends = data.kinds == DIRICHLET, moments.copy(), ends.copy()

@@ -7,12 +7,13 @@ of given shapes that are nowhere negative are taken instead.
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import la, mesh
+from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
 from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
+from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -103,11 +104,7 @@ class _SharedPatches:
 
     def marked(self, vertices: Marks) -> Marks:
         """Return marks of vertices of cells for all vertices that this rank knows."""
-        marks = la.vector(self.index_map)
-        marks.array[self.own[vertices]] = 1.0
-        marks.scatter_reverse(la.InsertMode.add)
-        marks.scatter_forward()
-        return np.asarray(marks.array > 0.0)
+        return np.asarray(summed(self.index_map, self.own[vertices]) > 0.0)
 
     @property
     def _shape(self) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.assembly import dofs_on_facets, evaluator
@@ -39,6 +39,7 @@ from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.shared_places import marked, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -137,12 +138,8 @@ def _within(data: object, degree: int) -> bool:
 def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> fem.Function:
     """What sets the solution to the obstacle at all dofs of closed contact facets."""
     _, _, dofs = contact_closures(problem, frames, np.where(kinds == CLOSED, kinds, 0))
-    closed = fem.Function(problem.space)
-    closed.x.array[dofs] = 1.0
-    closed.x.scatter_reverse(la.InsertMode.add)
-    closed.x.scatter_forward()
     change = fem.Function(problem.space)
-    change.x.array[:] = np.where(closed.x.array > 0.0, -problem.gap.x.array, 0.0)
+    change.x.array[:] = np.where(marked(problem.space, dofs), -problem.gap.x.array, 0.0)
     return change
 
 
@@ -163,14 +160,10 @@ def _raise_edges(
     ).reshape(-1, 3)
     a, b, middle = gap[dofs].T
     least = (a + b) / 4.0  # then the Bernstein coefficient (4 middle - a - b) / 2 is 0
-    raised, count = fem.Function(space), fem.Function(space)
-    raised.x.array[dofs[:, 2]] = np.maximum(least - middle, 0.0)
-    count.x.array[dofs[:, 2]] = 1.0
-    for function in (raised, count):
-        function.x.scatter_reverse(la.InsertMode.add)
-        function.x.scatter_forward()
-    change.x.array[:] += raised.x.array / np.maximum(count.x.array, 1.0)
-    held = bool((raised.x.array[problem.fixed_dofs] > tiny).any())
+    lack, edges = np.maximum(least - middle, 0.0), dofs[:, 2]
+    raised = summed(space.dofmap.index_map, edges, lack)
+    change.x.array[:] += raised / np.maximum(summed(space.dofmap.index_map, edges), 1.0)
+    held = bool((raised[problem.fixed_dofs] > tiny).any())
     found = problem.comm.allreduce(held, op=MPI.LOR)
     return "the obstacle is above the solution where Dirichlet data hold the solution" * found
 
@@ -195,9 +188,8 @@ def _raised(
     corners = others(3)[points.facets]
     local = np.take_along_axis(frames.order[points.cells], corners, axis=1)
     dofs = np.take_along_axis(hats.function_space.dofmap.list[points.cells], local, axis=1)
-    np.add.at(hats.x.array, dofs, lack[:, None])  # at least the largest of the facets at a vertex
-    hats.x.scatter_reverse(la.InsertMode.add)
-    hats.x.scatter_forward()
+    # At least the largest of the facets at a vertex.
+    hats.x.array[:] = summed(hats.function_space.dofmap.index_map, dofs, lack[:, None])
     fixed = dofs_on_facets(
         hats.function_space, frames.local_facets[kinds == DIRICHLET].astype(np.int32)
     )

@@ -62,7 +62,7 @@ def _lines(scene: Scene, expectation: Expectation) -> list[tuple[str, str]]:
     rows.append(("expected orders", str(expectation)))
     if scene.accuracy is not None:
         wanted = f"an error of {scene.accuracy:g} in {scene.norm}"
-        return [*rows, ("meshes", f"chosen from coarse runs, for {wanted}")]
+        return [*rows, ("meshes", f"refined where the solution needs it, for {wanted}")]
     meshes = [f"{level.domain.vertices}" for level in scene.levels()]
     memory, seconds = cost(scene)
     rows.append(("meshes", f"{', '.join(meshes)} vertices"))

@@ -1,7 +1,8 @@
 """The command line: one command per job.
 
-Exit codes: 0 done, 2 the input is refused, 3 a solver did not converge, 130 interrupted. Only
-rank 0 speaks; an unexpected error on one rank ends all of them.
+Exit codes: 0 done, 2 the input is refused, 3 a solver did not converge or the accuracy was not
+reached, whose best solution is written, 130 interrupted. Only rank 0 speaks; an unexpected error on
+one rank ends all of them.
 """
 
 import argparse

@@ -71,7 +71,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--degree",
         type=int,
         choices=range(1, HIGHEST_DEGREE + 1),
-        help="degree of the elements (default: 2)",
+        help="degree of the elements (default: the loop chooses, 2 to 4 in the plane and 2 in "
+        "space, none below the scene's)",
     )
     dial.add_argument(
         "--max-unknowns",

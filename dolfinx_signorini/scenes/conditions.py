@@ -26,6 +26,7 @@ from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula, number
 from dolfinx_signorini.scenes.jumps import integrable_on_facets
 from dolfinx_signorini.scenes.toml_table import ALL, TomlTable
+from dolfinx_signorini.shared_places import marked
 
 Sides = tuple[str, ...]
 
@@ -244,10 +245,7 @@ class Dirichlet(BoundaryCondition):
 
     @classmethod
     def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
-        fixed = fem.Function(problem.space)
-        fixed.x.array[problem.fixed_dofs] = 1.0
-        fixed.x.scatter_forward()
-        cells = cells_with_dofs(problem.space, fixed.x.array > 0.0)
+        cells = cells_with_dofs(problem.space, marked(problem.space, problem.fixed_dofs))
         near = compiled.form(restricted(residual, problem.space.mesh, cells))
         vector = fem_petsc.assemble_vector(near)
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes import (
@@ -22,6 +22,7 @@ from dolfinx_signorini.meshes import (
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.roughness import switches
+from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
 
@@ -127,11 +128,7 @@ class _Vertices:
 
     def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
         """The sums of values at vertices over the cells or facets of all ranks."""
-        f = fem.Function(self.space)
-        np.add.at(f.x.array, dofs, values)
-        f.x.scatter_reverse(la.InsertMode.add)
-        f.x.scatter_forward()
-        return np.asarray(f.x.array)
+        return summed(self.space.dofmap.index_map, dofs, values)
 
     def _largest(self, values: Array) -> float:
         largest = float(values.max(initial=0.0))

@@ -178,7 +178,7 @@ class Formula:
 
 def number(value: float) -> Formula:
     """Return a constant as a formula."""
-    return Formula(f"{value:.17g}", Node("number", value=float(value)))
+    return Formula(repr(float(value)).removesuffix(".0"), Node("number", value=float(value)))
 
 
 def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -21,11 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.meshes import facet_cells, owned_cells
 from dolfinx_signorini.scenes.formulas import Formula
+from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -141,34 +142,25 @@ def largest_angle(domain: mesh.Mesh) -> float:
 
 def _touched(space: fem.FunctionSpace, facets: Indices) -> npt.NDArray[np.bool_]:
     """Return whether each owned vertex belongs to one of some facets, on whatever rank."""
-    marks = fem.Function(space)
     pairs = facet_cells(space.mesh, facets)
-    for k in (1, 2):  # edge k lies opposite vertex k
-        marks.x.array[space.dofmap.list[pairs[:, 0], (pairs[:, 1] + k) % 3]] = 1.0
-    return _summed(marks) > 0.0
+    opposite = (pairs[:, 1:] + [1, 2]) % 3  # edge k lies opposite vertex k
+    return _summed(space, space.dofmap.list[pairs[:, :1], opposite], 1.0) > 0.0
 
 
 def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
     """Return the sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
     domain = space.mesh
     count = len(owned_cells(domain))
-    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :, :2]
+    corners = domain.geometry.dofmap[:count]
+    x: Array = np.asarray(domain.geometry.x[corners][:, :, :2], dtype=np.float64)
     if diffusion is not None:
         x = x @ np.linalg.inv(np.linalg.cholesky(diffusion)).T  # the root of K up to a rotation
-    sums = fem.Function(space)
-    for k in range(3):
-        a, b = x[:, (k + 1) % 3] - x[:, k], x[:, (k + 2) % 3] - x[:, k]
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        np.add.at(
-            sums.x.array,
-            space.dofmap.list[:count, k],
-            np.arctan2(np.abs(cross), np.einsum("ci,ci->c", a, b)),
-        )
-    return _summed(sums)
+    a, b = np.roll(x, -1, axis=1) - x, np.roll(x, -2, axis=1) - x
+    cross = a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
+    return _summed(space, space.dofmap.list[:count], np.arctan2(np.abs(cross), (a * b).sum(axis=2)))
 
 
-def _summed(function: fem.Function) -> Array:
-    """Return the owned values, after the shares of all ranks were added up."""
-    function.x.scatter_reverse(la.InsertMode.add)
-    index_map = function.function_space.dofmap.index_map
-    return np.array(function.x.array[: index_map.size_local])
+def _summed(space: fem.FunctionSpace, vertices: Indices, values: Array | float) -> Array:
+    """Return the sums of values at the owned vertices over the cells or facets of all ranks."""
+    index_map = space.dofmap.index_map
+    return summed(index_map, vertices, values)[: index_map.size_local]

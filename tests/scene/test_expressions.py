@@ -159,3 +159,9 @@ def test_any_text_is_a_formula_or_an_input_error(text):
 def test_numbers_keep_their_value():
     assert float(number(0.1).text) == 0.1 == number(0.1).constant
     assert number(4.0).text == "4"
+
+
+@pytest.mark.parametrize(("value", "text"), [(-0.3, "-0.3"), (2.0, "2"), (1e-20, "1e-20")])
+def test_a_number_is_written_as_it_was_read(value, text):
+    assert number(value).text == text
+    assert float(parse(text).text) == value

@@ -1,6 +1,5 @@
 """The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report."""
 
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -8,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from dolfinx_signorini.contact_boundary import ContactBoundary
+from dolfinx_signorini.picture import Picture
 from dolfinx_signorini.records import on_first, versions, write_file
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
@@ -111,7 +110,7 @@ def _write_small_files(
     result: SceneResult,
     summary: Summary,
     boundary: ContactBoundary,
-    figures: dict[str, Figure],
+    figures: dict[str, Picture],
     outputs: Sequence[str],
     folder: Path,
 ) -> None:
@@ -121,9 +120,7 @@ def _write_small_files(
         write_file(folder / "boundary.csv", boundary_csv(boundary))
     images = {}
     for name, figure in figures.items():
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=150)
-        images[name] = buffer.getvalue()
+        images[name] = figure.png()
         if "pictures" in outputs:
             (folder / f"{name}.png").write_bytes(images[name])
     if "report" in outputs:

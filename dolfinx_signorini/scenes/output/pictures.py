@@ -1,7 +1,5 @@
 """The pictures of a solved scene: the solution, the contact boundary, the way to an accuracy."""
 
-from matplotlib.figure import Figure
-
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
@@ -31,7 +29,7 @@ def draw_scene(
     result: SceneResult,
     boundary: ContactBoundary | None,
     points: tuple[tuple[float, ...], ...] = (),
-) -> dict[str, Figure]:
+) -> dict[str, Picture]:
     """Return the pictures of a solved scene by name; none on all ranks but 0.
 
     Args:
@@ -39,7 +37,7 @@ def draw_scene(
         boundary: The contact boundary of the scene, on rank 0.
         points: The detachment points of the scene, to be marked.
     """
-    figures: dict[str, Figure | None] = {
+    figures: dict[str, Picture | None] = {
         "solution": _drawn(result, boundary, points),
         "contact": None if boundary is None else draw_contact(boundary),
         "accuracy": None if result.found is None else draw_adaptive(result.found),
