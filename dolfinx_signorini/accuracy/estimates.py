@@ -121,7 +121,10 @@ class Estimator:
         # Solutions on two meshes are not farther apart than their indicators say, unless the data
         # jump between the points of a quadrature rule: what this moves hardly falls in one step.
         excess = max(found.difference - whole, 0.0) if self._target.weighted else 0.0
-        apart = max(found.difference, whole) if math.isinf(power) else found.difference - excess
+        apart = found.difference - excess
+        # What cells add to a functional has signs, and may cancel in one difference alone.
+        if math.isinf(power) or self._target.norm is None:
+            apart = max(apart, whole)
         return excess + (apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart)
 
     def _sharpness(self) -> float:
