@@ -18,6 +18,8 @@ from dolfinx_signorini.solvers.pressure import ContactState
 
 Indices = npt.NDArray[np.int32]
 
+CELLS = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
+
 
 def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     """Return the space of a bilinear and a linear form.
@@ -38,6 +40,9 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     space = arguments[0].ufl_function_space()
     if not isinstance(space, fem.FunctionSpace):
         raise InputError("its space must be one of dolfinx", "form a")
+    cell = space.mesh.topology.cell_name()
+    if cell not in CELLS:
+        raise InputError(f"known on meshes of {', '.join(CELLS)}, not of {cell} cells", "form a")
     element = space.ufl_element()
     if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
         raise InputError("the space must be a scalar, continuous Lagrange space", "form a")

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.kinds import FUNCTION, check
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.records import on_first, whole_file
 
@@ -44,11 +45,10 @@ def write_checkpoint(
         numbers: What else the run needs to go on, such as the time.
 
     Raises:
-        InputError: There is no function, two dofs lie at the same place, or the file cannot be
-            written.
+        InputError: There is no function, a function is not scalar, two dofs lie at the same place,
+            or the file cannot be written.
     """
-    if not functions:
-        raise InputError("names no function", "functions")
+    _check_functions(functions)
     path, spaces = Path(path), [f.function_space for f in functions.values()]
     comm = spaces[0].mesh.comm
     data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
@@ -59,6 +59,7 @@ def write_checkpoint(
         parts = comm.gather((control_points(space)[:owned], function.x.array[:owned]), root=0)
         points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
         data |= {f"points {name}": points, f"values {name}": values}
+        data[f"basis {name}"] = _basis(space)
 
     def write() -> None:
         for name in functions:
@@ -82,11 +83,11 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
         functions: The functions to be filled, by the names that they were written with.
 
     Raises:
-        InputError: The file is no checkpoint or has no such function, or the mesh is another one.
+        InputError: The file is no checkpoint or has no such function, or the mesh or the elements
+            are others.
     """
     path = Path(path)
-    if not functions:
-        raise InputError("names no function", "functions")
+    _check_functions(functions)
     comm = next(iter(functions.values())).function_space.mesh.comm
     data = _read(path, comm)
     for name, function in functions.items():
@@ -100,6 +101,9 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
         same = len(values) == function.function_space.dofmap.index_map.size_global
         same &= bool((distances <= ROUNDING * extent).all())
         require(comm, same, f"{name!r} lives on another mesh, or is of another degree", str(path))
+        basis, wanted = str(data.get(f"basis {name}", "")), _basis(function.function_space)
+        if basis and basis != wanted:  # files of version 0.1 do not tell
+            raise InputError(f"{name!r} has the basis {basis}, not {wanted}", str(path))
         function.x.array[:] = values[found]
     return {
         key.removeprefix("number "): float(value)
@@ -125,6 +129,21 @@ def read_mesh(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> mesh.Mesh:
         cells, points = cells[:0], points[:0]
     # The order of the arguments depends on the version, and so they have names.
     return mesh.create_mesh(comm, cells, x=points, e=domain)
+
+
+def _check_functions(functions: Mapping[str, fem.Function]) -> None:
+    if not functions:
+        raise InputError("names no function", "functions")
+    for name, function in functions.items():
+        check(functions=(function, FUNCTION))
+        if function.function_space.dofmap.bs != 1:
+            raise InputError(f"{name!r} must be scalar", "functions")
+
+
+def _basis(space: fem.FunctionSpace) -> str:
+    """The kind of basis functions, where dofs alone do not tell the function."""
+    element = space.element.basix_element
+    return "linear" if element.degree == 1 else str(element.lagrange_variant.name)
 
 
 def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:

@@ -243,3 +243,12 @@ def test_a_small_reaction_is_one_on_every_mesh(n):
                 parts.problem(a=a, L=parts.v * ufl.dx)
         else:
             parts.problem(a=a, L=parts.v * ufl.dx).destroy()
+
+
+def test_cells_with_facets_of_two_kinds():
+    cell = dolfinx.mesh.CellType.prism
+    domain = dolfinx.mesh.create_unit_cube(COMM, 3, 3, 3, cell)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    with pytest.raises(InputError, match="not of prism cells"):
+        SignoriniProblem(u * v * ufl.dx, v * ufl.dx, contact=np.arange(3, dtype=np.int32))

@@ -13,7 +13,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 import dolfinx_signorini
-from dolfinx_signorini import InputError, SignoriniProblem, boundary_facets
+from dolfinx_signorini import InputError, SignoriniProblem, bernstein_space, boundary_facets
 from dolfinx_signorini.checkpoints import read_checkpoint, read_mesh, write_checkpoint
 
 COMM = MPI.COMM_WORLD
@@ -159,3 +159,22 @@ def test_two_dofs_at_one_place_are_refused(folder):
     f = fem.Function(fem.functionspace(double, ("Lagrange", 1)))
     with pytest.raises(InputError, match="two dofs at the same place"):
         write_checkpoint(folder / "file.npz", {"f": f})
+
+
+def test_coefficients_of_one_basis_are_no_values_of_another(folder):
+    d = domain(2)
+    spaces = [bernstein_space(d, 2), fem.functionspace(d, ("Lagrange", 2))]
+    for k, space in enumerate(spaces):
+        write_checkpoint(folder / f"{k}.npz", {"u": fem.Function(space)})
+    for k, space in enumerate(spaces):
+        read_checkpoint(folder / f"{k}.npz", {"u": fem.Function(space)})
+        with pytest.raises(InputError, match="has the basis"):
+            read_checkpoint(folder / f"{1 - k}.npz", {"u": fem.Function(space)})
+
+
+def test_what_is_no_scalar_function_is_refused(folder):
+    vector = fem.Function(fem.functionspace(domain(2), ("Lagrange", 1, (2,))))
+    for given in (vector, 3):
+        for job in (write_checkpoint, read_checkpoint):
+            with pytest.raises(InputError, match="functions"):
+                job(folder / "no.npz", {"u": given})
