@@ -35,7 +35,7 @@ class BoundaryEdges:
         curves: The closed curves, see `closed_curves`.
 
     Raises:
-        ValueError: The boundary is not made of closed curves.
+        InputError: The boundary is not made of closed curves.
     """
 
     def __init__(self, domain: mesh.Mesh):
