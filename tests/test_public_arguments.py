@@ -43,7 +43,9 @@ class Things:
         self.sided = signorini.SidedMesh(self.mesh, {"floor": self.facets})
         self.terms = signorini.EnergyTerms(reaction=1.0, load=20.0 * (self.x[0] - 0.6))
         path = folder / "scene.toml"
-        path.write_text(SCENE)
+        if COMM.rank == 0:
+            path.write_text(SCENE)
+        COMM.barrier()
         self.path = str(path)
         self.scene = signorini.load_scene(path)
         self.other_function = fem.Function(fem.functionspace(self.other_mesh, ("Lagrange", 1)))
