@@ -148,6 +148,7 @@ def cell_values(
     good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
     require(problem.comm, good, "negative at some point", "reaction")
     A = diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
+    require(problem.comm, A.symmetric, "not symmetric at some point", "diffusion")
     require(
         problem.comm,
         bool((A.lowest > 0.0).all()),

@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+ASYMMETRY = 1e-10  # of the entries of A: what rounding leaves between a_ij and a_ji
+
 
 @dataclass(frozen=True)
 class Diffusion:
@@ -27,6 +29,14 @@ class Diffusion:
     inverses: Array
     lowest: Array
     upper: Array
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether A is symmetric at all points, up to rounding."""
+        if self.values.ndim == 3:
+            return True
+        apart = np.abs(self.values - self.values.swapaxes(2, 3)).max(axis=(2, 3))
+        return bool((apart <= ASYMMETRY * np.abs(self.values).max(axis=(2, 3))).all())
 
     def times(self, vectors: Array) -> Array:
         """Return the products of A with vectors, shape (cells, points, d)."""

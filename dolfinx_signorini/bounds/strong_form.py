@@ -27,9 +27,9 @@ from ufl.classes import (
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.assembly import Data
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, data, indices, on_mesh, optional, sequence
-from dolfinx_signorini.meshes import facet_count
+from dolfinx_signorini.meshes import boundary_facets, facet_count
 
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]
@@ -88,13 +88,14 @@ class EnergyTerms:
             check(**{name: (getattr(self, name), sequence(_with_facets, "a list of pairs"))})
 
     def check_on(self, domain: mesh.Mesh) -> None:
-        """Refuse expressions of another mesh or shape.
+        """Refuse expressions of another mesh or shape, and facets in the domain; collective.
 
         Args:
             domain: The mesh.
 
         Raises:
-            InputError: An expression is of another mesh or shape, or an index is no facet.
+            InputError: An expression is of another mesh or shape, or an index is no facet on the
+                boundary.
         """
 
         def kind(value: Any) -> str:
@@ -103,12 +104,17 @@ class EnergyTerms:
         diffusion = on_mesh(domain, tensor=True) if isinstance(self.diffusion, Expr) else kind
         check(diffusion=(self.diffusion, diffusion), reaction=(self.reaction, kind))
         check(load=(self.load, kind))
-        count = facet_count(domain)
+        count, exterior = facet_count(domain), boundary_facets(domain)
+        owned = domain.topology.index_map(domain.topology.dim - 1).size_local
         for name in ("neumann", "robin", "dirichlet"):
+            known = inside = True
             for value, facets in getattr(self, name):
                 check(**{name: (value, kind)})
-                if len(facets) and not 0 <= np.min(facets) <= np.max(facets) < count:
-                    raise InputError("has an index that is no facet of this mesh", name)
+                given = np.asarray(facets, dtype=np.int64)
+                known &= bool(((given >= 0) & (given < count)).all())
+                inside &= bool(np.isin(given[given < owned], exterior).all())
+            require(domain.comm, known, "has an index that is no facet of this mesh", name)
+            require(domain.comm, inside, "has a facet inside the domain", name)
 
     def entries(self, dimension: int) -> list[Scalar]:
         """Return the entries of A, row by row, or one for a multiple of the identity.

@@ -32,7 +32,7 @@ from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes import boundary_facets, facet_count
 from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
@@ -277,6 +277,11 @@ def test_data_that_the_problem_does_not_have_give_no_bound(comm):
         (lambda case: {"dirichlet": []}, "dirichlet"),
         (lambda case: {"dirichlet": [(None, boundary_facets(case.domain))]}, "dirichlet"),
         (lambda case: {"neumann": [(0.0, case.contact)]}, "neumann"),
+        (lambda case: {"neumann": [(0.0, _inside(case.domain))]}, "neumann"),
+        (lambda case: {"robin": [(1.0, _inside(case.domain))]}, "robin"),
+        (lambda case: {"diffusion": ufl.as_matrix([[1.0, 5.0], [0.0, 1.0]])}, "diffusion"),
+        # One rank alone has a wrong index.
+        (lambda case: {"neumann": [(0.0, _beyond(case.domain))]}, "neumann"),
     ],
 )
 def test_terms_that_make_no_sense(change, subject, comm):
@@ -285,6 +290,16 @@ def test_terms_that_make_no_sense(change, subject, comm):
     with pytest.raises(InputError) as caught:
         energy_bound(case.problem, replace(case.terms, **change(case)))
     assert caught.value.subject == subject
+
+
+def _inside(domain):
+    owned = np.arange(domain.topology.index_map(1).size_local)
+    return np.setdiff1d(owned, boundary_facets(domain))
+
+
+def _beyond(domain):
+    last = domain.comm.rank == domain.comm.size - 1
+    return np.array([facet_count(domain)] if last else [], dtype=np.int32)
 
 
 def test_quadrilaterals_are_refused(comm):
