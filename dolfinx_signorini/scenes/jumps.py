@@ -3,9 +3,9 @@
 A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump,
 and one like r^-0.8 still worse. In such cells the formula is replaced by its L2 projection on
 polynomials, cell by cell, which has the same integrals with the basis functions. The integrals of
-the projection are over pieces of the cell, which are divided again and again where the formula is
-not smooth: next to a pole until a piece is no larger than its distance from the pole. The same goes
-for facets.
+the projection are over pieces of the cell. The pieces are cut along the line or plane where the
+formula jumps or has a kink, after divisions that make curves flat, and are divided next to a pole
+until a piece is no larger than its distance from the pole. The same goes for facets.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.bounds.reference_flux import barycentric
@@ -22,17 +23,18 @@ from dolfinx_signorini.elements import constants
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells, sampled
 from dolfinx_signorini.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.scenes.pieces import cut, divided, inside
 from dolfinx_signorini.scenes.roughness import jumps, poles, rough, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
-SMOOTH = 1e-4  # of the mean size: two rules that differ less integrate well enough
-VARIES = 1e-2  # of the mean size: in pieces with less a kink or jump does no harm
+SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
-MOST_PIECES = 30_000  # on a rank that are divided once more
+FLAT = 1e-3  # of the range of a switch in a piece: how far from linear the switch may be
+ON_ZERO = 1e-10  # of the values of a switch in a piece: smaller ones are zero
+MOST_PIECES = 30_000  # on all ranks that are divided once more
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 AWAY = 0.5  # of the largest value of a denominator in a piece: smaller ones tell a pole
 DEEPEST = 40  # divisions towards a pole
@@ -170,12 +172,13 @@ class _Projection:
     ):
         self.formula, self.comm = formula, domain.comm
         self.switches, self.poles = switches(formula), poles(formula)
-        self.variation = 0.0  # that is seen
         self.dimension, self.element = corners.shape[1] - 1, element
         rule = interior_rule(element.cell_type, element.degree + 4)
         self.points, self.weights = rule.points(element.cell_type)
+        # The vertices and the middles of the edges, and which of these points are the vertices.
         halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
         self.lattice = np.array(halves) / 2.0
+        self.corners = barycentric(self.lattice).argmax(axis=0)
         x = domain.geometry.x[:, : domain.geometry.dim]
         corners = corners[..., : domain.geometry.dim]
         unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
@@ -187,18 +190,16 @@ class _Projection:
         """Return cells, and in each of them the values of the basis of the polynomials."""
         cells = self.candidates()
         whole, mean = self.whole[cells], self._mean()
-        self.variation = VARIES * mean
         polar = self.polar(whole)
         chosen = self.broken(whole) | polar
         cells, polar = cells[chosen], polar[chosen]
         coarse = self._moments(self.whole[cells], cells)
-        finer = self._moments(*divided(self.whole[cells], cells))
-        with np.errstate(invalid="ignore"):
-            defect = np.abs(finer - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells):
             moments += self._moments(pieces, owners)
+        with np.errstate(invalid="ignore"):
+            defect = np.abs(moments - coarse)[cells].max(axis=1, initial=0.0)
+        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
         points, weights = QuadratureRule("default", 2 * self.element.degree).points(
             self.element.cell_type
         )
@@ -209,27 +210,35 @@ class _Projection:
         return cells[finite], values[finite]
 
     def pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
-        """Divide cells into pieces in which the formula is smooth, and small ones.
+        """Divide cells into pieces in which the formula is smooth, and small ones; collective.
 
-        What is left next to a pole in the end is left out.
+        Pieces are cut where a switch is zero, as soon as the zeros are flat. What is left next to a
+        pole in the end is left out.
+
+        Args:
+            cells: The cells.
         """
         pieces = self.whole[cells]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
-        width = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+        longest = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+        width = self.comm.allreduce(longest, op=MPI.MAX)
         order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
         least = ROUNDING * self.size
         for _ in range(DEEPEST):
             split = self.polar(pieces)
             kept = ~split if width <= least else np.ones(len(split), dtype=bool)
-            if width <= least or split.sum() > MOST_AT_POLES:
+            if width <= least or self._count(split) > MOST_AT_POLES:
                 split[:] = False
-            broken = self.broken(pieces) if width > target else np.zeros_like(split)
-            broken[broken] = self._varies(pieces[broken])
-            if broken.sum() <= MOST_PIECES:
-                split |= broken
-            yield pieces[kept & ~split], cells[kept & ~split]
-            if not split.any():
+            broken = self.broken(pieces)
+            curved = broken.copy()
+            curved[broken] = ~self._flat(pieces[broken])
+            if width > target and self._count(curved) <= MOST_PIECES:
+                split |= curved
+            done = kept & ~split
+            yield pieces[done & ~broken], cells[done & ~broken]
+            yield self._cut(pieces[done & broken], cells[done & broken])
+            if not self._count(split):
                 return
             pieces, cells, width = *divided(pieces[split], cells[split]), 0.5 * width
         split = self.polar(pieces)
@@ -275,14 +284,50 @@ class _Projection:
         return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
 
     def broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
-        """Whether one of the switches changes its sign in a piece."""
-        points = inside(pieces, self.lattice)
+        """Whether one of the switches changes its sign in a piece, or may do so between points."""
         broken = np.zeros(len(pieces), dtype=bool)
         for switch in self.switches:
-            values = self._values(switch, points)
-            rounding = 1e-10 * np.abs(values).max(axis=0)
+            values, apart = self._apart(switch, pieces)
+            sizes = np.abs(values)
+            rounding = ON_ZERO * sizes.max(axis=0)
             broken |= (values.min(axis=0) < -rounding) & (values.max(axis=0) > rounding)
+            curvature = np.abs(apart).max(axis=0)
+            broken |= (curvature > rounding) & (sizes.min(axis=0) <= curvature)
         return broken
+
+    def _flat(self, pieces: Array) -> npt.NDArray[np.bool_]:
+        """Whether all switches are nearly linear in a piece, so that their zeros are flat."""
+        flat = np.ones(len(pieces), dtype=bool)
+        for switch in self.switches:
+            values, apart = self._apart(switch, pieces)
+            range_ = values.max(axis=0) - values.min(axis=0)
+            flat &= np.abs(apart).max(axis=0) <= FLAT * range_
+        return flat
+
+    def _cut(self, pieces: Array, cells: Indices) -> tuple[Array, Indices]:
+        """Cut pieces where switches are zero, as if the switches were linear in each piece."""
+        for switch in self.switches:
+            values, apart = self._apart(switch, pieces)
+            # The linear functions have the means of the switch, as far as that is quadratic.
+            shares = 4.0 / ((self.dimension + 1) * (self.dimension + 2))
+            at = values[self.corners] + shares * apart.sum(axis=0)
+            small = np.abs(at) <= ON_ZERO * np.abs(at).max(axis=0)
+            pieces, parents = cut(pieces, np.where(small | ~np.isfinite(at), 0.0, at).T)
+            cells = cells[parents]
+        return pieces, cells
+
+    def _apart(self, switch: Node, pieces: Array) -> tuple[Array, Array]:
+        """The values of a switch at the lattice of pieces, and how far from linear the values are.
+
+        Both have the shape (points, pieces).
+        """
+        values = self._values(switch, inside(pieces, self.lattice))
+        with np.errstate(invalid="ignore"):
+            return values, values - barycentric(self.lattice) @ values[self.corners]
+
+    def _count(self, marks: npt.NDArray[np.bool_]) -> int:
+        """How many pieces of all ranks are marked."""
+        return int(self.comm.allreduce(int(marks.sum())))
 
     def polar(self, pieces: Array) -> npt.NDArray[np.bool_]:
         """Whether a pole is in a piece, or nearer to the piece than about its width."""
@@ -294,13 +339,6 @@ class _Projection:
             sizes = np.abs(self._values(pole, points))
             found |= sizes.min(axis=0) < AWAY * sizes.max(axis=0)
         return found
-
-    def _varies(self, pieces: Array) -> npt.NDArray[np.bool_]:
-        """Whether the values of the formula in a piece differ by what is seen."""
-        if self.variation == 0.0:
-            return np.ones(len(pieces), dtype=bool)
-        values = self._values(self.formula.root, inside(pieces, self.lattice))
-        return np.asarray(~(np.ptp(values, axis=0) <= self.variation))
 
     def _values(self, node: Node, points: Array) -> Array:
         """The values of a formula at points of pieces, shape (points, pieces)."""

@@ -54,3 +54,34 @@ def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
     middles = 0.5 * (pieces[:, :, None] + pieces[:, None])
     children = [middles[:, *np.divmod(c, 10)] for c in CHILDREN[pieces.shape[1] - 1]]
     return np.concatenate(children), np.tile(owners, len(children))
+
+
+def cut(pieces: Array, values: Array) -> tuple[Array, Numbers]:
+    """Cut pieces where a function is zero that is linear in each of them.
+
+    An edge at a time is cut, with all that is around: the two parts are segments, triangles or
+    tetrahedra again, and have fewer edges that cross the zeros.
+
+    Args:
+        pieces: The pieces.
+        values: The values of the function at the vertices, shape (pieces, vertices).
+
+    Returns:
+        The parts, in none of which the function changes its sign, and the numbers of their pieces.
+    """
+    numbers = np.arange(len(pieces))
+    while True:
+        crossed = (values.min(axis=1) < 0.0) & (values.max(axis=1) > 0.0)
+        if not crossed.any():
+            return pieces, numbers
+        rows = np.arange(crossed.sum())
+        ends = values[crossed].argmin(axis=1), values[crossed].argmax(axis=1)
+        parts, at = (np.stack((array[crossed], array[crossed])) for array in (pieces, values))
+        low, high = (at[0][rows, end][:, None] for end in ends)
+        one, other = (parts[0][rows, end] for end in ends)
+        middle = one + low / (low - high) * (other - one)
+        for part, end in enumerate(ends):
+            parts[part, rows, end], at[part, rows, end] = middle, 0.0
+        pieces = np.concatenate((pieces[~crossed], *parts))
+        values = np.concatenate((values[~crossed], *at))
+        numbers = np.concatenate((numbers[~crossed], numbers[crossed], numbers[crossed]))

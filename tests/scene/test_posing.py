@@ -213,19 +213,19 @@ A_JUMP = 0.37  # no mesh line
 
 @pytest.mark.parametrize("cells", [9, 20])
 @pytest.mark.parametrize(
-    ("formula", "exact"),
+    ("formula", "exact", "tolerance"),
     [
-        ("where(x < 0.37, 1, 0)", A_JUMP),
-        ("1 + sign(y - 0.37)", 2.0 * (1.0 - A_JUMP)),
-        ("where(x + y < 0.8, 2, 0)", 2.0 * 0.32),
-        ("where((x - 0.4)^2 + (y - 0.5)^2 < 0.09, 2, 0)", 0.18 * np.pi),
-        ("where(x < 0.37, 1, 0) * where(y < 0.37, 1, 0)", A_JUMP**2),
-        ("abs(x - 0.37)", 0.5 * (A_JUMP**2 + (1.0 - A_JUMP) ** 2)),
-        ("max(min(9*(x - 0.37), 1), 0)", 1.0 - A_JUMP - 0.5 / 9.0),
-        ("where(x > 0.37, log(x - 0.37), 0)", 0.63 * (np.log(0.63) - 1.0)),
+        ("where(x < 0.37, 1, 0)", A_JUMP, 1e-13),
+        ("1 + sign(y - 0.37)", 2.0 * (1.0 - A_JUMP), 1e-13),
+        ("where(x + y < 0.8, 2, 0)", 2.0 * 0.32, 1e-13),
+        ("where((x - 0.4)^2 + (y - 0.5)^2 < 0.09, 2, 0)", 0.18 * np.pi, 1e-6),
+        ("where(x < 0.37, 1, 0) * where(y < 0.37, 1, 0)", A_JUMP**2, 1e-13),
+        ("abs(x - 0.37)", 0.5 * (A_JUMP**2 + (1.0 - A_JUMP) ** 2), 1e-13),
+        ("max(min(9*(x - 0.37), 1), 0)", 1.0 - A_JUMP - 0.5 / 9.0, 1e-6),
+        ("where(x > 0.37, log(x - 0.37), 0)", 0.63 * (np.log(0.63) - 1.0), 2e-4),
     ],
 )
-def test_a_jump_inside_cells_is_integrated(formula, exact, cells, comm):
+def test_a_jump_inside_cells_is_integrated(formula, exact, tolerance, cells, comm):
     """The integrals with all linear functions are those of the formula: so is the first moment."""
     domain = friedrichs_keller(comm, cells)
     f = integrable(parsing.parse(formula), domain, 1)
@@ -237,10 +237,17 @@ def test_a_jump_inside_cells_is_integrated(formula, exact, cells, comm):
 def test_a_jump_inside_tetrahedra_is_integrated(comm):
     domain = mesh.create_unit_cube(comm, 5, 5, 5)
     measure = ufl.dx(metadata=CELL_RULE.metadata)
-    for text, exact in (("where(z < 0.37, 1, 0)", A_JUMP), ("where(x+y+z < 1, 6, 0)", 1.0)):
+    wedge = A_JUMP - (1.0 - (1.0 - A_JUMP) ** 3) / 12.0
+    ball = "where((x-0.4)^2 + (y-0.52)^2 + (z-0.45)^2 < 0.09, 1, 0)"
+    for text, exact, tolerance in (
+        ("where(z < 0.37, 1, 0)", A_JUMP, 1e-13),
+        ("where(x+y+z < 1, 6, 0)", 1.0, 1e-13),
+        ("where(x < 0.37, 1, 0) * where(x + 2*y < z, 0, 1)", wedge, 1e-13),
+        (ball, 0.036 * np.pi, 1e-4),
+    ):
         f = integrable(parsing.parse(text, 3), domain, 1)
         found = comm.allreduce(fem.assemble_scalar(fem.form(f * measure)))
-        assert found == pytest.approx(exact, abs=2e-3)
+        assert found == pytest.approx(exact, rel=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -268,19 +275,20 @@ def test_a_jump_on_mesh_lines_costs_nothing(formula, comm):
     assert not ufl.algorithms.extract_coefficients(f)
 
 
-@pytest.mark.parametrize(("degree", "order"), [(1, 1.8), (2, 2.2)])
+@pytest.mark.parametrize(("degree", "order"), [(1, 1.8), (2, 2.48)])
 def test_errors_decrease_where_the_load_jumps_inside_cells(degree, order, comm, parse):
-    """-u'' = f with f = 1 on x < a, and 0 beyond."""
-    c = A_JUMP - 0.5 * A_JUMP**2
-    u = f"where(x < 0.37, {c!r}*x - x^2/2, {c - A_JUMP!r}*x + {0.5 * A_JUMP**2!r})"
-    data = {"degree": degree, "load": "where(x < 0.37, 1, 0)", "reaction": "0", "u": u}
+    """-u'' = f with f = 1 on x < a = 1/3, and 0 beyond: cells of all meshes are cut at a third."""
+    a = 1.0 / 3.0
+    c = a - 0.5 * a**2
+    u = f"where(x < 1/3, {c!r}*x - x^2/2, {c - a!r}*x + {0.5 * a**2!r})"
+    data = {"degree": degree, "load": "where(x < 1/3, 1, 0)", "reaction": "0", "u": u}
     errors = []
     for cells in (4, 8, 16, 32):
         result = solve_scene(parse(JUMPS.format(cells=cells, **data)), comm)
         errors.append(error_norms(result.u, result.posed.exact, ["L2"])["L2"])
         result.destroy()
-    assert np.log2(errors[0] / errors[-1]) / 3.0 >= order
-    assert max(np.array(errors[1:]) / errors[:-1]) < 0.5  # each step better than order 1
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() >= order
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
