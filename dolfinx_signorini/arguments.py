@@ -7,11 +7,10 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
-from ufl.algorithms.analysis import extract_coefficients
 from ufl.core.expr import Expr
-from ufl.domain import extract_domains
 
 from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.kinds import MESH, check, data, indices, instance, integer, on_mesh, sequence
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -40,6 +39,7 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     space = arguments[0].ufl_function_space()
     if not isinstance(space, fem.FunctionSpace):
         raise InputError("its space must be one of dolfinx", "form a")
+    check(**{"form a": (space.mesh, MESH)})
     cell = space.mesh.topology.cell_name()
     if cell not in CELLS:
         raise InputError(f"known on meshes of {', '.join(CELLS)}, not of {cell} cells", "form a")
@@ -95,9 +95,9 @@ def check_conditions(space: fem.FunctionSpace, bcs: Iterable[Any]) -> None:
     Raises:
         InputError: The subject is "bcs".
     """
+    kind = instance(fem.DirichletBC, "a Dirichlet condition")
+    check(bcs=(bcs, sequence(kind, "a list of Dirichlet conditions")))
     for bc in bcs:
-        if not isinstance(bc, fem.DirichletBC):
-            raise InputError(f"a Dirichlet condition, not {type(bc).__name__}, is needed", "bcs")
         if not space._cpp_object.contains(bc.function_space):
             raise InputError(
                 "a Dirichlet condition belongs to another function space than the form a", "bcs"
@@ -115,17 +115,9 @@ def check_data(value: Any, space: fem.FunctionSpace, subject: str) -> None:
     Raises:
         InputError: The data cannot be evaluated on the mesh.
     """
-    if isinstance(value, bool) or not (
-        isinstance(value, int | float | np.number | Expr) or callable(value)
-    ):
-        raise InputError(
-            f"a number, a UFL expression, a function or a callable, not {type(value).__name__}",
-            subject,
-        )
+    check(**{subject: (value, data)})
     if isinstance(value, Expr):
-        if value.ufl_shape != ():
-            raise InputError(f"must be scalar, has shape {value.ufl_shape}", subject)
-        _check_mesh(value, space.mesh, subject)
+        check(**{subject: (value, on_mesh(space.mesh))})
 
 
 def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
@@ -167,9 +159,7 @@ def check_limits(method: str, limits: Mapping[str, Any]) -> None:
     """
     if method == "cascade" and limits:
         raise InputError("only for the methods of TAO", ", ".join(limits))
-    for name, limit in limits.items():
-        if isinstance(limit, bool) or not isinstance(limit, int) or limit < 1:
-            raise InputError(f"must be a positive integer, not {limit}", name)
+    check(**{name: (limit, integer(1)) for name, limit in limits.items()})
 
 
 def checked_tolerance(rtol: Any, default: float, subject: str = "rtol") -> float:
@@ -215,13 +205,9 @@ def same_space(one: Any, other: Any) -> bool:
     return isinstance(one, fem.FunctionSpace) and one._cpp_object == other._cpp_object
 
 
-def _check_mesh(item: "ufl.Form | Expr", domain: mesh.Mesh, subject: str) -> None:
-    if isinstance(item, ufl.Form):  # which keeps what has been extracted
-        domains, coefficients = item.ufl_domains(), item.coefficients()
-    else:
-        domains, coefficients = extract_domains(item), extract_coefficients(item)
-    others = [found for found in domains if found != domain.ufl_domain()]
-    functions = [c for c in coefficients if isinstance(c, fem.Function)]
+def _check_mesh(form: ufl.Form, domain: mesh.Mesh, subject: str) -> None:
+    others = [found for found in form.ufl_domains() if found != domain.ufl_domain()]
+    functions = [c for c in form.coefficients() if isinstance(c, fem.Function)]
     if others or any(f.function_space.mesh != domain for f in functions):
         raise InputError("lives on another mesh than the form a", subject)
 
@@ -239,9 +225,11 @@ def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
             return nothing, "the tags belong to another mesh"
         if values is None:
             return np.asarray(tags.indices, dtype=np.int32), ""
+        if not np.isscalar(values) and sequence(integer(-(2**31)), "numbers")(values):
+            return nothing, "the values of tags are integers"
         wanted = values if np.isscalar(values) else list(values)  # a set, too
         return np.asarray(tags.indices[np.isin(tags.values, wanted)], dtype=np.int32), ""
-    facets = np.asarray(contact)
-    if facets.ndim != 1 or (len(facets) and not np.issubdtype(facets.dtype, np.integer)):
-        return nothing, "facets are given by an array of their indices, or by MeshTags"
-    return facets.astype(np.int64), ""
+    message = indices(contact)
+    if message:
+        return nothing, f"{message}, or by MeshTags"
+    return np.asarray(contact).astype(np.int64), ""

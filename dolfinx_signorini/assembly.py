@@ -281,7 +281,10 @@ def _coefficients(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Calla
 def _called(space: fem.FunctionSpace, value: Callable[[Array], Array], x: Array) -> Array:
     """The values of a callable at points, shape (3, n), if their shape is (n,)."""
     try:
-        values = np.broadcast_to(np.asarray(value(x), dtype=np.float64), x.shape[1:]).copy()
+        found = np.asarray(value(x))
+        if np.iscomplexobj(found):
+            raise TypeError("the values are complex")
+        values = np.broadcast_to(found.astype(np.float64), x.shape[1:]).copy()
         message = ""
     except (TypeError, ValueError) as error:
         values, message = np.zeros(x.shape[1]), f"the callable returned no values: {error}"
@@ -405,6 +408,6 @@ def _size(diagonal: PETSc.Vec) -> float:
 
 def _compiled(ledger: Ledger, name: str, form: ufl.Form, options: Mapping[str, Any]) -> fem.Form:
     start = time.perf_counter()
-    made = compiled.form(form, **options)
+    made = compiled.form(form, {"a": "form a", "L": "load"}[name], **options)
     ledger.add("form", name, form, time.perf_counter() - start)
     return made

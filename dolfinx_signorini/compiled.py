@@ -21,7 +21,11 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, jit
 from mpi4py import MPI
+from ufl.algorithms.check_arities import ArityMismatch
+from ufl.algorithms.compute_form_data import compute_form_data
 from ufl.core.expr import Expr
+
+from dolfinx_signorini.errors import InputError
 
 _codes: dict[tuple[str, str], Any] = {}  # by signature and options
 
@@ -30,14 +34,18 @@ WAITED = re.compile(r"JIT compilation timed out.*remove (.*\.c)\)", re.DOTALL)
 LONGEST = 60.0  # seconds that a compilation takes, before its process is taken for one that is gone
 
 
-def form(item: ufl.Form, **options: Any) -> fem.Form:
+def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
     """Return a compiled form, as `dolfinx.fem.form` does; the call is collective.
 
     Args:
         item: The form.
+        subject: What a form that users gave is called in messages.
         options: The keywords of `dolfinx.fem.form`.
+
+    Raises:
+        InputError: A form that users gave is not linear in each of its arguments.
     """
-    with _remembered():
+    with _remembered(subject):
         return fem.form(item, **options)
 
 
@@ -75,14 +83,39 @@ def expression(item: Expr, points: npt.NDArray[np.float64], comm: MPI.Comm) -> f
         return fem.Expression(item, points, comm=comm)
 
 
+def check_linear(item: ufl.Form, subject: str) -> None:
+    """Refuse a form that is not linear in its arguments: DOLFINx lets other ranks wait for ever.
+
+    Args:
+        item: The form.
+        subject: What the form is called in messages.
+
+    Raises:
+        InputError: The form is not linear in each of its arguments.
+    """
+    try:
+        compute_form_data(item, complex_mode=False)
+    except (ArityMismatch, ValueError):  # UFL trips over its own message where a term has none
+        message = "each term must be linear in each trial and test function"
+        raise InputError(message, subject) from None
+
+
 @contextmanager
-def _remembered() -> Iterator[None]:
-    """Let DOLFINx find the codes that this module has seen."""
+def _remembered(subject: str = "") -> Iterator[None]:
+    """Let DOLFINx find the codes that this module has seen.
+
+    Args:
+        subject: What a form that users gave is called in messages.
+    """
     look_up = jit.ffcx_jit
 
     def remember(comm: MPI.Comm, item: Any, **options: Any) -> Any:
-        key = _signature(item), repr(options)
-        return _once(comm, key, lambda: look_up(comm, item, **options))
+        def found() -> Any:
+            if subject:
+                check_linear(item, subject)
+            return look_up(comm, item, **options)
+
+        return _once(comm, (_signature(item), repr(options)), found)
 
     jit.ffcx_jit = remember
     try:

@@ -1,14 +1,16 @@
 """Kinds of arguments that public functions take: what is of another kind is refused by name."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
+from ufl.geometry import GeometricFacetQuantity
 
 from dolfinx_signorini.errors import InputError
 
@@ -92,8 +94,8 @@ def simplices(*dimensions: int) -> Kind:
     words = " or ".join({2: "triangles", 3: "tetrahedra"}[d] for d in dimensions)
 
     def kind(value: Any) -> str:
-        if not isinstance(value, mesh.Mesh):
-            return _not("a mesh", value)
+        if _mesh(value):
+            return _mesh(value)
         name, dimension = value.topology.cell_name(), value.geometry.dim
         fits = name in ("triangle", "tetrahedron") and value.topology.dim == dimension
         return "" if fits and dimension in dimensions else f"must be a mesh of {words}"
@@ -101,12 +103,13 @@ def simplices(*dimensions: int) -> Kind:
     return kind
 
 
-def on_mesh(domain: mesh.Mesh, tensor: bool = False) -> Kind:
+def on_mesh(domain: mesh.Mesh, tensor: bool = False, normals: bool = False) -> Kind:
     """Return the kind of data on a mesh: finite numbers, and scalar UFL expressions.
 
     Args:
         domain: The mesh.
         tensor: Whether square matrices of its dimension are data, too.
+        normals: Whether normals and the like are known where the data are: on facets.
     """
     shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
     home = domain.ufl_domain()
@@ -116,9 +119,13 @@ def on_mesh(domain: mesh.Mesh, tensor: bool = False) -> Kind:
         if isinstance(value, Expr):
             if value.ufl_shape not in shapes:
                 return f"must be scalar, has shape {value.ufl_shape}"
-            terminals = traverse_unique_terminals(value, seen)
-            strange = any(other != home for part in terminals for other in part.ufl_domains())
-            return "lives on another mesh" if strange else ""
+            terminals = list(traverse_unique_terminals(value, seen))
+            if any(other != home for part in terminals for other in part.ufl_domains()):
+                return "lives on another mesh"
+            if any(isinstance(part, ufl.Argument) for part in terminals):
+                return "has a test or trial function in it"
+            normal = any(isinstance(part, GeometricFacetQuantity) for part in terminals)
+            return "has the normal of a facet in it" if normal and not normals else ""
         return "" if _is_number(value) else _not("a finite number or a UFL expression", value)
 
     return kind
@@ -163,9 +170,19 @@ def ball(dimension: int) -> Kind:
 
 def indices(value: Any) -> str:
     """The kind of arrays of indices."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return "facets are given by an array of their indices"
     integers = array.ndim == 1 and (not array.size or np.issubdtype(array.dtype, np.integer))
     return "" if integers else "facets are given by an array of their indices"
+
+
+def by_text(value: Any) -> str:
+    """The kind of mappings from texts, such as options by their names."""
+    if not isinstance(value, Mapping):
+        return _not("a mapping", value)
+    return next(filter(None, map(TEXT, value)), "")
 
 
 def positive(value: Any) -> str:
@@ -176,6 +193,13 @@ def positive(value: Any) -> str:
 def callable_(value: Any) -> str:
     """The kind of functions of Python."""
     return "" if callable(value) else _not("a function", value)
+
+
+def _mesh(value: Any) -> str:
+    if not isinstance(value, mesh.Mesh):
+        return _not("a mesh", value)
+    single = value.geometry.x.dtype != np.float64
+    return "must be a mesh with coordinates in double precision" if single else ""
 
 
 def _is_number(value: Any) -> bool:
@@ -190,7 +214,7 @@ def _not(words: str, value: Any) -> str:
 
 # Degrees beyond these are of no use, and their tables fill the memory.
 LARGEST_DEGREE = 8
-MESH = instance(mesh.Mesh, "a mesh")
+MESH = _mesh
 FUNCTION = instance(fem.Function, "a function")
 COMMUNICATOR = instance(MPI.Comm, "a communicator")
 TEXT = instance(str, "a text")

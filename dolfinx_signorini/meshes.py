@@ -17,6 +17,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import compat
+from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
 
 Indices = npt.NDArray[np.int32]
@@ -26,16 +27,23 @@ Indices = npt.NDArray[np.int32]
 class SidedMesh:
     """A mesh with the facets of its sides.
 
+    The making of one is collective.
+
     Attributes:
         mesh: The mesh.
         sides: For each side the facets on it that this rank knows.
+
+    Raises:
+        InputError: An attribute is of another kind, on some rank.
     """
 
     mesh: mesh.Mesh
     sides: Mapping[str, npt.NDArray[np.int32]]
 
     def __post_init__(self) -> None:
-        check(mesh=(self.mesh, MESH), sides=(self.sides, _sides_of(self.mesh)))
+        check(mesh=(self.mesh, MESH))
+        message = _sides_of(self.mesh)(self.sides)
+        require(self.mesh.comm, not message, message, "sides")
 
     def facets(self, names: tuple[str, ...]) -> npt.NDArray[np.int32]:
         """Return the facets of some sides; "all" stands for the whole boundary."""

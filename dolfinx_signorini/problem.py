@@ -28,6 +28,7 @@ from dolfinx_signorini.arguments import (
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.kinds import TEXT, by_text, check, optional
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
@@ -114,9 +115,15 @@ class SignoriniProblem:
         self.a, self.space = a, checked_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
         check_function(self.u, self.space, "u")
-        if bound not in ("lower", "upper"):
+        if not isinstance(bound, str) or bound not in ("lower", "upper"):
             raise InputError(f"must be 'lower' or 'upper', not {bound!r}", "bound")
         self.sign = 1.0 if bound == "lower" else -1.0
+        check(
+            petsc_options_prefix=(petsc_options_prefix, optional(TEXT)),
+            petsc_options=(petsc_options, optional(by_text)),
+            form_compiler_options=(form_compiler_options, optional(by_text)),
+            jit_options=(jit_options, optional(by_text)),
+        )
         self._options = dict(petsc_options or {})
         self._prefix = (
             f"dolfinx_signorini_{next(_counter)}_"
@@ -340,7 +347,7 @@ class SignoriniProblem:
         system, held = self.system, self.system.touching(self._solution())
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)
-        b = fem_petsc.assemble_vector(compiled.form(load))
+        b = fem_petsc.assemble_vector(compiled.form(load, "load"))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         b.array_w[system.fixed_dofs] = 0.0
         zero = 0.0 * system.obstacle, 0.0 * system.fixed_values

@@ -6,7 +6,13 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import InputError, SignoriniProblem, boundary_facets, friedrichs_keller
+from dolfinx_signorini import (
+    InputError,
+    SidedMesh,
+    SignoriniProblem,
+    boundary_facets,
+    friedrichs_keller,
+)
 
 COMM = MPI.COMM_WORLD
 
@@ -61,6 +67,8 @@ WRONG = {
         "form a",
         lambda s: {"a": s.u * ufl.TestFunction(s.twin) * ufl.dx},
     ),
+    "a: with the load": ("form a", lambda s: {"a": s.a - s.L}),
+    "a: the trial function twice": ("form a", lambda s: {"a": s.u * s.u * s.v * ufl.dx}),
     "a: a coefficient of another mesh": (
         "form a",
         lambda s: {"a": s.a + fem.Function(s.other) * s.u * s.v * ufl.dx(domain=s.mesh)},
@@ -69,6 +77,7 @@ WRONG = {
     "L: a number": ("load", lambda s: {"L": 0.0}),
     "L: None": ("load", lambda s: {"L": None}),
     "L: bilinear": ("load", lambda s: {"L": s.a}),
+    "L: the test function twice": ("load", lambda s: {"L": s.v * s.v * ufl.dx}),
     "L: another space": ("load", lambda s: {"L": ufl.TestFunction(s.twin) * ufl.dx}),
     "L: another mesh": ("load", lambda s: {"L": ufl.TestFunction(s.other) * ufl.dx}),
     "L: a coefficient of another mesh": (
@@ -78,6 +87,11 @@ WRONG = {
     # The contact boundary.
     "contact: None": ("contact", lambda s: {"contact": None}),
     "contact: a string": ("contact", lambda s: {"contact": "bottom"}),
+    "contact: rows of different lengths": ("contact", lambda s: {"contact": [[1, 2], [3]]}),
+    "contact: tags with a value that is none": (
+        "contact",
+        lambda s: {"contact": (s.tags(1), object())},
+    ),
     "contact: floats": ("contact", lambda s: {"contact": s.facets.astype(float) + 0.5}),
     "contact: negative": ("contact", lambda s: {"contact": np.array([-1])}),
     "contact: out of range": ("contact", lambda s: {"contact": np.array([10**6])}),
@@ -98,6 +112,10 @@ WRONG = {
     "obstacle: a string": ("obstacle", lambda s: {"obstacle": "x"}),
     "obstacle: a truth value": ("obstacle", lambda s: {"obstacle": True}),
     "obstacle: nan": ("obstacle", lambda s: {"obstacle": float("nan")}),
+    "obstacle: a trial function": ("obstacle", lambda s: {"obstacle": s.u}),
+    "obstacle: a test function in it": ("obstacle", lambda s: {"obstacle": 2.0 * s.v}),
+    "obstacle: a normal": ("obstacle", lambda s: {"obstacle": ufl.FacetNormal(s.mesh)[0]}),
+    "obstacle: complex": ("obstacle", lambda s: {"obstacle": lambda x: 1j * x[0]}),
     "obstacle: a vector": (
         "obstacle",
         lambda s: {"obstacle": ufl.SpatialCoordinate(s.mesh)},
@@ -116,6 +134,20 @@ WRONG = {
     ),
     # The rest.
     "bound: unknown": ("bound", lambda s: {"bound": "both"}),
+    "bound: an array": ("bound", lambda s: {"bound": np.ones(3)}),
+    "petsc_options_prefix: a number": (
+        "petsc_options_prefix",
+        lambda s: {"petsc_options_prefix": 3},
+    ),
+    "petsc_options: a text": ("petsc_options", lambda s: {"petsc_options": "ksp_type cg"}),
+    "petsc_options: numbers": ("petsc_options", lambda s: {"petsc_options": {1: 2}}),
+    "form_compiler_options: a list": (
+        "form_compiler_options",
+        lambda s: {"form_compiler_options": ["scalar_type"]},
+    ),
+    "jit_options: a number": ("jit_options", lambda s: {"jit_options": 3}),
+    "bcs: None": ("bcs", lambda s: {"bcs": None}),
+    "bcs: a condition": ("bcs", lambda s: {"bcs": s.condition(s.space)}),
     "bcs: no condition": ("bcs", lambda s: {"bcs": [0.5]}),
     "bcs: of an equal space": ("bcs", lambda s: {"bcs": [s.condition(s.twin)]}),
     "bcs: of another mesh": ("bcs", lambda s: {"bcs": [s.condition(s.other)]}),
@@ -132,6 +164,31 @@ def test_a_wrong_argument_is_named(setting, case):
         setting.problem(**change(setting))
     assert caught.value.subject == subject
     assert str(caught.value).startswith(f"{subject}: ")
+
+
+def test_a_mesh_in_single_precision_is_refused():
+    domain = mesh.create_unit_square(COMM, 4, 4, dtype=np.float32)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    domain.topology.create_connectivity(1, 2)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    with pytest.raises(InputError, match="double precision") as caught:
+        SignoriniProblem(u * v * ufl.dx, v * ufl.dx, contact=facets)
+    assert caught.value.subject == "form a"
+
+
+@pytest.mark.parametrize("wrong", [np.array([10**6]), np.array([0.5]), [[1, 2], [3]]])
+def test_sides_that_are_wrong_on_one_rank_are_refused_on_all(setting, wrong):
+    last = COMM.rank == COMM.size - 1
+    with pytest.raises(InputError) as caught:
+        SidedMesh(setting.mesh, {"floor": wrong if last else setting.facets})
+    assert caught.value.subject == "sides"
+
+
+def test_limits_may_be_integers_of_numpy(setting):
+    problem = setting.problem()
+    problem.solve(method="bncg", max_iterations=np.int64(1000))
+    problem.destroy()
 
 
 WRONG_IN_SOLVE = {

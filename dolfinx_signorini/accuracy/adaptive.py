@@ -11,7 +11,16 @@ from dolfinx_signorini.accuracy.loop import Loop, Pose
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.kinds import callable_, check, instance, optional, positive
+from dolfinx_signorini.kinds import (
+    callable_,
+    check,
+    instance,
+    integer,
+    optional,
+    positive,
+    sequence,
+    simplices,
+)
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import ascend
@@ -66,9 +75,18 @@ class AdaptiveSolution:
 
 def _poses(value: Any) -> str:
     """The kind of what poses problems: a function, or functions by degree."""
-    if isinstance(value, Mapping):
-        return next(filter(None, map(callable_, value.values())), "" if value else "is empty")
-    return callable_(value)
+    if not isinstance(value, Mapping):
+        return callable_(value)
+    if not value:
+        return "is empty"
+    degrees = sequence(integer(1), "degrees")(value.keys())
+    return degrees or next(filter(None, map(callable_, value.values())), "")
+
+
+def _sided(value: Any) -> str:
+    """The kind of meshes with sides that can be refined."""
+    message = instance(SidedMesh, "a SidedMesh")(value)
+    return message or simplices(2, 3)(value.mesh)
 
 
 def solve_adaptively(
@@ -115,7 +133,7 @@ def solve_adaptively(
         raise InputError("give an accuracy or a budget", "accuracy")
     check(
         pose=(pose, _poses),
-        sided=(sided, instance(SidedMesh, "a SidedMesh")),
+        sided=(sided, _sided),
         accuracy=(accuracy, optional(positive)),
         budget=(budget, optional(positive)),
         max_unknowns=(max_unknowns, positive),
@@ -128,7 +146,14 @@ def solve_adaptively(
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     began = time.perf_counter() if began is None else began
     loop = Loop(poses, sided, request, on_step, began, hidden, fit)
-    for problem in ascend(lambda level, _: loop.pose(level), loop.levels(), solve=loop.solve):
+
+    def posed(level: SidedMesh) -> SignoriniProblem:
+        problem = loop.pose(level)
+        if isinstance(problem, SignoriniProblem) and problem.space.mesh is not level.mesh:
+            raise InputError("poses the problem on another mesh than that of its argument", "pose")
+        return problem
+
+    for problem in ascend(lambda level, _: posed(level), loop.levels(), solve=loop.solve):
         loop.problem = problem
     return AdaptiveSolution(
         problem=loop.problem,

@@ -153,7 +153,9 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     space = error.function_space
     v = ufl.TestFunction(space)
     if target.functional is not None:
-        return target.functional(v)
+        density = target.functional(v)
+        compiled.check_linear(density, "norm")
+        return density
     assert target.norm is not None
     p = 2.0 if math.isinf(target.norm.p) else min(target.norm.p, HIGHEST_POWER)
     largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)

@@ -98,23 +98,24 @@ class EnergyTerms:
                 boundary.
         """
 
-        def kind(value: Any) -> str:
-            return on_mesh(domain)(value) if isinstance(value, Expr) else ""
-
-        diffusion = on_mesh(domain, tensor=True) if isinstance(self.diffusion, Expr) else kind
-        check(diffusion=(self.diffusion, diffusion), reaction=(self.reaction, kind))
-        check(load=(self.load, kind))
+        inside, on_facets = optional(on_mesh(domain)), optional(on_mesh(domain, normals=True))
+        check(
+            diffusion=(self.diffusion, optional(on_mesh(domain, tensor=True))),
+            reaction=(self.reaction, inside),
+            load=(self.load, inside),
+        )
         count, exterior = facet_count(domain), boundary_facets(domain)
         owned = domain.topology.index_map(domain.topology.dim - 1).size_local
         for name in ("neumann", "robin", "dirichlet"):
-            known = inside = True
+            known = exposed = True
             for value, facets in getattr(self, name):
-                check(**{name: (value, kind)})
+                if not isinstance(value, FacetPolynomials):
+                    check(**{name: (value, on_facets)})
                 given = np.asarray(facets, dtype=np.int64)
                 known &= bool(((given >= 0) & (given < count)).all())
-                inside &= bool(np.isin(given[given < owned], exterior).all())
+                exposed &= bool(np.isin(given[given < owned], exterior).all())
             require(domain.comm, known, "has an index that is no facet of this mesh", name)
-            require(domain.comm, inside, "has a facet inside the domain", name)
+            require(domain.comm, exposed, "has a facet inside the domain", name)
 
     def entries(self, dimension: int) -> list[Scalar]:
         """Return the entries of A, row by row, or one for a multiple of the identity.
@@ -125,7 +126,7 @@ class EnergyTerms:
         A = self.diffusion
         if A is None:
             return [1.0]
-        if isinstance(A, int | float) or A.ufl_shape == ():
+        if not isinstance(A, Expr) or A.ufl_shape == ():
             return [A]
         return [A[i, j] for i in range(dimension) for j in range(dimension)]
 

@@ -327,6 +327,25 @@ def test_limits_that_make_no_sense_are_refused(comm, name, value):
     assert refusal.value.subject == name
 
 
+def test_problems_on_other_meshes_and_wrong_degrees_are_refused(comm):
+    first = square(comm)
+    quadrilaterals = mesh.create_unit_square(comm, 2, 2, mesh.CellType.quadrilateral)
+    for pose, sided in (
+        (lambda sided: poser()(first), first),
+        ({"2": poser()}, first),
+        (poser(), SidedMesh(quadrilaterals, {})),
+    ):
+        with pytest.raises(InputError) as refusal:
+            solve_adaptively(pose, sided, accuracy=1e-3)
+        assert refusal.value.subject == ("pose" if sided is first else "sided")
+
+
+def test_a_functional_that_is_not_linear_is_refused(comm):
+    with pytest.raises(InputError, match="linear") as refusal:
+        solve_adaptively(poser(), square(comm), norm=lambda u: u**2 * ufl.dx, accuracy=1e-3)
+    assert refusal.value.subject == "norm"
+
+
 def test_an_accuracy_or_a_budget_is_needed(comm):
     with pytest.raises(InputError, match="accuracy or a budget"):
         solve_adaptively(poser(), square(comm))

@@ -279,6 +279,8 @@ def test_data_that_the_problem_does_not_have_give_no_bound(comm):
         (lambda case: {"neumann": [(0.0, case.contact)]}, "neumann"),
         (lambda case: {"neumann": [(0.0, _inside(case.domain))]}, "neumann"),
         (lambda case: {"robin": [(1.0, _inside(case.domain))]}, "robin"),
+        (lambda case: {"load": lambda x: x[0]}, "load"),
+        (lambda case: {"load": ufl.TestFunction(case.problem.space)}, "load"),
         (lambda case: {"diffusion": ufl.as_matrix([[1.0, 5.0], [0.0, 1.0]])}, "diffusion"),
         # One rank alone has a wrong index.
         (lambda case: {"neumann": [(0.0, _beyond(case.domain))]}, "neumann"),
