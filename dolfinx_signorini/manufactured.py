@@ -56,8 +56,8 @@ class ManufacturedSolution(Reference):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kind = on_mesh(self.mesh)
-        check(load=(self.load, kind), flux=(self.flux, optional(kind)))
+        on_facets = optional(on_mesh(self.mesh, normals=True))
+        check(load=(self.load, on_mesh(self.mesh)), flux=(self.flux, on_facets))
 
 
 @dataclass(frozen=True)

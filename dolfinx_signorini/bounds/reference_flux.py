@@ -72,9 +72,7 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, points: Arra
     Returns:
         The values at the points of all parts, shape (n, count * points).
     """
-    kind = basix.PolynomialType.bernstein
-    table = np.asarray(basix.tabulate_polynomials(kind, CELLS[1], degree, points))
-    values = np.maximum(coefficients @ on_parts(degree, count), 0.0) @ table
+    values = np.maximum(coefficients @ on_parts(degree, count), 0.0) @ _bernstein(degree, points)
     return np.asarray(values.transpose(1, 0, 2).reshape(-1, count * len(points)))
 
 
@@ -102,25 +100,39 @@ def on_parts(degree: int, count: int) -> Array:
     Returns:
         The coefficients, shape (count, polynomials, coefficients).
     """
-    lattice, bernstein = _bernstein(1, degree)
+    lattice = _lattice(1, degree)
     places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
     table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
-    return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(bernstein))
+    return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(_bernstein(degree, lattice)))
 
 
-def _bernstein(dimension: int, degree: int) -> tuple[Array, Array]:
-    """A lattice, and the Bernstein basis at its points, shape (functions, points)."""
+def _lattice(dimension: int, degree: int) -> Array:
     kind = basix.LatticeType.equispaced
-    points = np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
-    family = basix.PolynomialType.bernstein
-    return points, np.asarray(basix.tabulate_polynomials(family, CELLS[dimension], degree, points))
+    return np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
+
+
+def _bernstein(degree: int, points: Array) -> Array:
+    """The Bernstein basis at points of a reference simplex, shape (functions, points).
+
+    The factorials of Basix are wrong from degree 13 on.
+    """
+    shares = barycentric(points)
+    powers = np.indices((degree + 1,) * shares.shape[1]).reshape(shares.shape[1], -1).T
+    powers = powers[powers.sum(axis=1) == degree]
+    factorials = np.array([math.factorial(k) for k in range(degree + 1)], dtype=np.float64)
+    scales = factorials[degree] / factorials[powers].prod(axis=1)
+    values = [
+        scale * (shares**alpha).prod(axis=1) for scale, alpha in zip(scales, powers, strict=True)
+    ]
+    return np.array(values)
 
 
 @functools.cache
 def _to_bernstein(dimension: int, degree: int) -> Array:
     """The Bernstein coefficients of the polynomials, one row each."""
-    points, bernstein = _bernstein(dimension, degree)
-    return np.asarray(polynomials(dimension, degree, points) @ np.linalg.inv(bernstein))
+    points = _lattice(dimension, degree)
+    table = polynomials(dimension, degree, points)
+    return np.asarray(table @ np.linalg.inv(_bernstein(degree, points)))
 
 
 def others(dimension: int) -> npt.NDArray[np.int64]:

@@ -28,7 +28,12 @@ from dolfinx_signorini.bounds.condensation import coefficients
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.reference_flux import reference_flux
+from dolfinx_signorini.bounds.reference_flux import (
+    largest,
+    lowest,
+    polynomials,
+    reference_flux,
+)
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
@@ -65,6 +70,32 @@ def checked(case, worst):
     squares = case.domain.comm.allreduce(float((bound.cells**2).sum()))
     assert math.sqrt(squares) == pytest.approx(bound.total, rel=0.5)
     return bound
+
+
+@pytest.mark.parametrize("degree", [7, 8])
+def test_high_degrees(degree, comm):
+    """The polynomials of the bound have degrees up to 14, where tables of factorials end."""
+    x = ufl.SpatialCoordinate(domain := square(comm, 3))
+    bound = checked(Case(domain, detaching(x), degree, c=1.0), math.inf)
+    assert bound.total <= 0.1
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+@pytest.mark.parametrize("degree", [3, 13, 14])
+def test_bounds_of_polynomials(degree, dimension):
+    """Bernstein coefficients enclose the values, and for linear functions meet them at vertices."""
+    rng = np.random.default_rng(degree)
+    count = math.comb(degree + dimension, dimension)
+    coefficients = rng.standard_normal((50, count))
+    coefficients[:25, dimension + 1 :] = 0.0
+    points = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    points = np.vstack((points, rng.dirichlet(np.ones(dimension + 1), 400)[:, 1:]))
+    values = coefficients @ polynomials(dimension, degree, points)
+    low, high = values.min(axis=1), np.abs(values).max(axis=1)
+    assert (lowest(dimension, degree, coefficients) <= low + 1e-9).all()
+    assert (high <= largest(dimension, degree, coefficients) + 1e-9).all()
+    assert lowest(dimension, degree, coefficients[:25]) == pytest.approx(low[:25], abs=1e-9)
+    assert largest(dimension, degree, coefficients[:25]) == pytest.approx(high[:25], abs=1e-9)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
