@@ -24,7 +24,11 @@ SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
 ROUNDING = 1e-12  # relative; data that differ by so little are the same
 VANISHING = 1e-12  # relative; what is as small as that is nothing
 DOUBTFUL = 1e-9  # of the diagonal entry, or of the trace; smaller row sums may be rounding
-HATS = {2: 13, 3: 6}  # for each dimension: nodes along each side of the grid of `check_definite`
+HATS = {
+    1: 200,
+    2: 13,
+    3: 6,
+}  # for each dimension: nodes along each side of the grid of `check_definite`
 MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
 

@@ -131,3 +131,29 @@ def test_a_form_on_a_mesh_thinner_than_wide():
     c = with_reaction(lambda x: ufl.conditional(ufl.gt(x[0], 0.5), -10.0, 11.0))
     with pytest.raises(InputError, match="form a: not positive definite"):
         problem_with(c, thin)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cells", [7, 300])
+def test_on_the_line(cells, degree, comm):
+    """-u'' + k u = -1 on (0, 1) with contact at both ends: u = cosh(x - 1/2) / cosh(1/2) - 1."""
+    domain = mesh.create_unit_interval(comm, cells)
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    k = fem.Constant(domain, 1.0)
+    a = (u.dx(0) * v.dx(0) + k * u * v) * ufl.dx
+    facets = boundary_facets(domain)
+    problem = SignoriniProblem(a, -v * ufl.dx, contact=facets)
+    problem.solve(rtol=1e-10)
+    x = ufl.SpatialCoordinate(domain)[0]
+    exact = ufl.cosh(x - 0.5) / np.cosh(0.5) - 1.0
+    error = comm.allreduce(fem.assemble_scalar(fem.form((problem.u - exact) ** 2 * ufl.dx)))
+    assert np.sqrt(error) < 0.1 * cells ** -(degree + 1.0)
+    forces = comm.allreduce(problem.forces.x.array[problem.contact_dofs].sum())
+    assert forces == pytest.approx(2.0 * np.tanh(0.5), rel=0.2 * cells**-2.0)
+    problem.destroy()
+    k.value = -3.0  # below -pi^2/4, the least eigenvalue with u = 0 at one end
+    left = fem.locate_dofs_geometrical(space, lambda x: np.isclose(x[0], 0.0))
+    bcs = [fem.dirichletbc(0.0, left, space)]
+    with pytest.raises(InputError, match="definite"):
+        SignoriniProblem(a, -v * ufl.dx, contact=facets, bcs=bcs)
