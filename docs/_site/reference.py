@@ -100,14 +100,12 @@ def _api() -> str:
                 page += f"\n`{name}` = `{thing!r}`\n"
     for title, module in MODULES.items():
         full = f"dolfinx_signorini.{module}"
-        page += f"\n## {title}: `{module}`\n" + _directive(
-            f"automodule:: {full}", ":members:", ":no-index:" if module == "none" else ""
-        )
+        page += f"\n## {title}: `{module}`\n" + _directive(f"automodule:: {full}", ":members:")
     return page
 
 
 def _directive(head: str, *options: str) -> str:
-    lines = "\n".join(f"   {option}" for option in options if option)
+    lines = "\n".join(f"   {option}" for option in options)
     return f"\n```{{eval-rst}}\n.. {head}\n{lines}\n```\n"
 
 

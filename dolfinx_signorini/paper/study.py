@@ -13,7 +13,7 @@ from dolfinx_signorini.paper.sampling import LINF, W1_INF, paper_errors
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner, paper_problem
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.quadrature import FACET_RULE
-from dolfinx_signorini.records import Records
+from dolfinx_signorini.records import ROWS, Records
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.timing import Phases
 
@@ -64,7 +64,7 @@ def run_study(
         InputError: A setting makes no sense or the folder cannot be used.
         NotConvergedError: Some problem could not be solved.
     """
-    records = Records(comm, folder / "rows.jsonl", asdict(settings), keys=("n", "errors"))
+    records = Records(comm, folder / ROWS, asdict(settings), keys=("n", "errors"))
     done = {row["n"]: row for row in records.rows}
     for n in cells:
         if n in done:

@@ -239,8 +239,7 @@ class TaoRounds:
 
     def _others(self) -> tuple[str, ...]:
         """Return how options begin that this method does not read, but another one does."""
-        families = {family for name, family in OPTION_FAMILIES.items() if name != self.method}
-        return "ksp_", "pc_", *(families - {OPTION_FAMILIES[self.method]})
+        return "ksp_", "pc_", *(set(OPTION_FAMILIES.values()) - {OPTION_FAMILIES[self.method]})
 
     def _count_linear(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
         self.linear_iterations += iteration > 0

@@ -143,7 +143,7 @@ def _tolerance(rows: Sequence[Row]) -> Rule:
         tightest = line[-1]
         loosest.append(fine["rtol"])
         parts.append(
-            f"For {name} the algebraic error is {share(fine):.1%} of that of the discretisation, "
+            f"For {name} the algebraic error is {share(fine):.1e} of that of the discretisation, "
             f"in the worst of four norms, at rtol {fine['rtol']:.0e} ({fine['total']:.3g} s), and "
             f"{share(tightest):.1e} of it at {tightest['rtol']:.0e} ({tightest['total']:.3g} s)."
         )

@@ -33,7 +33,7 @@ from dolfinx_signorini.paper.theory.examples import (
     smooth_example,
 )
 from dolfinx_signorini.paper.theory.one_sided import SAMPLES
-from dolfinx_signorini.records import Records
+from dolfinx_signorini.records import ROWS, Records
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 
 Row = dict[str, Any]
@@ -220,7 +220,7 @@ def run_experiments(
         InputError: The folder cannot be used.
         NotConvergedError: Some problem could not be solved.
     """
-    records = Records(comm, folder / "rows.jsonl", SETTINGS)
+    records = Records(comm, folder / ROWS, SETTINGS)
     done = {(row["experiment"], row["n"]): row for row in records.rows}
     known, result = experiments(), {}
     for name in names:
