@@ -30,8 +30,10 @@ def draw_problem(problem: Solved, what: str, sides: Mapping[str, Facets] | None)
         sides: Facets of the mesh by the name of their side.
 
     Raises:
-        InputError: There is no such picture.
+        InputError: There is no such picture, or the problem is one on a line.
     """
+    if problem.u.function_space.mesh.geometry.dim == 1:
+        raise InputError("pictures are known in the plane and in space", "problem")
     if what not in PICTURES:
         raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
     boundary = gather_contact_boundary(problem, sides)

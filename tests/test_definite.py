@@ -151,6 +151,8 @@ def test_on_the_line(cells, degree, comm):
     assert np.sqrt(error) < 0.1 * cells ** -(degree + 1.0)
     forces = comm.allreduce(problem.forces.x.array[problem.contact_dofs].sum())
     assert forces == pytest.approx(2.0 * np.tanh(0.5), rel=0.2 * cells**-2.0)
+    with pytest.raises(InputError, match="plane"):
+        problem.plot()
     problem.destroy()
     k.value = -3.0  # below -pi^2/4, the least eigenvalue with u = 0 at one end
     left = fem.locate_dofs_geometrical(space, lambda x: np.isclose(x[0], 0.0))
