@@ -7,7 +7,7 @@ no bounded enclosure, the formula stays, and is known at points only.
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ from dolfinx_signorini.bounds.strong_form import (
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets, longest_side
 from dolfinx_signorini.scenes.cell_polynomials import cell_function, is_polynomial
+from dolfinx_signorini.scenes.choices import decided
 from dolfinx_signorini.scenes.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.derivatives import load_and_current
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices, nowhere_negative
@@ -48,7 +49,19 @@ FLAT = 1e-12  # of a normal: components that are rounding
 ROUNDING = 1e-12  # of a reaction: negative values that are none
 NEGATIVE = "whether the reaction is negative somewhere is known at points only"
 KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
+SLIVER = 1e-9  # of a cell: where data may have another side's values on more, the cell is cut
+FULL = 1.0 + 1e-9  # for rounding
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
+
+
+@dataclass(frozen=True)
+class _OneSided:
+    """Cells with a formula that stands for another one there, but for a share of each cell."""
+
+    cells: Indices
+    formula: Formula
+    shares: Array
+    apart: Array  # how far apart the two formulas may be there
 
 
 class KnownData:
@@ -269,13 +282,44 @@ class KnownData:
         self, formula: Formula, weights: Array, tolerance: float
     ) -> tuple[fem.Function, Array, Array] | None:
         """Polynomials on cells, and the L2 norms and means of what is missed; None if unbounded."""
-        degree = min(self.degree + 2, ORDERS[self.d] // 2)
-        found = fit(formula, self.comm, self.corners, degree, weights, tolerance)
-        self.hidden = max(self.hidden, found.hidden)
-        if self._any(~np.isfinite(found.missed)):
+        degree, count = min(self.degree + 2, ORDERS[self.d] // 2), len(self.corners)
+        coefficients = np.zeros((count, math.comb(degree + self.d, degree)))
+        missed, mean, hidden = np.zeros(count), np.zeros(count), 0.0
+        parts = self._one_sided(formula)
+        nothing = _OneSided(np.empty(0, dtype=np.int64), formula, np.empty(0), np.empty(0))
+        for k in range(max(self.comm.allgather(len(parts)))):
+            part = parts[k] if k < len(parts) else nothing
+            cells, share = part.cells, part.shares
+            where = self.corners[cells], degree, weights[:, cells]
+            found = fit(part.formula, self.comm, *where, tolerance)
+            coefficients[cells] = found.coefficients
+            missed[cells] = found.missed + np.sqrt(share) * part.apart
+            mean[cells] = found.mean + share * part.apart
+            hidden = math.hypot(hidden, found.hidden)
+        self.hidden = max(self.hidden, hidden)
+        if self._any(~np.isfinite(missed)):
             return None
-        missed = found.missed * np.sqrt(self.frames.volumes)
-        return cell_function(self.domain, found.coefficients, degree), missed, found.mean
+        missed *= np.sqrt(self.frames.volumes)
+        return cell_function(self.domain, coefficients, degree), missed, mean
+
+    def _one_sided(self, formula: Formula) -> list["_OneSided"]:
+        """The cells on one side of the jumps and kinks of a formula, and those that are cut."""
+        cut, result = np.zeros(len(self.corners), dtype=bool), []
+        for part in decided([formula], self.corners):
+            chosen, apart = part.formulas[0], np.zeros(len(part.cells))
+            open_ = np.flatnonzero(part.shares > 0.0)
+            low, high = enclosed_on_simplices(chosen, self.corners[part.cells[open_]])
+            for (other,) in part.others:
+                least, most = enclosed_on_simplices(other, self.corners[part.cells[open_]])
+                with np.errstate(invalid="ignore"):
+                    far = np.maximum(most - low, high - least)
+                apart[open_] = np.maximum(apart[open_], np.where(np.isnan(far), np.inf, far))
+            thin = (part.shares <= SLIVER) & np.isfinite(apart)
+            cut[part.cells[~thin]] = True
+            shares = part.shares[thin] * FULL
+            result.append(_OneSided(part.cells[thin], chosen, shares, apart[thin]))
+        zeros = np.zeros(int(cut.sum()))
+        return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]
 
     def _any(self, marks: Marks | bool) -> bool:
         return bool(self.comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

@@ -13,9 +13,11 @@ from known import bump, circle
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
-from dolfinx_signorini.scenes import pose
+from dolfinx_signorini.scenes import known_data, pose
 from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
 from dolfinx_signorini.scenes.fitting import fitted_mesh
+from dolfinx_signorini.scenes.formulas import evaluated
+from dolfinx_signorini.scenes.known_data import KnownData
 from dolfinx_signorini.scenes.parsing import parse
 from dolfinx_signorini.scenes.reading import parse_scene
 
@@ -234,6 +236,45 @@ def test_a_diffusion_that_jumps_across_a_slanted_line(degree, matrix, fit, comm)
     error = energy_error(posed, exact, f"where(x + 0.5*y < 0.67, 1, {high})", "0")
     assert not bound.sampled and bound.notes == ()
     assert (1.0 if fit else 0.98) * error <= bound.total <= (1.3 if fit else 12.0) * error
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(("slope", "place"), [(0.3, 0.5), (-0.41, 0.37), (1.7, 0.9)])
+def test_a_reaction_and_a_load_that_jump_along_a_fitted_line(slope, place, degree, comm):
+    """On which side of the line data are on it, rounding decides: that is a sliver of each cell."""
+    c = f"where(x + {slope!r}*y < {place!r}, 1, 200)"
+    text, exact = wave(8, degree, 2.0, 1.0, c=c)
+    scene = parse_scene(text, Path("scene.toml"), comm)
+    posed = pose(scene, comm, fitted_mesh(scene.domain.make(comm), [scene.reaction], 10_000))
+    posed.problem.solve()
+    bound, error = bound_of_scene(posed), energy_error(posed, exact, "1", c)
+    assert not bound.sampled and error <= bound.total <= 1.3 * error
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        "where(x + 0.3*y < 0.52, 1, 40)",
+        "abs(x - 0.4)*sin(3*y) + where(x*y < 0.2, exp(x), 0)",
+        "max(x + y - 0.7, 0)^2 - min(y - 0.3, x^2)*where(y < 0.62, 1, -3)",
+    ],
+)
+def test_data_on_the_other_side_of_a_sliver_count(load, comm, monkeypatch):
+    """With all that is cut taken for slivers: the mean square of the difference, on a lattice."""
+    monkeypatch.setattr(known_data, "SLIVER", 1.0)
+    text, _ = wave(5, 1, 1.0, 1.0)
+    lines = [f'load = "{load}"' if line.startswith("load") else line for line in text.splitlines()]
+    known = KnownData(solved("\n".join(lines), comm))
+    shares = np.random.default_rng(1).dirichlet(np.ones(3), 4000)
+    seen, larger = 0, 0
+    for part in known._one_sided(known.load):
+        points = np.tensordot(shares, known.corners[part.cells], (1, 1))
+        values, own = (evaluated(f.root, points) for f in (known.load, part.formula))
+        square = ((values - own) ** 2).mean(axis=0)
+        # Points at random: of their share in a place three standard deviations are 0.03 or less.
+        assert (square <= (part.shares + 0.03 * np.sqrt(part.shares)) * part.apart**2).all()
+        seen, larger = seen + len(part.cells), larger + int((square > 0.0).sum())
+    assert seen == len(known.corners) and comm.allreduce(larger) > 5
 
 
 @pytest.mark.parametrize("degree", [1, 2])
