@@ -28,6 +28,7 @@ from dolfinx_signorini.scenes.roughness import jumps, poles, rough, switches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
 
 ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
 SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
@@ -96,7 +97,7 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
     projection = _Projection(formulas[0], domain, element, corners)
     projection.switches, projection.poles = parts, []
     cells = projection.candidates()
-    cells = cells[projection.broken(projection.whole[cells])]
+    cells = cells[projection.broken(projection.whole[cells])[0]]
     found = list(projection.pieces(cells))
     return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
@@ -191,7 +192,7 @@ class _Projection:
         cells = self.candidates()
         whole, mean = self.whole[cells], self._mean()
         polar = self.polar(whole)
-        chosen = self.broken(whole) | polar
+        chosen = self.broken(whole)[0] | polar
         cells, polar = cells[chosen], polar[chosen]
         coarse = self._moments(self.whole[cells], cells)
         moments = np.zeros_like(coarse)
@@ -230,9 +231,7 @@ class _Projection:
             kept = ~split if width <= least else np.ones(len(split), dtype=bool)
             if width <= least or self._count(split) > MOST_AT_POLES:
                 split[:] = False
-            broken = self.broken(pieces)
-            curved = broken.copy()
-            curved[broken] = ~self._flat(pieces[broken])
+            broken, curved = self.broken(pieces)
             if width > target and self._count(curved) <= MOST_PIECES:
                 split |= curved
             done = kept & ~split
@@ -283,26 +282,23 @@ class _Projection:
         owners, count = np.tile(cells, len(self.weights)), len(self.whole)
         return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
 
-    def broken(self, pieces: Array) -> npt.NDArray[np.bool_]:
-        """Whether one of the switches changes its sign in a piece, or may do so between points."""
-        broken = np.zeros(len(pieces), dtype=bool)
+    def broken(self, pieces: Array) -> tuple[Marks, Marks]:
+        """Whether a switch changes its sign in a piece, or may do so between points of the lattice.
+
+        And whether such a switch is not nearly linear in the piece, so that its zeros are curved.
+        """
+        broken, curved = np.zeros((2, len(pieces)), dtype=bool)
         for switch in self.switches:
             values, apart = self._apart(switch, pieces)
+            low, high, bend = values.min(axis=0), values.max(axis=0), np.abs(apart).max(axis=0)
             sizes = np.abs(values)
             rounding = ON_ZERO * sizes.max(axis=0)
-            broken |= (values.min(axis=0) < -rounding) & (values.max(axis=0) > rounding)
-            curvature = np.abs(apart).max(axis=0)
-            broken |= (curvature > rounding) & (sizes.min(axis=0) <= curvature)
-        return broken
-
-    def _flat(self, pieces: Array) -> npt.NDArray[np.bool_]:
-        """Whether all switches are nearly linear in a piece, so that their zeros are flat."""
-        flat = np.ones(len(pieces), dtype=bool)
-        for switch in self.switches:
-            values, apart = self._apart(switch, pieces)
-            range_ = values.max(axis=0) - values.min(axis=0)
-            flat &= np.abs(apart).max(axis=0) <= FLAT * range_
-        return flat
+            changes = (low < -rounding) & (high > rounding)
+            changes |= (bend > rounding) & (sizes.min(axis=0) <= bend)
+            with np.errstate(invalid="ignore"):
+                curved |= changes & ~(bend <= FLAT * (high - low))
+            broken |= changes
+        return broken, curved
 
     def _cut(self, pieces: Array, cells: Indices) -> tuple[Array, Indices]:
         """Cut pieces where switches are zero, as if the switches were linear in each piece."""
@@ -325,11 +321,11 @@ class _Projection:
         with np.errstate(invalid="ignore"):
             return values, values - barycentric(self.lattice) @ values[self.corners]
 
-    def _count(self, marks: npt.NDArray[np.bool_]) -> int:
+    def _count(self, marks: Marks) -> int:
         """How many pieces of all ranks are marked."""
         return int(self.comm.allreduce(int(marks.sum())))
 
-    def polar(self, pieces: Array) -> npt.NDArray[np.bool_]:
+    def polar(self, pieces: Array) -> Marks:
         """Whether a pole is in a piece, or nearer to the piece than about its width."""
         found = np.zeros(len(pieces), dtype=bool)
         if not self.poles:
