@@ -2,6 +2,7 @@
 
 import io
 import re
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -35,6 +36,14 @@ class Picture(Figure):
         picture
     """
 
+    def __init__(self, **options: Any) -> None:
+        """Make a figure with the resolution of all pictures of the package.
+
+        Args:
+            options: The arguments of matplotlib's `Figure`.
+        """
+        super().__init__(**{"dpi": DPI, **options})
+
     def _repr_png_(self) -> bytes:
         """Return the picture as IPython asks for the picture."""
         return self.png()
@@ -42,5 +51,5 @@ class Picture(Figure):
     def png(self) -> bytes:
         """Return the picture as the content of a PNG file."""
         buffer = io.BytesIO()
-        self.savefig(buffer, format="png", dpi=DPI)
+        self.savefig(buffer, format="png")
         return buffer.getvalue()

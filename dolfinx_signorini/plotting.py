@@ -10,6 +10,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from dolfinx_signorini.picture import DPI
+
 SUFFIXES = (".png", ".svg")
 
 
@@ -26,5 +28,5 @@ def save(figure: Figure, path: Path) -> None:
         path: The name of both files, which their suffixes complete.
     """
     for suffix in SUFFIXES:
-        figure.savefig(path.with_suffix(suffix), dpi=150)
+        figure.savefig(path.with_suffix(suffix), dpi=DPI)
     plt.close(figure)

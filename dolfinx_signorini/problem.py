@@ -320,7 +320,7 @@ class SignoriniProblem:
         self._solution()
         figure = draw_problem(self, what, sides)
         if figure is not None and path is not None:
-            figure.savefig(path, dpi=150)
+            figure.savefig(path)
         return figure
 
     def solve_linearised(

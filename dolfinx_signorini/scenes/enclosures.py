@@ -13,6 +13,7 @@ from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from dolfinx_signorini.scenes.formulas import COMPARISONS, Formula, Node, PerNode, nodes
 from dolfinx_signorini.scenes.intervals import (
@@ -33,12 +34,11 @@ from dolfinx_signorini.scenes.intervals import (
     sine,
     subtract,
 )
-from dolfinx_signorini.scenes.pieces import divided
+from dolfinx_signorini.scenes.pieces import MOST_PIECES, divided
 
 LIMITS = {"sqrt": (0.0, np.inf), "log": (0.0, np.inf), "asin": (-1.0, 1.0), "acos": (-1.0, 1.0)}
 ROUNDING = 1e-12  # of an argument that is beyond such a limit
 DIVISIONS = 6  # of simplices in search for a sign
-MOST_PIECES = 20_000  # on a rank that are divided once more
 
 # A value and, where asked for, its derivatives: shapes (2, 1, boxes) and (2, dimension, boxes).
 Pair = tuple[Array, Array | None]
@@ -123,22 +123,21 @@ def _both(formula: Formula, corners: Array) -> tuple[Array, Array]:
     return value, np.stack(means, axis=1)
 
 
-def nowhere_negative(formula: Formula, corners: Array, tiny: float) -> npt.NDArray[np.bool_]:
-    """Return whether a formula is known to have no value below 0 on simplices.
+def nowhere_negative(comm: MPI.Comm, formula: Formula, corners: Array, tiny: float) -> bool:
+    """Return whether a formula is known to have no value below 0 on the simplices of all ranks.
 
     Args:
-        formula, corners: See `enclosed_on_simplices`.
+        comm: The communicator; the call is collective.
+        formula, corners: See `enclosed_on_simplices`; the simplices of this rank.
         tiny: Negative values of this size are none.
     """
-    result = np.ones(len(corners), dtype=bool)
-    owners: npt.NDArray[np.int64] = np.arange(len(corners))
-    for level in range(DIVISIONS + 1):
+    for _ in range(DIVISIONS + 1):
         open_ = enclosed_on_simplices(formula, corners)[0] < -tiny
-        if level == DIVISIONS or np.count_nonzero(open_) > MOST_PIECES:
-            result[owners[open_]] = False
-            break
-        corners, owners = divided(corners[open_], owners[open_])
-    return result
+        count = comm.allreduce(int(np.count_nonzero(open_)))
+        if count == 0 or count > MOST_PIECES:
+            return count == 0
+        corners, _ = divided(corners[open_], np.flatnonzero(open_))
+    return False
 
 
 def undefined(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.names import operations
-from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.scenes.pieces import MOST_PIECES, divided, inside
 from dolfinx_signorini.scenes.singular import root_mean_squares
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +33,6 @@ Indices = npt.NDArray[np.int64]
 REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 DEEPEST = 30  # divisions of a simplex
-MOST_PIECES = 20_000  # on all ranks that are divided once more
 MOST_WORK = 1_000_000  # the same, times the number of operations of a formula
 KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
 DIVISIONS = 4  # of a simplex into such parts

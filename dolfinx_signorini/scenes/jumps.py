@@ -23,7 +23,7 @@ from dolfinx_signorini.elements import constants
 from dolfinx_signorini.meshes import facet_cells, facet_vertices, longest_side, owned_cells, sampled
 from dolfinx_signorini.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.pieces import cut, divided, inside
+from dolfinx_signorini.scenes.pieces import MOST_PIECES, cut, divided, inside
 from dolfinx_signorini.scenes.roughness import jumps, poles, rough, switches
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +35,6 @@ SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well e
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 FLAT = 1e-3  # of the range of a switch in a piece: how far from linear the switch may be
 ON_ZERO = 1e-10  # of the values of a switch in a piece: smaller ones are zero
-MOST_PIECES = 30_000  # on all ranks that are divided once more
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 AWAY = 0.5  # of the largest value of a denominator in a piece: smaller ones tell a pole
 DEEPEST = 40  # divisions towards a pole

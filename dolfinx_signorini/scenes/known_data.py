@@ -142,7 +142,7 @@ class KnownData:
             return terms, rest
         require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
         tiny = ROUNDING * max(self.comm.allgather(float(high.max(initial=0.0))))
-        if self._any(~nowhere_negative(formula, self.corners, tiny)):
+        if not nowhere_negative(self.comm, formula, self.corners, tiny):
             rest = replace(rest, sampled=(*rest.sampled, NEGATIVE))
         extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
         if polynomial_degree(terms.reaction) is not None:

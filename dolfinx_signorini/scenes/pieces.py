@@ -13,6 +13,8 @@ from dolfinx_signorini.bounds.reference_flux import barycentric
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 
+MOST_PIECES = 20_000  # on all ranks that are divided once more
+
 # The children of a segment, a triangle and a tetrahedron: vertex 10 i + j is the middle of
 # vertices i and j.
 CHILDREN = {

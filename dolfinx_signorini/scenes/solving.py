@@ -122,7 +122,7 @@ class SceneResult:
 
         figure = draw_result(self, what)
         if figure is not None and path is not None:
-            figure.savefig(path, dpi=150)
+            figure.savefig(path)
         return figure
 
     @property
