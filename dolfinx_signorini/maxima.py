@@ -208,6 +208,8 @@ class Maxima:
             box = self._boxes(at, radius)
             away = np.abs(box - at[:, None]).max(axis=2) > 0.25 * radius
             rings.append(float(self._values(place, box[away][None])[kind].max()))
+        if not np.isfinite(rings).all():
+            return True
         growth = np.diff(rings)
         late, before = growth[-2:].sum(), growth[-4:-2].sum()
         return bool((growth[-4:] > 0.0).all() and late > max(GROWING * before, 0.01 * rings[-1]))
