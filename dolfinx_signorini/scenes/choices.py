@@ -72,7 +72,7 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         The formulas themselves, with shares 0, where choices are too many.
     """
     names = Names()
-    margins = {names[m]: m for f in formulas for m in switches(f)}
+    margins = {names[m]: m for m in switches(*formulas)}
     count, every = len(corners), np.arange(len(corners))
     found = [_sides(Formula("", margin), corners) for margin in margins.values()]
     signs = np.array([sign for sign, _ in found]).reshape(len(found), count)

@@ -29,7 +29,7 @@ from dolfinx_signorini.scenes.formulas import Node, evaluated
 from dolfinx_signorini.scenes.jumps import cut_cells
 from dolfinx_signorini.scenes.pieces import inside
 from dolfinx_signorini.scenes.posing import PosedScene
-from dolfinx_signorini.scenes.roughness import switches
+from dolfinx_signorini.scenes.roughness import slopes, switches
 
 Indices = npt.NDArray[np.int64]
 
@@ -48,9 +48,9 @@ def cut_errors(posed: PosedScene, target: Target) -> Array:
     Returns:
         One value for each owned cell, 0 for cells that are not cut.
     """
-    domain, rows = posed.sided.mesh, posed.scene.diffusion
+    domain = posed.sided.mesh
     errors, comm = np.zeros(len(owned_cells(domain))), domain.comm
-    if not any(switches(entry) for row in rows for entry in row):
+    if not switches(*posed.scene.diffusion_entries):
         return errors
     cuts = _Cuts(posed)
     if not comm.allreduce(len(cuts.cells)):
@@ -91,7 +91,7 @@ class _Cuts:
         self.u, self.space, self.rows = posed.problem.u, posed.problem.space, posed.scene.diffusion
         element = self.space.element.basix_element
         dim, self.degree = self.domain.topology.dim, element.degree
-        entries = [entry for row in self.rows for entry in row]
+        entries = posed.scene.diffusion_entries
         pieces, owners = cut_cells(entries, self.domain, self.degree)
         self.cells, self.owners = np.unique(owners, return_inverse=True)
         rule = interior_rule(element.cell_type, 2 * self.degree)
@@ -101,7 +101,7 @@ class _Cuts:
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
         self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
         self.edges = cell_edges(self.domain, self.cells.astype(np.int32))
-        self.normals = self._normals([node for entry in entries for node in switches(entry)])
+        self.normals = self._normals(switches(*entries))
         self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
         self.across = (self.fluxes * self.normals).sum(axis=2)
         self.volumes = self.integrals(np.ones_like(self.across))
@@ -116,10 +116,7 @@ class _Cuts:
             low, high = (np.full(len(self.cells), s) for s in (1.0, -1.0))
             np.minimum.at(low, self.owners, signs.min(axis=0))
             np.maximum.at(high, self.owners, signs.max(axis=0))
-            slope = np.empty_like(self.x)
-            for k, e in enumerate(np.eye(self.x.shape[2])):
-                way = step[:, None] * e
-                slope[..., k] = evaluated(node, self.x + way) - evaluated(node, self.x - way)
+            slope = slopes(node, self.x, step)
             length = np.linalg.norm(slope, axis=2)
             there = ((low < 0.0) & (high > 0.0))[self.owners] & (length > 0.0)
             result[there] = (slope / np.where(length > 0.0, length, 1.0)[..., None])[there]

@@ -51,8 +51,8 @@ def fitted_mesh(
         The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
         that the cells follow a curve, this curve is left inside of cells.
     """
-    nodes = [node for formula in formulas for node in reversed(switches(formula))]
-    lines = [part for formula in straight for node in switches(formula) for part in factors(node)]
+    nodes = switches(*formulas)[::-1]
+    lines = [part for node in switches(*straight) for part in factors(node)]
     comm, best = sided.mesh.comm, sided
     for attempt in range(ROUNDS if nodes or lines else 0):
         whole, marks = _fitted(_gathered(sided), nodes, lines, max_cells)

@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes import (
     owned_cells,
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.roughness import switches
+from dolfinx_signorini.scenes.roughness import slopes, switches
 from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
         sided: The mesh with its sides, whose vertices are moved.
         formulas: The formulas that jump at the curves.
     """
-    nodes = [node for formula in formulas for node in switches(formula)]
+    nodes = switches(*formulas)
     if not nodes:
         return
     vertices = _Vertices(sided)
@@ -104,19 +104,14 @@ class _Vertices:
         """Move the vertices near the zeros of a function onto the zeros."""
         x = self.x.copy()
         for _ in range(STEPS):
-            values, slopes = evaluated(node, x), self._slopes(node, x)
-            slopes -= np.einsum("vij,vj->vi", self.normals, slopes)
+            values, slope = evaluated(node, x), slopes(node, x, STEP * self.altitudes)
+            slope -= np.einsum("vij,vj->vi", self.normals, slope)
             with np.errstate(all="ignore"):
-                x = x - (values / (slopes**2).sum(axis=1))[:, None] * slopes
+                x = x - (values / (slope**2).sum(axis=1))[:, None] * slope
         with np.errstate(all="ignore"):
             ways = np.linalg.norm(x - self.x, axis=1) / self.altitudes
         chosen = self.free & (ways > ON) & (ways < NEAR)
         self.x[chosen] = x[chosen]
-
-    def _slopes(self, node: Node, x: Array) -> Array:
-        steps = STEP * self.altitudes[:, None] * np.eye(self.dimension)[:, None]
-        differences = [evaluated(node, x + way) - evaluated(node, x - way) for way in steps]
-        return np.asarray(np.array(differences).T / (2.0 * STEP * self.altitudes[:, None]))
 
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""

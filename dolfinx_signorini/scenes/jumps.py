@@ -90,15 +90,28 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
         The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
         the reference cell and in space side by side, and the cells of the pieces.
     """
-    parts = [node for formula in formulas for node in switches(formula)]
+    projection = _switching(formulas, domain, degree)
+    found = list(projection.pieces(projection.broken_cells()))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+
+
+def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
+    """Return the owned cells inside of which formulas jump or have a kink.
+
+    Args:
+        formulas, domain: See `cut_cells`.
+    """
+    return _switching(formulas, domain, 0).broken_cells()
+
+
+def _switching(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> "_Projection":
+    """The jumps and kinks of formulas, without their poles."""
     corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = fem.functionspace(domain, ("DG", degree)).element.basix_element
-    projection = _Projection(formulas[0], domain, element, corners)
-    projection.switches, projection.poles = parts, []
-    cells = projection.candidates()
-    cells = cells[projection.broken(projection.whole[cells])[0]]
-    found = list(projection.pieces(cells))
-    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    result = _Projection(formulas[0], domain, element, corners)
+    result.switches = switches(*formulas)
+    result.poles = []
+    return result
 
 
 def integrable_on_facets(
@@ -258,6 +271,11 @@ class _Projection:
             with np.errstate(invalid="ignore"):
                 near |= ~(np.maximum(low, -high) > high - low)
         return rows[near]
+
+    def broken_cells(self) -> Indices:
+        """Cells in which a switch changes its sign, or may do so."""
+        cells = self.candidates()
+        return cells[self.broken(self.whole[cells])[0]]
 
     def _mean(self) -> float:
         """The mean size of the formula in all cells, or in a sample of many.

@@ -217,6 +217,11 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     return sources, reactions
 
 
+def load_of(scene: Scene) -> Formula | None:
+    """Return the load of a scene, or the load that follows from its solution; None for zero."""
+    return _formulas_of_exact(scene)[0] if scene.manufactured else scene.load
+
+
 def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:
     """The load of a manufactured solution u, and the components of A grad u."""
     assert scene.solution is not None

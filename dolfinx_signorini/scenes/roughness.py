@@ -1,7 +1,12 @@
 """Where formulas are not smooth: the zeros of the parts that choose, and of denominators."""
 
-from dolfinx_signorini.scenes.formulas import Formula, Node, nodes
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, nodes
 from dolfinx_signorini.scenes.names import Names
+
+Array = npt.NDArray[np.float64]
 
 POSITIVE = ("exp", "cosh")  # without a zero
 
@@ -16,13 +21,18 @@ def rough(formula: Formula) -> bool:
     return bool(switches(formula) or poles(formula))
 
 
-def switches(formula: Formula) -> list[Node]:
-    """Return the parts of a formula at whose zeros the formula may jump or have a kink.
+def switches(*formulas: Formula) -> list[Node]:
+    """Return the parts of formulas at whose zeros one of the formulas may jump or have a kink.
 
-    What is inside of another part comes after that part.
+    Parts that are equal are named once. What is inside of another part comes after that part.
     """
-    found = map(switch, reversed(nodes(formula.root)))
-    return [part for part in found if part is not None]
+    names, found = Names(), dict[int, Node]()
+    for formula in formulas:
+        for part in map(switch, reversed(nodes(formula.root))):
+            if part is not None:
+                found.pop(names[part], None)
+                found[names[part]] = part
+    return list(found.values())
 
 
 def switch(node: Node) -> Node | None:
@@ -44,6 +54,21 @@ def chosen(node: Node, positive: bool) -> Node:
         greater = node.args[0].op in (">", ">=")
         return node.args[1 if positive == greater else 2]
     return node.args[0 if positive == (node.op == "max") else 1]
+
+
+def slopes(node: Node, x: Array, step: Array) -> Array:
+    """Return the gradients of a part of a formula at points, from differences.
+
+    Args:
+        node: The part.
+        x: The points, shape (..., dimension).
+        step: How far each point is from the points of its differences.
+    """
+    result = np.empty_like(x)
+    for k, e in enumerate(np.eye(x.shape[-1])):
+        way = step[..., None] * e
+        result[..., k] = (evaluated(node, x + way) - evaluated(node, x - way)) / (2.0 * step)
+    return result
 
 
 def poles(formula: Formula) -> list[Node]:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -28,6 +29,7 @@ from dolfinx_signorini.logs import tell_duration
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.norms import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.scenes.bends import bend_errors
 from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.fitting import fitted_mesh
@@ -221,7 +223,9 @@ def _solve_on_adapted_meshes(
         max_unknowns=max_unknowns,
         **asked,
         began=began,
-        hidden=lambda problem, target: cut_errors(posed[0], target),
+        hidden=lambda problem, target: np.maximum(
+            cut_errors(posed[0], target), bend_errors(posed[0], target)
+        ),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
     )
     if _diffusion_is_cut(scene, found.sided):

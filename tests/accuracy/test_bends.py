@@ -1,0 +1,162 @@
+"""What jumps of the load inside cells leave in sup norms: bends of the solution."""
+
+from pathlib import Path
+
+import basix
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from known import Known, true_error
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.scenes import solve_scene
+from dolfinx_signorini.scenes.bends import NEARER, bend_errors
+from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.scenes.reading import parse_scene
+
+NORMAL = {2: np.array([0.6, 0.8]), 3: np.array([2.0, -1.0, 2.0]) / 3.0}
+PLACE = 0.531  # of the jump along the normal
+
+
+def posed_scene(comm, dimension, degree, equation):
+    """A solved scene on a coarse mesh, all of whose boundary but the bottom has u = 1."""
+    normal = NORMAL[dimension]
+    d = " + ".join(f"{n!r}*{c}" for n, c in zip(normal.tolist(), "xyz", strict=False))
+    sides = ["left", "right", "top"] + ["front", "back"] * (dimension == 3)
+    text = f"""
+degree = {degree}
+[domain]
+shape = "{"square" if dimension == 2 else "cube"}"
+cells = 3
+[define]
+d = "{d} - {PLACE}"
+[equation]
+{equation}
+[contact]
+sides = "bottom"
+obstacle = -50
+[[dirichlet]]
+sides = {sides}
+value = 1
+"""
+    posed = pose(parse_scene(text, Path("bend.toml"), comm), comm)
+    posed.problem.solve()
+    return posed
+
+
+@pytest.mark.parametrize("norm", ["Linf", "W1_inf"])
+@pytest.mark.parametrize(("dimension", "degree"), [(2, 1), (2, 2), (2, 3), (2, 4), (3, 1), (3, 2)])
+def test_a_bend_is_what_interpolation_leaves_of_a_broken_parabola(comm, dimension, degree, norm):
+    matrix = [[2, 0.5], [0.5, 1]] if dimension == 2 else [[2, 0, 0], [0, 1, 0], [0, 0, 3]]
+    posed = posed_scene(
+        comm, dimension, degree, f'diffusion = {matrix}\nload = "where(d < 0, 1 + x, 7 + x)"'
+    )
+    found = bend_errors(posed, target(norm)) / NEARER
+
+    domain, normal = posed.sided.mesh, NORMAL[dimension]
+    jump = 6.0 / (normal @ np.array(matrix) @ normal)
+
+    def broken(x):
+        return 0.5 * jump * np.maximum(np.tensordot(normal, x[:dimension], 1) - PLACE, 0.0) ** 2
+
+    polynomial = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
+    polynomial.interpolate(broken)
+    kind = basix.LatticeType.equispaced
+    cell = posed.problem.space.element.basix_element.cell_type
+    lattice = basix.create_lattice(cell, 17, kind, True)
+    expressions = polynomial, ufl.grad(polynomial), ufl.SpatialCoordinate(domain)
+    cells = owned_cells(domain)
+    values, slopes, x = (
+        fem.Expression(e, lattice).eval(domain, cells).reshape(len(cells), len(lattice), -1)
+        for e in expressions
+    )
+    if norm == "Linf":
+        exact = broken(np.moveaxis(x, 2, 0))
+        error = np.abs(values[..., 0] - exact)
+    else:
+        exact = jump * np.maximum(x @ normal - PLACE, 0.0)[..., None] * normal
+        error = np.linalg.norm(slopes - exact, axis=2)
+    error, cut = error.max(axis=1, initial=0.0), found > 0.0
+    largest = comm.allreduce(error.max(initial=0.0), op=MPI.MAX)
+    assert comm.allreduce(int(cut.sum())) > 5
+    # Both are largest values at points, of different lattices.
+    assert found[cut] == pytest.approx(error[cut], abs=0.05 * largest)
+    # A parabola in the whole cell is a polynomial of degree 2.
+    smooth = error[~cut] if degree > 1 else np.zeros(1)
+    assert smooth == pytest.approx(0.0, abs=1e-9 * largest)
+
+
+def test_data_that_jump_together_bend_nothing(comm):
+    # u = 1 solves the problem, and f - c u = 0 on both sides.
+    data = "where(d < 0, 1, 7)"
+    posed = posed_scene(comm, 2, 2, f'reaction = "{data}"\nload = "{data}"')
+    found = bend_errors(posed, target("Linf"))
+    assert found == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_jump_that_stands_twice_in_the_data_counts_once(comm):
+    once, twice = "2*where(d < 0, 1, 7)", "where(d < 0, 1, 7) + where(d < 0, 1, 7)"
+    found = []
+    for load in (once, twice):
+        posed = posed_scene(comm, 2, 2, f'reaction = "where(d < 0, 1, 3)"\nload = "{load}"')
+        found.append(bend_errors(posed, target("Linf")))
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
+
+
+def test_a_kink_of_the_load_bends_nothing(comm):
+    posed = posed_scene(comm, 2, 2, 'load = "5*abs(d) + max(d, 0)"')
+    assert bend_errors(posed, target("Linf")) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["L4", "H1", "L2_boundary"])
+def test_bends_count_in_sup_norms_of_the_domain_alone(comm, name):
+    posed = posed_scene(comm, 2, 2, 'load = "where(d < 0, 1, 7)"')
+    assert not bend_errors(posed, target(name)).any()
+
+
+@pytest.mark.parametrize(
+    ("circle", "norm", "accuracy"),
+    [
+        # The errors were 1.48 and 1.18 times the accuracy, in cells that the circle hardly cuts.
+        ((0.456, 0.521, 0.273, 2.99), "Linf", 3e-5),
+    ],
+)
+def test_a_load_that_jumps_across_a_circle_keeps_sup_norms(comm, circle, norm, accuracy):
+    a, b, radius, size = circle
+    text = f"""
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "(x - {a})^2 + (y - {b})^2 - {radius**2!r}"
+w = "{size}*max(s, 0)^2 + 0.1*sin(x - 2*y)"
+[equation]
+reaction = 1
+load = "w + 0.5*sin(x - 2*y) - where(s > 0, {size}*(8*(s + {radius**2!r}) + 8*s), 0)"
+[contact]
+sides = "bottom"
+obstacle = "w"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "w"
+"""
+
+    def beyond(x, y):
+        return np.maximum((x - a) ** 2 + (y - b) ** 2 - radius**2, 0.0)
+
+    def u(x, y):
+        return size * beyond(x, y) ** 2 + 0.1 * np.sin(x - 2.0 * y)
+
+    def gradient(x, y):
+        slope, wave = 4.0 * size * beyond(x, y), 0.1 * np.cos(x - 2.0 * y)
+        return slope * (x - a) + wave, slope * (y - b) - 2.0 * wave
+
+    scene = parse_scene(text, Path("circle.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm)
+    error = true_error(result.u, Known(text, u, gradient, {}), norm)
+    reached = result.found.reached
+    result.destroy()
+    assert reached and error < accuracy
