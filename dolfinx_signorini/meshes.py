@@ -1,6 +1,7 @@
 """Meshes: their creation, and which of their cells and facets a computation touches.
 
-Everything here is local to the rank that calls it, except the creation of meshes.
+The creation of meshes and of a `SidedMesh`, `boundary_facets`, `box` and `longest_side` are
+collective; all other functions are local to the rank that calls them.
 """
 
 import math
@@ -51,6 +52,26 @@ class SidedMesh:
             return boundary_facets(self.mesh)
         parts = [self.sides[name] for name in names]
         return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+
+    def combinations(
+        self, facets: npt.NDArray[np.int32]
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+        """Return which combinations of sides there are, and which of them each facet is on.
+
+        Args:
+            facets: Facets of this rank; the call is collective.
+
+        Returns:
+            The combinations, the same on all ranks, shape (combinations, sides), and for each of
+            the facets the number of its combination.
+        """
+        marks = np.array([np.isin(facets, on) for on in self.sides.values()], dtype=bool)
+        marks = marks.reshape(len(self.sides), len(facets)).T
+        own = self.mesh.comm.allgather(np.unique(marks, axis=0))
+        found = np.unique(np.concatenate(own), axis=0)
+        both = np.concatenate((found, marks))
+        numbers = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+        return found, numbers[len(found) :]
 
 
 def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
@@ -157,7 +178,7 @@ def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np
 
 
 def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
-    """Return the facets on the boundary of the domain that this rank owns.
+    """Return the facets on the boundary of the domain that this rank owns; collective.
 
     Raises:
         InputError: The domain is no mesh.

@@ -196,7 +196,8 @@ def _parts(
     pieces: Array = np.concatenate((reference, corners), axis=2)
     owners: Indices = np.arange(count)
     sizes, parts = _sizes(corners), []
-    most = min(MOST_PIECES, MOST_WORK // operations(formula.root))
+    # Ranks may have different formulas, and all leave the loop at the same level.
+    most = comm.allreduce(min(MOST_PIECES, MOST_WORK // operations(formula.root)), op=MPI.MIN)
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
     for level in range(DEEPEST + 1):
         share = 0.5 ** (dimension * level)

@@ -94,9 +94,7 @@ def _gathered(sided: SidedMesh) -> Simplices | None:
     dim, comm = domain.topology.dim, domain.comm
     cells, corners = all_cells(domain)
     facets = boundary_facets(domain)
-    sides = np.zeros(len(facets), dtype=np.int64)
-    for k, on in enumerate(sided.sides.values()):
-        sides |= np.isin(facets, on).astype(np.int64) << k
+    _, sides = sided.combinations(facets)
     nodes = facet_nodes(domain, facets)
     ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = comm.gather((ids.reshape(-1, dim), sides))
@@ -126,6 +124,7 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     _, place = np.unique(np.concatenate((tagged[order], mine)), axis=0, return_inverse=True)
     found = np.empty(place.max(initial=-1) + 1, dtype=np.int64)
     found[place.ravel()[: len(order)]] = sides[order]
-    digits = found[place.ravel()[len(order) :]]
-    named = {name: facets[(digits >> k) & 1 == 1] for k, name in enumerate(sided.sides)}
+    combinations, _ = sided.combinations(boundary_facets(domain))
+    on = combinations[found[place.ravel()[len(order) :]]]
+    named = {name: facets[on[:, k]] for k, name in enumerate(sided.sides)}
     return SidedMesh(new, named)

@@ -84,9 +84,7 @@ class _Vertices:
         dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
         ends = self.x[dofs]
         normals = np.linalg.svd(ends[:, 1:] - ends[:, :1], full_matrices=True)[2][:, -1]
-        sides = np.zeros(len(facets))
-        for k, on in enumerate(sided.sides.values()):
-            sides += 2.0**k * np.isin(facets, on)
+        sides = sided.combinations(facets)[1].astype(np.float64)
 
         def mean(values: Array) -> Array:
             sums = self._summed(dofs, np.repeat(values[:, None], dim, axis=1))

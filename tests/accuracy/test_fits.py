@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.scenes import fits
 from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.fits import fit, followed
 from dolfinx_signorini.scenes.formulas import evaluated
@@ -145,6 +146,18 @@ def test_fits_are_close(text, most):
     corners = np.array([[[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]], [[0.5, 0.0], [1.0, 0.0], [0.5, 0.9]]])
     found = fit(parse(text), MPI.COMM_SELF, corners, 3, np.ones((2, 2)), 1e-3)
     assert found.missed.max() < most and found.mean.max() < 2e-2 and found.hidden < 2e-3
+
+
+def test_ranks_with_different_formulas_stop_at_the_same_level(comm, monkeypatch):
+    # Longer formulas are divided into fewer pieces, and a rank that stopped by itself left the
+    # others waiting.
+    monkeypatch.setattr(fits, "MOST_WORK", 200)
+    bump = "exp(-((x - 0.3137)^2 + (y - 0.4111)^2)/1e-6)"
+    longer = " + ".join(f"{bump}*sin({k}*x)" for k in range(1, 20))
+    corners = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
+    text = longer if comm.rank == 0 else bump
+    found = fit(parse(text), comm, corners, 2, np.ones((2, 1)), 1e-8)
+    assert len(set(comm.allgather(found.hidden))) == 1
 
 
 def test_a_narrow_bump_is_found():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from dolfinx_signorini.meshes import (
+    SidedMesh,
     boundary_facets,
     cell_edges,
     facet_cells,
@@ -58,6 +59,34 @@ def test_no_cell_is_on_both_sides_of_a_straight_jump(dim, text, inside, comm):
         nodes = facet_nodes(fitted.mesh, mine)
         nodes = fitted.mesh.geometry.x[np.unique(nodes)]
         assert (abs(nodes[:, k // 2] - k % 2) < 1e-14).all()
+
+
+def test_a_fitted_mesh_has_any_number_of_sides(comm):
+    # Each facet of the boundary has a side of its own, and one more side has the four corners.
+    count = 20
+    plain = Square(count).make(comm)
+    facets = boundary_facets(plain.mesh)
+
+    def places(domain, facets):
+        middles = domain.geometry.x[facet_nodes(domain, facets)].mean(axis=1) - 0.5
+        return np.degrees(np.arctan2(middles[:, 1], middles[:, 0])).round(6)
+
+    angles = np.unique(np.concatenate(comm.allgather(places(plain.mesh, facets))))
+    sides = {str(k): facets[places(plain.mesh, facets) == angle] for k, angle in enumerate(angles)}
+    assert len(sides) == 4 * count
+    sided = SidedMesh(plain.mesh, sides | {"all": facets})
+    fitted = fitted_mesh(sided, [parsing.parse("where(x + 0.37*y < 0.713, 1, 9)")], 3000)
+    cells = fitted.mesh.topology.index_map(2).size_global
+    assert cells > plain.mesh.topology.index_map(2).size_global
+    for name, facets in fitted.sides.items():
+        area = comm.allreduce(facet_scale(fitted.mesh, facet_cells(fitted.mesh, facets)).sum())
+        if name == "all":
+            assert area == pytest.approx(4.0, abs=1e-12)
+            continue
+        # Vertices are moved along straight parts of the boundary between facets of one side.
+        assert area == pytest.approx(1.0 / count, abs=1e-12), name
+        near = np.abs(places(fitted.mesh, facets) - angles[int(name)])
+        assert (near < 180.0 / count).all()
 
 
 def test_a_mesh_without_a_jump_inside_cells_stays_as_it_is(comm):
