@@ -9,7 +9,12 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.boundary_edges import edge_chains
-from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
+from dolfinx_signorini.elements import (
+    control_points,
+    facet_dofs,
+    facet_pieces,
+    values_at_control_points,
+)
 from dolfinx_signorini.meshes import facet_cells
 from dolfinx_signorini.shared_places import marked
 
@@ -128,15 +133,9 @@ def gather_contact_boundary(
     named: Indices = np.full(len(facets), -1)
     for number, part in enumerate((sides or {}).values()):
         named[np.isin(facets, part)] = number
-    closures = np.array(space.element.basix_element.entity_closure_dofs[tdim - 1])
-    local = space.dofmap.list[pairs[:, 0, None], closures[pairs[:, 1]]]
     fixed = marked(space, problem.fixed_dofs)
-    pieces = local[:, :tdim]
-    if tdim == 2 and len(local):
-        chain = along_edge(local)
-        pieces = np.concatenate([chain[:, i : i + 2] for i in range(chain.shape[1] - 1)])
-        named = np.tile(named, chain.shape[1] - 1)
-    used = np.unique(local)
+    pieces, owners = facet_pieces(space, pairs)
+    used = np.unique(facet_dofs(space, pairs))
     opened = problem.gap.x.array
     gap, values = (
         values_at_control_points(space, entries)[used] for entries in (opened, problem.u.x.array)
@@ -148,7 +147,7 @@ def gather_contact_boundary(
         control_points(space)[used][:, :tdim],
         np.stack((values, gap, pressure, opened[used]), axis=1),
         index_map.local_to_global(pieces.flatten()).reshape(-1, tdim),
-        named,
+        named[owners],
     )
     parts = domain.comm.gather(data, root=0)
     return None if parts is None else _merged(parts, problem.sign < 0.0, tuple(sides or ()))

@@ -9,7 +9,6 @@ Source: Christof and Haubner, Section 2.2, for the singularity.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy.typing as npt
 from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.elements import along_edge, control_points, values_at_control_points
+from dolfinx_signorini.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, instance
 from dolfinx_signorini.problem import SignoriniProblem
@@ -165,13 +164,7 @@ def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Arr
     space = problem.space
     gap, pressure = problem.gap.x.array, problem.pressure.x.array
     values = values_at_control_points(space, gap)
-    pairs = problem.system.layout.facet_cells
-    parts = [np.empty((0, 2), dtype=np.int32)]
-    for facet in range(3):
-        closure = space.dofmap.dof_layout.entity_closure_dofs(1, facet)
-        nodes = space.dofmap.list[pairs[pairs[:, 1] == facet, 0]][:, closure]
-        parts += [np.column_stack(pair) for pair in pairwise(along_edge(nodes).T)]
-    edges = np.concatenate(parts)
+    edges, _ = facet_pieces(space, problem.system.layout.facet_cells)
     x = control_points(space)[:, :2]
     table = np.hstack([x[edges].reshape(-1, 4), gap[edges], pressure[edges], values[edges]])
     table = np.concatenate(problem.comm.allgather(table))

@@ -188,10 +188,47 @@ def along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
 
 
+def facet_dofs(space: fem.FunctionSpace, pairs: Indices) -> Indices:
+    """Return the dofs of facets, those of the vertices first, shape (facets, dofs of a facet).
+
+    Args:
+        space: A scalar space of continuous elements.
+        pairs: The cells of the facets, and the numbers of the facets in these cells.
+    """
+    element = space.element.basix_element
+    closures = np.array(element.entity_closure_dofs[space.mesh.topology.dim - 1])
+    return np.asarray(space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]])
+
+
+def facet_pieces(space: fem.FunctionSpace, pairs: Indices) -> tuple[Indices, Indices]:
+    """Return pieces of facets between dofs: segments in the plane, and triangles in space.
+
+    Args:
+        space, pairs: See `facet_dofs`.
+
+    Returns:
+        The dofs of each piece, shape (pieces, dimension), and the facet of each piece. In the plane
+        the pieces lie between neighbouring dofs, in space between the vertices of the facets.
+    """
+    dofs, dim = facet_dofs(space, pairs), space.mesh.topology.dim
+    if dim == 2:
+        chain = along_edge(dofs)
+        parts = [chain[:, i : i + 2] for i in range(chain.shape[1] - 1)]
+    else:
+        quadrilaterals = space.element.basix_element.cell_type == basix.CellType.hexahedron
+        parts = [dofs[:, corners] for corners in ([0, 1, 2], [1, 3, 2])[: 1 + quadrilaterals]]
+    return np.concatenate(parts), np.tile(np.arange(len(pairs), dtype=np.int32), len(parts))
+
+
 @functools.cache
-def subtriangles(degree: int) -> Indices:
-    """Return the small triangles between the dofs of a triangle, shape (degree^2, 3)."""
-    lattice = _nodal_element(basix.CellType.triangle, degree).points
+def subtriangles(cell: basix.CellType, degree: int) -> Indices:
+    """Return the small triangles between the dofs of a cell in the plane, shape (triangles, 3).
+
+    Args:
+        cell: Triangles or quadrilaterals.
+        degree: The degree of the elements.
+    """
+    lattice = _nodal_element(cell, degree).points
     places = np.rint(degree * lattice).astype(int)
     number = {(i, j): dof for dof, (i, j) in enumerate(places.tolist())}
     found = []

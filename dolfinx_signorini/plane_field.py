@@ -57,7 +57,8 @@ def gather_plane_field(
     domain, index_map = space.mesh, space.dofmap.index_map
     owned, facets = index_map.size_local, domain.topology.index_map(1).size_local
     cells = space.dofmap.list[: domain.topology.index_map(2).size_local]
-    triangles = cells[:, subtriangles(space.element.basix_element.degree)].flatten()
+    element = space.element.basix_element
+    triangles = cells[:, subtriangles(element.cell_type, element.degree)].flatten()
     edges = {}
     for name, part in parts.items():
         edges[name] = domain.geometry.x[facet_nodes(domain, part[part < facets])]

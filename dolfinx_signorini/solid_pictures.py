@@ -23,7 +23,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.contact_boundary import ContactBoundary
 from dolfinx_signorini.contact_pictures import draw_faces
-from dolfinx_signorini.elements import control_points
+from dolfinx_signorini.elements import control_points, facet_pieces
 from dolfinx_signorini.meshes import boundary_facets, facet_cells
 from dolfinx_signorini.palette import COLOUR_MAP
 from dolfinx_signorini.picture import Picture
@@ -67,8 +67,7 @@ def gather_surface(u: fem.Function) -> Surface | None:
     domain, index_map = space.mesh, space.dofmap.index_map
     facets = boundary_facets(domain)
     pairs = facet_cells(domain, facets[facets < domain.topology.index_map(2).size_local])
-    vertices = np.array(space.element.basix_element.entity_closure_dofs[2])[:, :3]
-    local = space.dofmap.list[pairs[:, 0, None], vertices[pairs[:, 1]]]
+    local, _ = facet_pieces(space, pairs)
     used = np.unique(local)
     data = (
         index_map.local_to_global(used),

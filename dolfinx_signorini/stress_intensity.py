@@ -29,6 +29,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini import compiled
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.detachment import DetachmentPoint
+from dolfinx_signorini.elements import facet_dofs
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells, facet_nodes
@@ -148,8 +149,7 @@ def _boundary(problem: SignoriniProblem) -> _Boundary:
     domain, gap = space.mesh, problem.gap
     facets = boundary_facets(domain)
     pairs = facet_cells(domain, facets)
-    closures = np.array(space.element.basix_element.entity_closure_dofs[1])[:, :2]
-    dofs = space.dofmap.list[pairs[:, 0, None], closures[pairs[:, 1]]]
+    dofs = facet_dofs(space, pairs)[:, :2]
     cells = domain.geometry.x[domain.geometry.dofmap[pairs[:, 0]]][:, :, :2]
     ends = domain.geometry.x[facet_nodes(domain, facets)][:, :, :2]
     gaps = gap.x.array[dofs]

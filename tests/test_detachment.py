@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import detachment
+from dolfinx_signorini import SignoriniProblem, detachment
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.detachment import DetachmentPoint, _extrapolated, detachment_points
@@ -97,3 +99,21 @@ def test_ends_that_belong_to_one_point_are_one(monkeypatch):
     gap[70:], density[70:] = 0.0, np.sqrt(x[70:] - 0.695)
     places = sorted(point.position[0] for point in detachment_points(problem))
     assert len(places) == 2 and abs(places[1] - 0.695) <= 0.006
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_quadrilaterals_have_the_points_of_triangles(degree):
+    # The contact boundary y = 1 is the last facet of quadrilaterals.
+    found = []
+    for kind in (mesh.CellType.triangle, mesh.CellType.quadrilateral):
+        domain = mesh.create_unit_square(COMM, 40, 40, kind)
+        top = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
+        space = fem.functionspace(domain, ("Lagrange", degree))
+        u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+        problem = SignoriniProblem(a, 60.0 * (x[0] - 0.5) * v * ufl.dx, contact=top)
+        problem.solve()
+        found.append([point.position for point in detachment_points(problem)])
+        problem.destroy()
+    assert len(found[0]) == 1
+    assert np.array(found[1]) == pytest.approx(np.array(found[0]), abs=4e-3)

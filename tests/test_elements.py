@@ -94,14 +94,17 @@ def test_places_of_dofs_lie_on_the_sides(kind, degree, variant):
         assert (control_points(space, some)[dofs] == places[dofs]).all()
 
 
+@pytest.mark.parametrize(
+    ("cell", "count"), [(basix.CellType.triangle, 1), (basix.CellType.quadrilateral, 2)]
+)
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_small_triangles_fill_the_triangle(degree):
-    element = basix.create_element(
-        basix.ElementFamily.P, basix.CellType.triangle, degree, basix.LagrangeVariant.equispaced
-    )
-    corners = element.points[subtriangles(degree)]
-    edges = corners[:, 1:] - corners[:, :1]
-    assert np.abs(np.linalg.det(edges)) == pytest.approx(np.full(degree**2, 1.0 / degree**2))
+def test_small_triangles_fill_a_cell(cell, count, degree):
+    variant = basix.LagrangeVariant.equispaced
+    element = basix.create_element(basix.ElementFamily.P, cell, degree, variant)
+    corners = element.points[subtriangles(cell, degree)]
+    areas = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    assert areas == pytest.approx(np.full(count * degree**2, 1.0 / degree**2))
+    assert len(np.unique(corners.mean(axis=1).round(9), axis=0)) == len(corners)
 
 
 @pytest.mark.parametrize("degree", [2, 3, 4])

@@ -12,6 +12,7 @@ from dolfinx_signorini import InputError, SignoriniProblem, solid_pictures
 from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
 from dolfinx_signorini.picture import Picture, typeset_norm
+from dolfinx_signorini.plane_field import gather_plane_field
 
 COMM = MPI.COMM_WORLD
 
@@ -34,6 +35,33 @@ def square(n=12):
     domain = mesh.create_unit_square(COMM, n, n)
     domain.topology.create_connectivity(1, 2)
     return domain
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_cells_that_are_no_simplices_are_drawn_whole(cell, degree):
+    kind = mesh.CellType[cell]
+    if cell == "quadrilateral":
+        domain = mesh.create_unit_square(COMM, 3, 4, kind)
+    else:
+        domain = mesh.create_unit_cube(COMM, 2, 3, 2, kind)
+    domain.topology.create_connectivity(domain.topology.dim - 1, domain.topology.dim)
+    problem = solved(domain, degree)
+    boundary = gather_contact_boundary(problem)
+    u = problem.u
+    if cell == "quadrilateral":
+        drawn, whole = gather_plane_field(u, {}), 1.0
+    else:
+        drawn, whole = solid_pictures.gather_surface(u), 6.0
+    if COMM.rank == 0:
+        assert boundary.sizes.sum() == pytest.approx(4.0 if cell == "quadrilateral" else 6.0)
+        corners = drawn.points[drawn.triangles]
+        edges = corners[:, 1:] - corners[:, :1]
+        areas = 0.5 * np.sqrt(np.linalg.det(edges @ edges.transpose(0, 2, 1)))
+        assert areas.sum() == pytest.approx(whole)
+    assert (problem.plot(what="solution") is None) == (COMM.rank > 0)
+    assert (problem.plot() is None) == (COMM.rank > 0)
+    problem.destroy()
 
 
 def side(domain, axis, value):

@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.elements import facet_dofs
 from dolfinx_signorini.meshes import cells_with_dofs
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.shared_places import marked
@@ -70,10 +71,8 @@ def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.
         The (cell, local facet) pairs, and two arrays of the shape (facets, dofs of a facet).
     """
     space = problem.space
-    dim = space.mesh.topology.dim
     pairs = problem.system.layout.facet_cells
-    closures = np.array(space.element.basix_element.entity_closure_dofs[dim - 1])
-    dofs: Indices = space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]]
+    dofs = facet_dofs(space, pairs)
     return pairs, dofs, marked(space, problem.active)[dofs]
 
 

@@ -15,6 +15,7 @@ from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, N
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
+from dolfinx_signorini.elements import facet_dofs
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
@@ -227,13 +228,8 @@ def contact_closures(
         kinds: The kinds of the facets of the cells.
     """
     cells, facets = np.nonzero(kinds >= OPEN)
-    element = problem.space.element.basix_element
-    closures = np.array(element.entity_closure_dofs[frames.dimension - 1])
-    return (
-        cells,
-        facets,
-        problem.space.dofmap.list[cells[:, None], closures[frames.order[cells, facets]]],
-    )
+    pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
+    return cells, facets, facet_dofs(problem.space, pairs).astype(np.int64)
 
 
 def _weightless(problem: SignoriniProblem) -> Marks:
