@@ -11,7 +11,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.kinds import MESH, check, data, indices, instance, integer, on_mesh, sequence
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes import boundary_facets, facet_count
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.pressure import ContactState
 
@@ -69,8 +69,8 @@ def checked_facets(domain: mesh.Mesh, contact: Any) -> Indices:
     """
     facets, message = _named_facets(domain, contact)
     require(domain.comm, not message, message, "contact")
+    count = facet_count(domain)
     index_map = domain.topology.index_map(domain.topology.dim - 1)
-    count = index_map.size_local + index_map.num_ghosts
     bad = facets[(facets < 0) | (facets >= count)]
     message = f"{bad[0]} is no facet, the mesh has {count} of them here" if len(bad) else ""
     require(domain.comm, not message, message, "contact")

@@ -250,7 +250,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     cells = covering_cells(space, marked, cells_with_dofs(space, marked), rounds=0)
     if callable(value) and not isinstance(value, Expr):
         x = control_points(space, cells)[dofs].T
-        return lambda: _called(space, value, x)
+        return lambda: called(space.mesh.comm, value, x)
     points = compat.interpolation_points(space.element)
     expression = compiled.expression(value, points, space.mesh.comm)
 
@@ -278,8 +278,17 @@ def _coefficients(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Calla
     return evaluate
 
 
-def _called(space: fem.FunctionSpace, value: Callable[[Array], Array], x: Array) -> Array:
-    """The values of a callable at points, shape (3, n), if their shape is (n,)."""
+def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
+    """Return the values of a callable at points, shape (n,).
+
+    Args:
+        comm: The communicator; the call is collective.
+        value: The callable, which returns one value for each point or one for all.
+        x: The points, shape (3, n).
+
+    Raises:
+        InputError: The callable returns no such values; the subject is "obstacle".
+    """
     try:
         found = np.asarray(value(x))
         if np.iscomplexobj(found):
@@ -288,7 +297,7 @@ def _called(space: fem.FunctionSpace, value: Callable[[Array], Array], x: Array)
         message = ""
     except (TypeError, ValueError) as error:
         values, message = np.zeros(x.shape[1]), f"the callable returned no values: {error}"
-    require(space.mesh.comm, not message, message, "obstacle")
+    require(comm, not message, message, "obstacle")
     return values
 
 

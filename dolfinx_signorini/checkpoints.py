@@ -138,6 +138,8 @@ def _check_functions(functions: Mapping[str, fem.Function]) -> None:
         check(functions=(function, FUNCTION))
         if function.function_space.dofmap.bs != 1:
             raise InputError(f"{name!r} must be scalar", "functions")
+        if function.function_space.mesh.geometry.cmap.degree > 1:
+            raise InputError(f"{name!r} must live on a mesh with straight edges", "functions")
 
 
 def _basis(space: fem.FunctionSpace) -> str:

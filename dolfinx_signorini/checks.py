@@ -31,6 +31,7 @@ HATS = {
 }  # for each dimension: nodes along each side of the grid of `check_definite`
 MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
+FARTHEST = 1e304  # of the obstacle, times the diagonal of the matrix
 
 
 def check_bounds(
@@ -120,8 +121,9 @@ def check_range(system: System, diagonal: Array) -> None:
     load = np.abs(system.b.array_r).max(initial=0.0)
     with np.errstate(over="ignore", under="ignore"):
         push = (system.contact_diagonal * np.maximum(system.obstacle, 0.0)).max(initial=0.0)
-        local = np.array([diagonal.max(initial=0.0), load, max(load, push)])
-        operator, load, force = np.max(system.comm.allgather(local), axis=0)
+        far = np.abs(system.contact_diagonal * system.obstacle).max(initial=0.0)
+        local = np.array([diagonal.max(initial=0.0), load, max(load, push), far])
+        operator, load, force, far = np.max(system.comm.allgather(local), axis=0)
         height = force / operator
     for subject, name, size in (
         ("form a", "its largest diagonal entry", operator),
@@ -135,6 +137,8 @@ def check_range(system: System, diagonal: Array) -> None:
                 "choose other units",
                 subject,
             )
+    if far > FARTHEST:
+        raise InputError("too far away for floating-point numbers; 1e300 away is none", "obstacle")
 
 
 def check_symmetry(A: PETSc.Mat) -> None:

@@ -3,6 +3,7 @@
 import importlib
 from typing import Any
 
+import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
@@ -90,8 +91,9 @@ def evaluate(
 
 def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
     """Whether the first vertex of an edge, in the order of its cell, has the larger number."""
-    ends = np.array([[1, 2], [0, 2], [0, 1]])[facets[:, 1]]  # edge k lies opposite vertex k
-    vertices = domain.topology.connectivity(2, 0).array.reshape(-1, 3)
+    corners, edges, _ = basix.topology(basix.CellType[domain.topology.cell_name()])
+    ends = np.array(edges)[facets[:, 1]]
+    vertices = domain.topology.connectivity(2, 0).array.reshape(-1, len(corners))
     local = np.take_along_axis(vertices[facets[:, 0]], ends, axis=1)
     numbers = domain.topology.index_map(0).local_to_global(local.ravel()).reshape(local.shape)
     return np.asarray(numbers[:, 0] > numbers[:, 1])

@@ -139,7 +139,7 @@ class SignoriniProblem:
 
     def __repr__(self) -> str:
         layout = self._layout
-        contact = self.comm.allreduce(len(layout.contact_dofs)) if self.comm.size == 1 else "some"
+        contact = len(layout.contact_dofs) if self.comm.size == 1 else "some"
         state = "destroyed" if self._system is None else "not solved yet"
         if self.result is not None:
             state = (
@@ -354,14 +354,15 @@ class SignoriniProblem:
         linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
         x = system.A.createVecRight()
         x.set(0.0)
-        self._solver.linear.solve(linear, x, held, rtol * b.norm())
-        z = fem.Function(self.space)
-        z.x.array[: x.getLocalSize()] = x.array_r
-        z.x.scatter_forward()
-        forces = self._forces(np.where(held, linear.multiplier(x), 0.0))
-        for item in (x, b):
-            item.destroy()
-        return z, forces
+        try:
+            self._solver.linear.solve(linear, x, held, rtol * b.norm())
+            z = fem.Function(self.space)
+            z.x.array[: x.getLocalSize()] = x.array_r
+            z.x.scatter_forward()
+            return z, self._forces(np.where(held, linear.multiplier(x), 0.0))
+        finally:
+            for item in (x, b):
+                item.destroy()
 
     def costs(self) -> list[Cost]:
         """Return what was made for this problem so far; the call is collective."""

@@ -55,13 +55,19 @@ class QuadratureRule:
 
         Returns:
             The points, shape (q, dim), and the weights, shape (q,).
+
+        Raises:
+            InputError: The scheme is known in forms only.
         """
-        kind = {
+        kinds = {
             "default": basix.QuadratureType.default,
             "Gauss-Jacobi": basix.QuadratureType.gauss_jacobi,
             "Xiao-Gimbutas": basix.QuadratureType.xiao_gimbutas,
-        }[self.scheme]
-        rule = basix.make_quadrature(cell, self.degree, rule=kind)
+        }
+        if self.scheme not in kinds:
+            known = ", ".join(kinds)
+            raise InputError(f"{self.scheme!r} is known in forms only; known are {known}", "rule")
+        rule = basix.make_quadrature(cell, self.degree, rule=kinds[self.scheme])
         points, weights = (np.asarray(part, dtype=np.float64) for part in rule)
         if reverse:
             barycentric = np.column_stack((1.0 - points.sum(axis=1), points))

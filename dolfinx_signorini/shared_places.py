@@ -1,10 +1,11 @@
-"""What ranks tell each other of the dofs, vertices and facets that they share: sums and marks."""
+"""What ranks tell each other of dofs, vertices and facets that they share: sums, maxima, marks."""
 
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import common, fem, la
+from petsc4py import PETSc
 
 
 def summed(
@@ -23,6 +24,28 @@ def summed(
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     return np.array(sums.array)
+
+
+def largest(
+    index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike
+) -> npt.NDArray[np.float64]:
+    """Return for each place the largest value that some rank has for the place, at least 0.
+
+    Args:
+        index_map, places, values: See `summed`; the call is collective.
+    """
+    ghosts = index_map.ghosts.astype(PETSc.IntType)
+    sizes = index_map.size_local, index_map.size_global
+    vector = PETSc.Vec().createGhost(ghosts, sizes, comm=index_map.comm)
+    with vector.localForm() as local:
+        local.set(0.0)
+        np.maximum.at(local.array_w, places, values)
+    vector.ghostUpdate(PETSc.InsertMode.MAX, PETSc.ScatterMode.REVERSE)
+    vector.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+    with vector.localForm() as local:
+        result = local.array_r.copy()
+    vector.destroy()
+    return np.asarray(result)
 
 
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:

@@ -182,6 +182,15 @@ class System:
         """The global number of dofs."""
         return int(self.space.dofmap.index_map.size_global)
 
+    def scaled_gap(self, values: Array) -> Array:
+        """Return the gaps of the contact dofs times the diagonal of A: forces, as multipliers are.
+
+        Args:
+            values: The values at the contact dofs.
+        """
+        with np.errstate(over="ignore"):  # an obstacle may be so far away that it is none
+            return np.asarray(self.contact_diagonal * (values - self.obstacle))
+
     def start(self, values: Array | None = None) -> PETSc.Vec:
         """Return a feasible new vector: values of the owned dofs, or zero, projected."""
         x = self.A.createVecRight()

@@ -252,3 +252,25 @@ def test_cells_with_facets_of_two_kinds():
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     with pytest.raises(InputError, match="not of prism cells"):
         SignoriniProblem(u * v * ufl.dx, v * ufl.dx, contact=np.arange(3, dtype=np.int32))
+
+
+def test_no_contact_facet_is_refused_on_a_mesh_that_knows_no_facets_yet():
+    domain = dolfinx.mesh.create_unit_square(COMM, 3, 3)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    with pytest.raises(InputError, match="contact: there is no facet"):
+        SignoriniProblem(u * v * ufl.dx, v * ufl.dx, contact=[])
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+def test_an_obstacle_farther_away_than_numbers_reach_is_refused(bound):
+    sign = -1.0 if bound == "lower" else 1.0
+    with pytest.raises(InputError, match="obstacle: too far away"):
+        Parts().problem(obstacle=sign * np.finfo(float).max, bound=bound)
+    # The default suite turns warnings of NumPy into errors.
+    problem = Parts().problem(obstacle=sign * 1e300, bound=bound)
+    problem.solve()
+    assert problem.result.active_dofs == 0
+    problem.solve(coarse=problem.contact_state())
+    assert problem.result.active_dofs == 0
+    problem.destroy()

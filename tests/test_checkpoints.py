@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -178,3 +179,16 @@ def test_what_is_no_scalar_function_is_refused(folder):
         for job in (write_checkpoint, read_checkpoint):
             with pytest.raises(InputError, match="functions"):
                 job(folder / "no.npz", {"u": given})
+
+
+def test_curved_meshes_are_refused(tmp_path):
+    shape = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
+    nodes = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]], dtype=float)
+    cells = np.arange(6, dtype=np.int64)[None]
+    if COMM.rank:
+        nodes, cells = nodes[:0], cells[:0]
+    curved = mesh.create_mesh(COMM, cells, x=nodes, e=shape)
+    function = fem.Function(fem.functionspace(curved, ("Lagrange", 1)))
+    with pytest.raises(InputError, match="straight edges"):
+        write_checkpoint(tmp_path / "curved.npz", {"u": function})
+    assert not list(tmp_path.iterdir())

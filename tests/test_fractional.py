@@ -163,3 +163,17 @@ def test_only_plane_domains(comm):
     cube = dolfinx.mesh.create_unit_cube(comm, 2, 2, 2)
     with pytest.raises(ValueError, match="plane"):
         fractional_norm(fem.Function(fem.functionspace(cube, ("Lagrange", 1))))
+
+
+def test_quadrilaterals_have_the_norm_of_triangles():
+    def function(cell):
+        domain = dolfinx.mesh.create_unit_square(MPI.COMM_WORLD, 12, 12, cell)
+        result = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
+        result.interpolate(lambda x: np.sin(3.0 * x[0]) * (1.0 + x[1]) - x[1])
+        return result
+
+    found = [
+        error_norms(function(cell), None, ["H1_2_boundary_spectral"])["H1_2_boundary_spectral"]
+        for cell in (dolfinx.mesh.CellType.triangle, dolfinx.mesh.CellType.quadrilateral)
+    ]
+    assert found[1] == pytest.approx(found[0], rel=1e-10)

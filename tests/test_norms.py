@@ -450,3 +450,11 @@ def test_on_many_cells_a_smaller_rule_serves_where_it_is_good_enough(kind, monke
     assert error_norms(u_h, exact, ["L2"])["L2"] == pytest.approx(on_few["L2"], rel=1e-3)
     points = MPI.COMM_WORLD.allreduce(sum(counts)) / (2 * 24**2)
     assert points > 16.0 if kind == "rough everywhere" else points < 12.0
+
+
+def test_a_rule_of_forms_alone_is_refused_for_norms():
+    function = fem.Function(
+        fem.functionspace(friedrichs_keller(MPI.COMM_WORLD, 2), ("Lagrange", 1))
+    )
+    with pytest.raises(InputError, match="rule: 'vertex' is known in forms only"):
+        error_norms(function, None, ["L2"], rule=QuadratureRule("vertex", 1))

@@ -170,7 +170,7 @@ class Estimator:
         if whole == 0.0:
             return value
         if self._target.weighted:  # parts of cells add up as they are
-            remaining = self.outlook.remaining + parts**norm.p / whole ** (norm.p - 1.0)
+            remaining = self.outlook.remaining + parts * (parts / whole) ** (norm.p - 1.0)
         else:
             remaining = joined(self.outlook.remaining, parts, norm.p)
         self.outlook = replace(self.outlook, remaining=remaining)

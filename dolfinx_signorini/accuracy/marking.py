@@ -177,7 +177,7 @@ class _Choice:
         power = 1.0 if sup else self.power
         self.exponent = 1.0 if sup else outlook.exponent
         self.parts = np.maximum((remaining / largest) ** power, 1e-300)
-        self.factors = np.minimum(outlook.factors**self.exponent, 0.95)
+        self.factors = np.clip(outlook.factors**self.exponent, 1e-300, 0.95)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         child = np.where(self.singular, self.factors, shared)

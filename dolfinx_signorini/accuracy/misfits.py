@@ -15,6 +15,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.contact_ends import SAMPLES, contact_on_facets, facet_lattice
+from dolfinx_signorini.assembly import called
 from dolfinx_signorini.meshes import facet_scale, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.points import FormulaAtPoints, Points
@@ -64,4 +65,4 @@ def _obstacle(problem: SignoriniProblem, points: Points) -> Array:
     shape = points.x[0].shape
     x = np.zeros((3, points.x[0].size))
     x[: len(points.x)] = [coordinate.ravel() for coordinate in points.x]
-    return np.asarray(data(x), dtype=np.float64).reshape(shape)
+    return called(points.domain.comm, data, x).reshape(shape)

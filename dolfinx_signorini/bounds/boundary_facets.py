@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.assembly import Data, called
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
@@ -71,8 +71,8 @@ class FacetPoints:
         if callable(data) and not isinstance(data, Expr):
             x = np.zeros((3, len(self.cells) * len(self.weights)))
             x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
-            called = np.broadcast_to(np.asarray(data(x), dtype=np.float64), x.shape[1:])
-            return np.array(called.reshape(len(self.cells), len(self.weights)))
+            values = called(self.domain.comm, data, x)
+            return values.reshape(len(self.cells), len(self.weights))
         return values_at(self.domain, [data], self.reference, self.pairs)[:, :, 0]
 
     @functools.cached_property

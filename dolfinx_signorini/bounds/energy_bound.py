@@ -245,7 +245,7 @@ def _bound(
     # What is left of the polynomial part is orthogonal to the rest.
     by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
-    taken = np.where(ends, values.l2_weight * data.stray, 0.0) if ends.any() else 0.0
+    taken = np.where(ends, values.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
     square = by_gradient**2 + by_reaction**2
 

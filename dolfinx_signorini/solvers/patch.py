@@ -131,7 +131,8 @@ def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tuple[M
         A.mult(correction, rhs)
         x += correction.array_r
         multiplier += rhs.array_r
-        update = contact & (multiplier - diagonal * (x - g) > 0.0)
+        with np.errstate(over="ignore"):
+            update = contact & (multiplier - diagonal * (x - g) > 0.0)
         if (update == active).all():
             break
         active = update

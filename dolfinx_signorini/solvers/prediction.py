@@ -36,9 +36,8 @@ def predict(system: System, coarse: ContactState) -> Mask:
     carry = Carrier(coarse.u.function_space, system.space)
     u, density = fem.Function(system.space), fem.Function(system.space)
     carry([(coarse.u, u), (coarse.density, density)], dofs)
-    gap = u.x.array[dofs] - system.obstacle
     pressure = system.layout.weights * density.x.array[dofs]
-    held = pressure - system.contact_diagonal * gap > 0.0
+    held = pressure - system.scaled_gap(u.x.array[dofs]) > 0.0
     return _settled(system, carry, coarse.u, u, held)
 
 

@@ -70,7 +70,7 @@ class NaturalResidual:
         self.multiplier.axpy(-1.0, system.b)
         residual = self.multiplier.array_r.copy()
         dofs = system.contact_dofs
-        gap = system.contact_diagonal * (x.array_r[dofs] - system.obstacle)
+        gap = system.scaled_gap(x.array_r[dofs])
         pressure = residual[dofs]
         residual[dofs] = np.minimum(gap, pressure)
         residual[system.fixed_dofs] = 0.0
@@ -84,10 +84,8 @@ class NaturalResidual:
 
         The vector is the one that was measured last.
         """
-        system = self.system
-        gap = x.array_r[system.contact_dofs] - system.obstacle
-        pressure = self.multiplier.array_r[system.contact_dofs]
-        return np.asarray(pressure - system.contact_diagonal * gap)
+        dofs = self.system.contact_dofs
+        return self.multiplier.array_r[dofs] - self.system.scaled_gap(x.array_r[dofs])
 
     def _scale(self, pressure: float) -> float:
         scale = max(self.load + min(pressure, self.pushing), ROUNDING / self.rtol * self.pushing)

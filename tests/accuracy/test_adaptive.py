@@ -383,3 +383,23 @@ def test_a_loop_that_has_come_to_rounding_ends(comm):
     error = true_error(found, "L2", lambda _: 1.0 + x[0] * x[1])
     assert error <= 10.0 * found.estimate < 1e-12
     found.problem.destroy()
+
+
+@pytest.mark.parametrize(
+    ("norm", "obstacle"),
+    [
+        ("L128", lambda x: -0.3 + x[0] ** 2),  # powers that are no floating-point numbers
+        ("L600", lambda x: -0.3 + x[0] ** 2),
+        ("H1", lambda x: -0.1),  # one value for all points
+    ],
+)
+def test_callable_obstacles_and_high_powers(comm, norm, obstacle):
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 1))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+        return SignoriniProblem(a, -v * ufl.dx, contact=sided.sides["bottom"], obstacle=obstacle)
+
+    found = solve_adaptively(pose, square(comm), norm=norm, accuracy=2e-2)
+    assert found.reached and all(np.isfinite(step.estimate) for step in found.steps)
+    found.problem.destroy()

@@ -5,7 +5,6 @@ are not computed again.
 """
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.paper.theory import measures, parts, triangulations
 from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.paper.theory.dual import EPSILONS
@@ -231,8 +231,6 @@ def run_experiments(
                 start = time.perf_counter()
                 records.append({"experiment": name} | compute_row(comm, experiment, n))
                 done[name, n] = records.rows[-1]
-                if comm.rank == 0:
-                    seconds = time.perf_counter() - start
-                    print(f"{name}, N = {n}: {seconds:.1f} s", file=sys.stderr, flush=True)
+                log.info("%s, N = %d: %.1f s", name, n, time.perf_counter() - start)
         result[name] = [done[name, n] for n in cells]
     return result

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import dolfinx
-import numpy as np
 from dolfinx import fem
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
@@ -16,6 +15,7 @@ from dolfinx_signorini.errors import require
 from dolfinx_signorini.records import on_first
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.shared_places import largest
 
 BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 
@@ -77,8 +77,7 @@ def indicator(result: SceneResult) -> list[fem.Function]:
     space = result.posed.problem.space
     error = fem.Function(space, name="error_indicator")
     dofs = space.dofmap.list[: len(result.found.cells)]
-    np.maximum.at(error.x.array, dofs, result.found.cells[:, None])
-    error.x.scatter_forward()
+    error.x.array[:] = largest(space.dofmap.index_map, dofs, result.found.cells[:, None])
     return [error]
 
 
