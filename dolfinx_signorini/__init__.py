@@ -1,8 +1,8 @@
 """Signorini problems on FEniCSx: one-sided constraints on the boundary, solved with PETSc TAO.
 
 The rooms, in the order in which data flows: meshes and quadrature; manufactured (known solutions);
-system, solvers and problem; norms, orders and detachment; then what is built on them: accuracy,
-scenes, paper, tradeoff, and commands.
+system, solvers and problem; norms, orders and detachment; then what is built on them: bounds,
+accuracy, scenes, tradeoff, paper, and commands.
 """
 
 from dolfinx_signorini import requirements  # isort: skip  # before what needs dolfinx

@@ -12,7 +12,6 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.kinds import MESH, check, data, indices, instance, integer, on_mesh, sequence
 from dolfinx_signorini.meshes import boundary_facets, facet_count
-from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.pressure import ContactState
 
 Indices = npt.NDArray[np.int32]
@@ -137,16 +136,6 @@ def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
         raise InputError("belongs to another function space than the form a", subject)
 
 
-def check_method(method: Any) -> None:
-    """Refuse what is no name of a solver.
-
-    Raises:
-        InputError: The subject is "method".
-    """
-    if not isinstance(method, str) or method not in METHODS:
-        raise InputError(f"unknown {method!r}, known are {', '.join(METHODS)}", "method")
-
-
 def check_limits(method: str, limits: Mapping[str, Any]) -> None:
     """Refuse limits of TAO that are no positive integers, or that are given to the cascade.
 
@@ -160,24 +149,6 @@ def check_limits(method: str, limits: Mapping[str, Any]) -> None:
     if method == "cascade" and limits:
         raise InputError("only for the methods of TAO", ", ".join(limits))
     check(**{name: (limit, integer(1)) for name, limit in limits.items()})
-
-
-def checked_tolerance(rtol: Any, default: float, subject: str = "rtol") -> float:
-    """Return a tolerance between 0 and 1, or the default in place of None.
-
-    Args:
-        rtol: The tolerance, or None.
-        default: The default.
-        subject: The name of the argument.
-
-    Raises:
-        InputError: The tolerance is no number between 0 and 1.
-    """
-    if rtol is None:
-        return default
-    if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
-        raise InputError(f"must lie between 0 and 1, not {rtol}", subject)
-    return float(rtol)
 
 
 def check_coarse(method: str, coarse: Any) -> None:

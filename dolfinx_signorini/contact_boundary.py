@@ -15,7 +15,7 @@ from dolfinx_signorini.elements import (
     facet_pieces,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes import facet_cells
+from dolfinx_signorini.meshes import facet_cells, simplex_sizes
 from dolfinx_signorini.shared_places import marked
 
 Array = npt.NDArray[np.float64]
@@ -87,10 +87,7 @@ class ContactBoundary:
     @property
     def sizes(self) -> Array:
         """Length or area of each piece."""
-        x = self.points[self.pieces]
-        edges = x[:, 1:] - x[:, :1]
-        gram = np.einsum("fik,fjk->fij", edges, edges)
-        return np.sqrt(np.linalg.det(gram)) / (1.0 if self.points.shape[1] == 2 else 2.0)
+        return simplex_sizes(self.points[self.pieces])
 
     @property
     def in_contact(self) -> npt.NDArray[np.bool_]:

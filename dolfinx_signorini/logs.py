@@ -28,7 +28,7 @@ def tell_duration(seconds: float, text: str, *values: object) -> None:
     """Tell what took so long, where that is longer than `PATIENCE`; else only to who asks for more.
 
     Args:
-        seconds: How long it took.
+        seconds: The seconds that the work took.
         text: What took so long, with places for the values.
         values: The values.
     """

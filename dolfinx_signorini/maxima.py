@@ -67,17 +67,6 @@ class Maxima:
         kind = basix.LatticeType.equispaced
         self._lattice = np.asarray(basix.create_lattice(cell, self._degree, kind, True), np.float64)
 
-    @property
-    def sampled(self) -> Array:
-        """The largest sample of each place on a lattice with its vertices and facets.
-
-        Of shape (1, n) for the error alone, or (2, n), where the second row includes derivatives.
-
-        Raises:
-            FloatingPointError: The error is not a number at most points of some place.
-        """
-        return self._samples[0]
-
     @functools.cached_property
     def _samples(self) -> tuple[Array, npt.NDArray[np.bool_]]:
         """The largest samples, and whether there are points without a value, both (1 or 2, n)."""

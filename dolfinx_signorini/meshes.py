@@ -283,9 +283,19 @@ def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     """
     vertices = facet_vertices(domain)[facets[:, 1]]
     x = domain.geometry.x[domain.geometry.dofmap[facets[:, :1], vertices]]
-    edges = x[:, 1:] - x[:, :1]
+    return math.factorial(domain.topology.dim - 1) * simplex_sizes(x)
+
+
+def simplex_sizes(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the lengths, areas or volumes of segments, triangles or tetrahedra in any space.
+
+    Args:
+        corners: The vertices, shape (simplices, vertices, coordinates).
+    """
+    edges = corners[:, 1:] - corners[:, :1]
     gram = np.einsum("fik,fjk->fij", edges, edges)
-    return np.sqrt(np.linalg.det(gram))
+    sizes = np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / math.factorial(edges.shape[1])
+    return np.asarray(sizes, dtype=np.float64)
 
 
 def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:

@@ -1,6 +1,6 @@
 """Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
 
-Every norm is made from one number for each cell, see `cell_errors`, or for each boundary facet.
+Every norm is made from one number for each cell, or for each boundary facet.
 Norms with p < inf are integrated by a named quadrature rule, and norms with the same rule share one
 evaluation of the error, in blocks of cells. Powers are relative to the largest value in a cell, so
 that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20. Sup norms
@@ -22,7 +22,7 @@ Definitions:
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import basix
 import numpy as np
@@ -52,7 +52,7 @@ SAMPLE, CLOSE = 2_000, 2e-3  # cells where both rules are compared; p-th powers 
 def error_norms(
     u_h: fem.Function,
     exact: Reference | None,
-    norms: Iterable[str],
+    norms: Collection[str],
     rule: QuadratureRule | None = None,
     boundary_rule: QuadratureRule | None = None,
 ) -> dict[str, float]:
@@ -94,36 +94,6 @@ def error_norms(
         if norm.spectral:
             values[norm] = fractional_norm(u_h, exact)
     return {name: values[norm] for name, norm in wanted.items()}
-
-
-def cell_errors(u_h: fem.Function, exact: Reference | None, norm: str) -> npt.NDArray[np.float64]:
-    """Return the norm of the error u_h - u on each cell.
-
-    Args:
-        u_h: The discrete solution, see `error_norms`.
-        exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
-        norm: Name of an L^p or W^{1,p} norm on the domain.
-
-    Returns:
-        One number for each cell that this rank owns: for p < inf the integral over the cell to the
-        power 1/p, so that the p-th powers add up to the power of the norm; for p = inf the largest
-        of samples on a lattice with the vertices, without a search for what lies between samples.
-
-    Raises:
-        InputError: The norm is unknown, or no sum over cells.
-        FloatingPointError: The error is not a number at some point of evaluation.
-    """
-    parsed = parse_norm(norm)
-    if parsed.boundary:
-        raise InputError(f"{norm} is a norm on the boundary, not on cells", "norm")
-    error = ErrorAtPoints(u_h, exact, parsed.derivatives > 0.0)
-    cells = owned_cells(error.domain)
-    if math.isinf(parsed.p):
-        values = Maxima(error, cells).sampled[int(parsed.derivatives)]
-    else:
-        values = _integrated(error, cells, [parsed], None)[parsed]
-    _total(error.domain.comm, values, math.inf)  # refuses what is not a number on any rank
-    return values
 
 
 def sampled_norms(

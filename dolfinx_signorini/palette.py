@@ -7,4 +7,5 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MARKERS = "osD^vPX"
 COLOUR_MAP = "cividis"
 # How matplotlib draws the facets where u touches the obstacle, on top of the contact boundary.
+CONTACT: dict[str, Any] = {"color": COLOURS[1], "linewidth": 4.0}
 IN_CONTACT: dict[str, Any] = {"color": COLOURS[2], "linewidth": 4.0}

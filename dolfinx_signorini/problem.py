@@ -20,10 +20,8 @@ from dolfinx_signorini.arguments import (
     check_data,
     check_function,
     check_limits,
-    check_method,
     checked_facets,
     checked_space,
-    checked_tolerance,
 )
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
 from dolfinx_signorini.costs import Cost, Ledger
@@ -31,6 +29,7 @@ from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.kinds import TEXT, by_text, check, optional
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
+from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL

@@ -10,14 +10,13 @@ from dolfinx import fem
 from dolfinx_signorini.contact_boundary import ContactBoundary, Solved, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.palette import COLOURS, IN_CONTACT
+from dolfinx_signorini.palette import CONTACT, IN_CONTACT
 from dolfinx_signorini.picture import Picture
 from dolfinx_signorini.plane_field import draw_plane_field, gather_plane_field
 from dolfinx_signorini.solid_pictures import draw_solid, gather_surface
 
 Facets = npt.NDArray[np.int32]
 
-CONTACT = {"color": COLOURS[1], "linewidth": 4.0}
 PICTURES = ("contact", "solution")
 
 

@@ -15,9 +15,8 @@ from mpi4py import MPI
 from dolfinx_signorini import norms as norms_module
 from dolfinx_signorini.box_meshes import friedrichs_keller
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.norm_names import Norm, parse_norm
-from dolfinx_signorini.norms import cell_errors, error_norms
+from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.paper.solution import PAPER_RULE, christof_haubner
 from dolfinx_signorini.pointwise import ErrorAtPoints
 from dolfinx_signorini.quadrature import QuadratureRule
@@ -345,51 +344,6 @@ def test_the_difference_of_discrete_functions_of_two_degrees(kind, low, high):
     have, want = error_norms(one, discrete(other), names), error_norms(both[0], None, names)
     for name in names:
         assert have[name] == pytest.approx(want[name], rel=1e-9), name
-    for name in ("L4", "W1_inf"):
-        found, known = cell_errors(one, discrete(other), name), cell_errors(both[0], None, name)
-        assert found == pytest.approx(known, rel=1e-9), name
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("degree", [1, 3])
-def test_errors_of_cells_make_up_the_norm(comm, kind, degree):
-    function = lagrange(kind, degree, lambda x: np.cos(4 * x[0]) * np.exp(x[1]))
-    domain = function.function_space.mesh
-    x, zero = ufl.SpatialCoordinate(domain), ufl.as_ufl(0.0)
-    exact = Reference(domain, x[0] * x[1], (x[1], x[0], zero)[: domain.geometry.dim])
-    cells = domain.topology.index_map(domain.topology.dim).size_local
-    for name, p in (("L2", 2), ("L7", 7), ("W1_1", 1), ("W1_4", 4)):
-        parts = cell_errors(function, exact, name)
-        assert parts.shape == (cells,)
-        total = comm.allreduce(float((parts**p).sum())) ** (1 / p)
-        assert total == pytest.approx(error_norms(function, exact, [name])[name], rel=1e-12), name
-    for name in ("Linf", "W1_inf"):
-        parts = cell_errors(function, exact, name)
-        assert parts.shape == (cells,)
-        largest = error_norms(function, exact, [name])[name]
-        assert 0.9 * largest <= comm.allreduce(parts.max(initial=0.0), op=MPI.MAX) <= largest
-
-
-def test_errors_of_single_cells(comm):
-    # |x - y| and its gradient (1, -1): on a square of side h at (x, y) the L^1 norm is |x - y| h^2.
-    domain = mesh.create_unit_square(comm, 4, 4, cell_type=KINDS["quadrilateral"])
-    function = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
-    function.interpolate(lambda x: x[0] + 2.0 * x[1])
-    cells = owned_cells(domain)
-    middles = mesh.compute_midpoints(domain, 2, cells)
-    values = middles[:, 0] + 2.0 * middles[:, 1]
-    assert cell_errors(function, None, "L1") == pytest.approx(values / 16, rel=1e-13)
-    assert cell_errors(function, None, "W1_1") == pytest.approx((values + 3.0) / 16, rel=1e-13)
-    assert cell_errors(function, None, "Linf") == pytest.approx(values + 0.375, rel=1e-13)
-    assert cell_errors(function, None, "W1_inf") == pytest.approx(
-        np.maximum(values + 0.375, 2.0), rel=1e-12
-    )
-
-
-@pytest.mark.parametrize("name", ["L2_boundary", "H1_2_boundary", "H1_2_boundary_spectral"])
-def test_norms_on_the_boundary_are_no_errors_of_cells(name):
-    with pytest.raises(InputError, match="boundary"):
-        cell_errors(field(lambda x: x[0]), None, name)
 
 
 def test_what_no_norm_is_known_of_is_refused():

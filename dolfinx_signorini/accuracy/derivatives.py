@@ -1,9 +1,9 @@
 """What the derivatives of a solution tell of its error in sup norms.
 
 Let w be the solution of degree k on the mesh with every cell divided, and I w its interpolation on
-the undivided mesh. On each part of a cell the derivatives of order k of w are constant. They differ
-from those of I w by about h/2 times D^{k+1} u, where h is an edge of the part. On an interval of
-length h interpolation with degree k leaves
+the undivided mesh. On each part of a cell the derivatives of order k of w are constant. These
+derivatives differ from those of I w by about h/2 times D^{k+1} u, where h is an edge of the part.
+On an interval of length h interpolation with degree k leaves
 
     c h^{k+1} |D^{k+1} u|,     c = max |x (x - 1/k) ... (x - 1)| / (k+1)!  for x between 0 and 1,
 

@@ -76,7 +76,7 @@ def pressure_density(problem: SignoriniProblem) -> fem.Function:
     """Return the density of the contact pressure, a function of the space on the contact boundary.
 
     Unlike `SignoriniProblem.pressure`, a mean around each dof that is nowhere negative, the density
-    is as accurate as the degree allows. On facets with Dirichlet data it is known roughly.
+    is as accurate as the degree allows. On facets with Dirichlet data the density is known roughly.
 
     Args:
         problem: The solved problem; the call is collective.

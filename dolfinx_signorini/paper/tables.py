@@ -1,7 +1,6 @@
 """Tables of results beside the paper's, as terminal text, Markdown and CSV."""
 
 import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -9,7 +8,7 @@ from typing import Any
 
 from dolfinx_signorini.orders import eoc, expected_order, regression
 from dolfinx_signorini.paper.sampling import PAPER_NAMES, SAMPLING, column
-from dolfinx_signorini.tables import markdown_table, text_table
+from dolfinx_signorini.tables import csv_table, markdown_table, text_table
 
 PAPER = "Christof & Haubner (2020)"
 
@@ -64,14 +63,13 @@ class PaperTable:
 
     def csv(self) -> str:
         """Return the table as CSV with three columns per figure, at full precision."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
         kinds = ("", "_paper", "_difference")
-        writer.writerow(["N", *(column + kind for column in self.columns for kind in kinds)])
-        for label, cells in self.rows:
-            figures = [x for cell in cells for x in (cell.value, cell.paper, cell.difference)]
-            writer.writerow([label, *("" if x is None else repr(x) for x in figures)])
-        return out.getvalue()
+        columns = ["N", *(column + kind for column in self.columns for kind in kinds)]
+        rows = [
+            [label, *(x for cell in cells for x in (cell.value, cell.paper, cell.difference))]
+            for label, cells in self.rows
+        ]
+        return csv_table(columns, rows)
 
     def _lines(self, indent: str) -> list[list[str]]:
         """The lines of text: for each row the study's figures, the paper's, the differences."""

@@ -20,7 +20,7 @@ from dolfinx_signorini.assembly import evaluator, restricted
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.manufactured import ManufacturedSolution, matching_obstacle
 from dolfinx_signorini.meshes import SidedMesh, cells_with_dofs
-from dolfinx_signorini.palette import COLOURS
+from dolfinx_signorini.palette import COLOURS, CONTACT
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.domain import Domain
 from dolfinx_signorini.scenes.formulas import Formula, number
@@ -166,7 +166,7 @@ class Contact(BoundaryCondition):
     subjects: ClassVar = {"obstacle": ("contact", "obstacle"), "bound": ("contact", "bound")}
     name = acts_like = "contact"
     force_name = "contact"
-    style: ClassVar = {"color": COLOURS[1], "linewidth": 4.0}
+    style: ClassVar = CONTACT
 
     @classmethod
     def read_all(

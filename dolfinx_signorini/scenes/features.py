@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.meshes import simplex_sizes
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
@@ -161,7 +162,7 @@ class _Search:
 
     def _looked(self, pieces: Array) -> tuple[Array, Array, Array]:
         """Return volumes, values at the points of pieces, and what is hidden between the points."""
-        formula, volumes = self.datum.formula, _volumes(pieces)
+        formula, volumes = self.datum.formula, simplex_sizes(pieces)
         values = evaluated(formula.root, inside(pieces, self.lattice)).T
         known = np.isfinite(values)
         low, high = enclosed_on_simplices(formula, pieces)
@@ -200,11 +201,3 @@ class _Search:
 
     def _largest(self, values: Array) -> float:
         return float(self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
-
-
-def _volumes(pieces: Array) -> Array:
-    edges = pieces[:, 1:] - pieces[:, :1]
-    gram = np.einsum("pid,pjd->pij", edges, edges)
-    return np.asarray(
-        np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / math.factorial(edges.shape[1])
-    )

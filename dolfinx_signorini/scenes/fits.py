@@ -13,13 +13,14 @@ misses at most (1 + L) t(n) of f at every point.
 """
 
 from dataclasses import dataclass
-from math import comb, factorial
+from math import comb
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
+from dolfinx_signorini.meshes import simplex_sizes
 from dolfinx_signorini.scenes.discs import discs
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
@@ -109,7 +110,7 @@ def _fit(
         mean += part.share * np.bincount(part.owners, part.tails[1], count)
         between[0] += part.share * np.bincount(part.owners, part.tails[0] ** 2, count)
     between[1] = mean**2
-    sums = (weights**2 * between) @ _sizes(corners)
+    sums = (weights**2 * between) @ simplex_sizes(corners)
     hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
     return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING, hidden)
 
@@ -195,7 +196,7 @@ def _parts(
     reference = np.broadcast_to(unit, (count, *unit.shape))
     pieces: Array = np.concatenate((reference, corners), axis=2)
     owners: Indices = np.arange(count)
-    sizes, parts = _sizes(corners), []
+    sizes, parts = simplex_sizes(corners), []
     # Ranks may have different formulas, and all leave the loop at the same level.
     most = comm.allreduce(min(MOST_PIECES, MOST_WORK // operations(formula.root)), op=MPI.MIN)
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
@@ -262,14 +263,6 @@ def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
         powers = np.array([reach**-n / (reach - 1.0) for n in degrees])
         result = np.minimum(result, powers[:, None] * radii)
     return result
-
-
-def _sizes(corners: Array) -> Array:
-    """The sizes of simplices in any space."""
-    edges = corners[:, 1:] - corners[:, :1]
-    factor = 1.0 / factorial(edges.shape[1])
-    square = np.linalg.det(edges @ edges.transpose(0, 2, 1))
-    return np.asarray(factor * np.sqrt(np.maximum(square, 0.0)))
 
 
 def _table(part: _Part, points: Array, degree: int) -> Array:

@@ -108,7 +108,7 @@ class KnownData:
         terms, rest = self._fluxes(terms, rest, tolerance)
         sampled = rest.sampled
         if self.solution is not None:
-            entries = [entry for row in self.scene.diffusion for entry in row]
+            entries = self.scene.diffusion_entries
             if self._any(not load_is_a_function(self.solution, entries, self.corners)):
                 sampled = (*sampled, KINKED)
         return terms, replace(

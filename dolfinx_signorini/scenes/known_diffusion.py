@@ -48,7 +48,7 @@ def with_known_diffusion(
     Returns:
         The strong form as it is where the diffusion has no good enclosure.
     """
-    entries = [entry for row in scene.diffusion for entry in row]
+    entries = scene.diffusion_entries
     if all(entry.constant is not None for entry in entries):
         return terms, Remainders()
     parts = decided(entries, corners)

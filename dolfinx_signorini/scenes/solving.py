@@ -27,7 +27,7 @@ from dolfinx_signorini.kinds import (
 )
 from dolfinx_signorini.logs import tell_duration
 from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norms import parse_norm
+from dolfinx_signorini.norm_names import parse_norm
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.scenes.bends import bend_errors
 from dolfinx_signorini.scenes.cuts import cut_errors

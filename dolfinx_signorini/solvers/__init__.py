@@ -1,5 +1,5 @@
 """The solvers: residual, TAO, the active set method, patches, and the cascade over levels."""
 
-from dolfinx_signorini.solvers.tao import METHODS as TAO_METHODS
+from dolfinx_signorini.solvers.methods import METHODS
 
-METHODS = ("cascade", *TAO_METHODS)
+__all__ = ["METHODS"]

@@ -10,9 +10,9 @@ from typing import Any, Protocol, TypeVar
 
 from dolfinx import fem
 
-from dolfinx_signorini.arguments import check_method, checked_tolerance
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.kinds import callable_, check, integer, optional, sequence
+from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState
 
 COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch costs little

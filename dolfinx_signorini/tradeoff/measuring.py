@@ -180,8 +180,20 @@ def _reset_peak() -> None:
 
 
 def _peak_bytes() -> int:
-    """The largest resident memory of this process since the last reset."""
-    for line in Path("/proc/self/status").read_text().splitlines():
+    """The largest resident memory of this process since the last reset; 0 where that is unknown."""
+    for line in told_by_kernel("self/status"):
         if line.startswith("VmHWM:"):
             return 1024 * int(line.split()[1])
     return 0
+
+
+def told_by_kernel(name: str) -> list[str]:
+    """Return the lines of a file of /proc; none where the kernel has no such file.
+
+    Args:
+        name: The name of the file in /proc.
+    """
+    try:
+        return Path("/proc", name).read_text().splitlines()
+    except OSError:
+        return []

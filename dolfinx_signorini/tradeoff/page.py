@@ -15,7 +15,7 @@ from dolfinx_signorini.tradeoff import plots
 from dolfinx_signorini.tradeoff.comparing import Row, compared, of_kind, slope
 from dolfinx_signorini.tradeoff.grid import ADAPTED
 from dolfinx_signorini.tradeoff.kinds import KINDS
-from dolfinx_signorini.tradeoff.measuring import ENOUGH
+from dolfinx_signorini.tradeoff.measuring import ENOUGH, told_by_kernel
 from dolfinx_signorini.tradeoff.rules import NORMS, rules, shown, sweep
 
 BERNSTEIN = [
@@ -124,7 +124,7 @@ def _diagrams(rows: Sequence[Row]) -> Iterator[tuple[str, str, Figure]]:
 
 def _processor() -> str:
     """The processor of this machine, as the kernel calls it."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
+    for line in told_by_kernel("cpuinfo"):
         if line.startswith("model name"):
             return f"{os.cpu_count()} cores of {line.split(':', 1)[1].strip()}"
     return f"{os.cpu_count()} cores"

@@ -1,6 +1,6 @@
 """Parts of the error: positive and negative, near the singular points and away from them."""
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 import ufl
@@ -15,7 +15,7 @@ REACH = 8.0  # cells: how far "near" reaches
 
 
 def expression_norms(
-    space: fem.FunctionSpace, expression: Expr, norms: Iterable[str], grad: Expr | None = None
+    space: fem.FunctionSpace, expression: Expr, norms: Collection[str], grad: Expr | None = None
 ) -> dict[str, float]:
     """Return norms of an expression on the domain, by the default quadrature rule.
 
@@ -41,7 +41,7 @@ def signed_parts(discretisation: Discretisation) -> dict[str, float]:
 
 
 def near_and_far(
-    discretisation: Discretisation, norms: Iterable[str]
+    discretisation: Discretisation, norms: Collection[str]
 ) -> dict[str, dict[str, float]]:
     """Return norms of u - u_h within REACH cells of the singular points, and outside.
 
@@ -63,7 +63,7 @@ def near_and_far_supercloseness(discretisation: Discretisation) -> dict[str, flo
 
 
 def _parts(
-    discretisation: Discretisation, v: Expr, grad: Expr, norms: Iterable[str]
+    discretisation: Discretisation, v: Expr, grad: Expr, norms: Collection[str]
 ) -> dict[str, dict[str, float]]:
     """Norms of v times a mask: one near the singular points, one away from them, else zero."""
     domain = discretisation.space.mesh

@@ -10,11 +10,9 @@ from petsc4py import PETSc
 
 from dolfinx_signorini import compiled
 from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.theory.discretisation import THEORY_RTOL, Discretisation, difference
+from dolfinx_signorini.paper.theory.discretisation import Discretisation, difference
 from dolfinx_signorini.paper.theory.one_sided import edge_data, solve_linear_program
-from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.references import interpolant
 
 LOAD_RULE = QuadratureRule("Gauss-Jacobi", 15)
 PULL = 1e-9  # of the largest (u, phi_i)_H1: what counts as a negative flux, above rounding
@@ -57,13 +55,11 @@ class ObstacleCheck:
         minimum: The smallest value for the obstacle along the whole of every edge; -inf where
             some <du/dn, phi_i> is negative.
         minimum_nodes: The smallest value for the obstacle at the nodes only.
-        distance_nodes: The H^1 distance of R_h(u) from the solution with the obstacle at the nodes.
     """
 
     identity: float
     minimum: float
     minimum_nodes: float
-    distance_nodes: float
 
 
 def check_obstacle_problem(discretisation: Discretisation) -> ObstacleCheck:
@@ -82,7 +78,6 @@ def check_obstacle_problem(discretisation: Discretisation) -> ObstacleCheck:
         identity=_identity(discretisation),
         minimum=minimum,
         minimum_nodes=-float(flux @ data.u[:, 0]),
-        distance_nodes=_nodal_distance(discretisation),
     )
 
 
@@ -101,16 +96,3 @@ def _identity(discretisation: Discretisation) -> float:
     for item in (x, image, defect):
         item.destroy()
     return value
-
-
-def _nodal_distance(discretisation: Discretisation) -> float:
-    """Solve with the obstacle R_h(u) - u at the nodes, and compare with R_h(u)."""
-    u = interpolant(discretisation.space, discretisation.exact.u)
-    problem = SignoriniProblem(
-        *discretisation.forms,
-        contact=discretisation.contact,
-        obstacle=difference(discretisation.ritz, u),
-    )
-    solution = problem.solve(rtol=THEORY_RTOL)
-    problem.destroy()
-    return discretisation.norm(difference(solution, discretisation.ritz))
