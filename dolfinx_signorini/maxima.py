@@ -214,7 +214,7 @@ def _largest(comm: MPI.Comm, values: Array, limit: int) -> Rows:
     needs the values of the others. Values that differ by rounding count as the same.
     """
     rows = np.argsort(-values, kind="stable")[:limit]
-    own = np.sort(np.minimum(values[rows], np.finfo(float).max))
+    own = np.sort(np.minimum(values[rows], 0.5 * np.finfo(float).max))
     if not limit or comm.allreduce(len(own)) <= limit:
         return rows
     low = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
