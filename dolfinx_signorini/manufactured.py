@@ -49,6 +49,9 @@ class ManufacturedSolution(Reference):
         load: The right-hand side f = -div(K grad u) + c u, which vanishes outside of the support,
             too.
         flux: K grad u . n, to be used on boundary facets; None where no flux was asked for.
+
+    Raises:
+        InputError: An attribute is of another kind.
     """
 
     load: Expr

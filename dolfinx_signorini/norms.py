@@ -106,6 +106,9 @@ def sampled_norms(
         exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
         norms: L^p and W^{1,p} norms on the domain; for p = inf the largest at the points.
         rule: The rule on cells.
+
+    Raises:
+        FloatingPointError: The error is not a number at some point of the rule.
     """
     error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in norms))
     values = _integrated(error, owned_cells(error.domain), norms, rule)

@@ -59,6 +59,9 @@ def approximation_order(norm: str, degree: int = 1, exponent: float = DETACHMENT
         norm: Name of a norm, see `norm_names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The exponent of r; `SMOOTH` for a mesh that is graded as the norm asks for.
+
+    Raises:
+        InputError: The norm is unknown.
     """
     parsed = parse_norm(norm)
     return min(_smooth(parsed, degree), _singular(parsed, exponent))
@@ -81,6 +84,9 @@ def expected_order(
 
     Returns:
         The order, or None in L^p and W^{1,p} of the boundary, where nothing is known.
+
+    Raises:
+        InputError: The norm is unknown.
 
     Source: Christof and Haubner, Theorems 4.3 and 6.1; Table 2 for L^16 and W^{1,16}.
     """
@@ -116,6 +122,9 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
         exponent: The exponent a of r at the worst point.
         dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
             and for the distance to an edge in space, 3 for the distance to a corner in space.
+
+    Raises:
+        InputError: The norm is unknown.
     """
     parsed = parse_norm(norm)
     if parsed.derivatives == 0.5 and not parsed.spectral:

@@ -23,6 +23,9 @@ class QuadratureRule:
         scheme: Name of the rule: "Gauss-Jacobi", "default", "Xiao-Gimbutas" on triangles and
             tetrahedra up to degree 15, or in forms "vertex".
         degree: Degree of the polynomials that the rule integrates exactly.
+
+    Raises:
+        InputError: The scheme is unknown, or the degree is no integer from 0 to `MAX_DEGREE`.
     """
 
     scheme: str

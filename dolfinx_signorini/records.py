@@ -56,7 +56,11 @@ class Records:
         )
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add the finished row of rank 0; the row is on disk when the call returns."""
+        """Add the finished row of rank 0; the row is on disk when the call returns.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
 
         def write() -> str:
             line = json.dumps(row)

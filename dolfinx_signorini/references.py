@@ -50,6 +50,9 @@ class Reference:
         support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
             evaluate the expressions on the cells that meet the ball and nowhere else.
         singular: Points at which the gradient is not smooth and sup norms look closely.
+
+    Raises:
+        InputError: An attribute is of another kind.
     """
 
     mesh: mesh.Mesh

@@ -72,6 +72,9 @@ class EnergyTerms:
         neumann: Fluxes q = A grad u . n, each with its facets.
         robin: Coefficients k >= 0 with facets, where A grad u . n = q - k u.
         dirichlet: Data with facets; None as data are the values of the solution that was computed.
+
+    Raises:
+        InputError: An attribute is of another kind.
     """
 
     diffusion: Scalar | None = None

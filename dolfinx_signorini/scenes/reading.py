@@ -80,6 +80,9 @@ def parse_scene(
         path: The file that the text is from: for messages, and where a mesh file is looked for.
         comm: The communicator that will share the mesh.
         overrides, adapted: See `load_scene`.
+
+    Raises:
+        InputError: The text is no scene.
     """
     file = TomlFile(path.name, text, overrides)
     top = file.load()

@@ -25,6 +25,9 @@ class ContactState:
     Attributes:
         u: The solution of the system; for an upper obstacle that is -u.
         density: The density of the contact pressure, zero away from the contact dofs.
+
+    Raises:
+        InputError: An attribute is of another kind, or the density lives on another mesh.
     """
 
     u: fem.Function

@@ -53,6 +53,8 @@ class Discretisation(SignoriniProblem):
         flux: <du/dn, phi_i>, a PETSc vector.
     """
 
+    _vectors: tuple[PETSc.Vec, ...] = ()  # none yet where the making of a problem fails
+
     def __init__(self, example: Example, domain: mesh.Mesh):
         self.example, self.exact = example, example.exact(domain)
         space = fem.functionspace(domain, ("Lagrange", 1))
@@ -66,6 +68,7 @@ class Discretisation(SignoriniProblem):
         self.flux.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.moments = self.b.copy()
         self.moments.axpy(1.0, self.flux)
+        self._vectors = self.flux, self.moments
 
     @property
     def u_h(self) -> fem.Function:
@@ -125,8 +128,8 @@ class Discretisation(SignoriniProblem):
     def destroy(self) -> None:
         """Free the PETSc objects."""
         super().destroy()
-        self.moments.destroy()
-        self.flux.destroy()
+        for vector in self._vectors:
+            vector.destroy()
 
     def _linear_solution(
         self, load: PETSc.Vec, held: bool, start: fem.Function | None = None
