@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from mpi4py import MPI
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
@@ -25,6 +24,7 @@ from dolfinx_signorini.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.meshes import cells_with_dofs, facet_cells, facet_vertices, owned_cells
 from dolfinx_signorini.points import Points
 from dolfinx_signorini.references import Reference, interpolant
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -146,7 +146,9 @@ def contact_violations(
     x = ufl.SpatialCoordinate(domain)
     values, sizes = _on_facets(domain, facets, [u, flux, u - g, *x])
     gap, pressure, height = sign * values[:, 2], sign * values[:, 1], values[:, 0]
-    here, push = (_largest(domain.comm, v) for v in (np.maximum(abs(height), abs(gap)), pressure))
+    here, push = (
+        highest(domain.comm, np.abs(v)) for v in (np.maximum(abs(height), abs(gap)), pressure)
+    )
     pressed = np.minimum(np.maximum(gap, 0.0) * push, np.maximum(pressure, 0.0) * here)
     size, force = max(sizes[0], sizes[2]), sizes[1]
     order, sense = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
@@ -244,7 +246,3 @@ def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> tuple[
     sums = comm.allreduce(np.array([*(volumes @ inside), volumes.sum()]))
     largest = np.max(comm.allgather(np.abs(found).max(axis=0, initial=0.0)), axis=0)
     return found, np.maximum(largest, sums[:-1] / sums[-1]).tolist()
-
-
-def _largest(comm: MPI.Comm, values: Array) -> float:
-    return float(max(comm.allgather(float(np.abs(values).max(initial=0.0)))))

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 
 from dolfinx_signorini.points import Array, Indices, Points
 from dolfinx_signorini.pointwise import ErrorAtPoints
+from dolfinx_signorini.shared_places import highest
 
 BLOCK = 65_536  # points whose values are held at a time
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
@@ -78,7 +79,7 @@ class Maxima:
             tops.append(values.max(axis=2))
             holes.append((values < 0.0).mean(axis=2))
         share = np.concatenate(holes, axis=1)
-        if self._maximum(share) > 0.5:
+        if highest(self._comm, share) > 0.5:
             raise FloatingPointError("the error is not a number at most points of some cell")
         if self._known is None:
             return np.concatenate(tops, axis=1), share > 0.0
@@ -116,7 +117,7 @@ class Maxima:
         row, point = np.nonzero(self._peaks(values))
         kept = _largest(self._comm, values[row, point], 2 * limit)
         starts = [(chosen[row[kept]], self._lattice[point[kept]])]
-        if self._maximum(holes) > 0.0:  # points without a value may be singular ones
+        if highest(self._comm, holes) > 0.0:  # points without a value may be singular ones
             chosen = self._places[holes][_largest(self._comm, tops[holes], limit)]
             row, point = np.nonzero(self._values(chosen, self._lattice)[kind] < 0.0)
             starts.append((chosen[row], self._lattice[point]))
@@ -125,7 +126,7 @@ class Maxima:
             at = np.tile(self._lattice, (len(near), 1))
             starts.append((np.repeat(near, len(self._lattice), axis=0), at))
         found = [self._followed(*start, limit, kind, name) for start in starts]
-        return max([*found, self._maximum(tops)])
+        return max([*found, highest(self._comm, tops)])
 
     def _peaks(self, values: Array) -> npt.NDArray[np.bool_]:
         """Tell which samples on the lattice are not smaller than their neighbours, (n, m)."""
@@ -175,7 +176,7 @@ class Maxima:
             values = self._values(places, boxes)[kind]
             best = np.arange(len(boxes)), values.argmax(axis=1)
             at, tops = boxes[best], values[best]
-            maxima.append(max(maxima[-1], self._maximum(tops)))
+            maxima.append(max(maxima[-1], highest(self._comm, tops)))
             # Next to a point without a value all samples of a box but one may be farther away.
             holes = (values[tops >= (1.0 - SETTLED) * maxima[-1]] < 0.0).any()
             settled = step >= FIRST and maxima[-1] <= (1.0 + SETTLED) * maxima[-5]
@@ -202,9 +203,6 @@ class Maxima:
         growth = np.diff(rings)
         late, before = growth[-2:].sum(), growth[-4:-2].sum()
         return bool((growth[-4:] > 0.0).all() and late > max(GROWING * before, 0.01 * rings[-1]))
-
-    def _maximum(self, values: Array) -> float:
-        return float(self._comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
 def _largest(comm: MPI.Comm, values: Array, limit: int) -> Rows:

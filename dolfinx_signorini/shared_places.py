@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import common, fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
 
 
@@ -46,6 +47,16 @@ def largest(
         result = local.array_r.copy()
     vector.destroy()
     return np.asarray(result)
+
+
+def highest(comm: MPI.Comm, values: npt.NDArray[np.floating[Any]]) -> float:
+    """Return the largest value of all ranks, at least 0.
+
+    Args:
+        comm: The communicator; the call is collective.
+        values: The values of this rank, of any shape; none is no value.
+    """
+    return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:

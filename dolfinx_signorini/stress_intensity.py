@@ -35,6 +35,7 @@ from dolfinx_signorini.kinds import check, coordinates, instance, optional, posi
 from dolfinx_signorini.meshes import boundary_facets, cells_near_ball, facet_cells, facet_nodes
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import CELL_RULE, QuadratureRule
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 
@@ -203,7 +204,7 @@ def _affine_obstacle(
     used = boundary.contact & (_distances(boundary.ends, p) < radius)
     s, g = ((boundary.ends[used] - p) @ tangent).ravel(), boundary.obstacle[used].ravel()
     slope, level = np.polyfit(s, g, 1)
-    scale = max(problem.comm.allgather(float(np.abs(problem.u.x.array).max(initial=0.0))))
+    scale = highest(problem.comm, np.abs(problem.u.x.array))
     defect = float(np.abs(level + slope * s - g).max())
     affine = defect <= AFFINE * max(scale, 1e-300)
     require(problem.comm, affine, "is not affine along the boundary at the point", "obstacle")
@@ -250,7 +251,7 @@ def _cells(
     domain, centre = problem.space.mesh, (float(p[0]), float(p[1]))
     closest = cells_near_ball(domain, centre, 1e-12 * outer)
     sizes = domain.h(2, closest)
-    size = max(problem.comm.allgather(float(sizes.max(initial=0.0))))
+    size = highest(problem.comm, sizes)
     near = cells_near_ball(domain, centre, min(2.0 * size, inner))
     cells = np.union1d(cells_near_ball(domain, centre, outer), near)
     return cells.astype(np.int32), near

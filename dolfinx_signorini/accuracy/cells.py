@@ -13,7 +13,7 @@ from dolfinx_signorini.meshes import cell_edges, owned_cells
 from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.power_sums import power
 from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.shared_places import summed
+from dolfinx_signorini.shared_places import highest, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -116,7 +116,7 @@ def total(values: Array, power: float, comm: MPI.Comm) -> float:
         power: The exponent, from 1 to infinity.
         comm: The communicator of the mesh; the call is collective.
     """
-    largest = float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
+    largest = highest(comm, values)
     if math.isinf(power) or largest == 0.0:
         return largest
     return float(

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
@@ -35,6 +34,7 @@ from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import FACET_RULE, QuadratureRule
 from dolfinx_signorini.refinement import Transfer
+from dolfinx_signorini.shared_places import highest
 
 HIGHEST_POWER = 1000.0  # of an error in a load: larger ones are loads at a point as well
 
@@ -158,7 +158,7 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
         return density
     assert target.norm is not None
     p = 2.0 if math.isinf(target.norm.p) else min(target.norm.p, HIGHEST_POWER)
-    largest = space.mesh.comm.allreduce(float(np.abs(error.x.array).max(initial=0.0)), op=MPI.MAX)
+    largest = highest(space.mesh.comm, np.abs(error.x.array))
     density = fem.Function(space)
     if apart > 0.0 and largest > 0.0:
         share = values_at_control_points(space, error.x.array) / largest

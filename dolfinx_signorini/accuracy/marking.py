@@ -16,6 +16,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.shared_places import highest
 
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
 DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere
@@ -130,7 +131,7 @@ def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Ma
         power: The exponent with which the indicators add up.
     """
     count, dimension = len(cells), sided.mesh.topology.dim
-    largest = sided.mesh.comm.allreduce(float(cells.max(initial=0.0)), op=MPI.MAX)
+    largest = highest(sided.mesh.comm, cells)
     part = 2.0 ** -(order + (0.0 if math.isinf(power) else dimension / power))
     levels = (cells >= DOUBT * part * largest).astype(np.int64)
     return Marks(levels, np.zeros(count, bool), np.zeros((count, 3)))
@@ -172,7 +173,7 @@ class _Choice:
         room = volumes(domain) ** (1.0 / dimension) / (SMALLEST * np.abs(x).max(axis=(1, 2)))
         self.comm, self.singular, self.power = comm, outlook.singular, outlook.power
         self.dimension, remaining = dimension, outlook.remaining
-        largest = self._largest(remaining) or 1.0
+        largest = highest(self.comm, remaining) or 1.0
         sup = math.isinf(self.power)
         power = 1.0 if sup else self.power
         self.exponent = 1.0 if sup else outlook.exponent
@@ -197,7 +198,7 @@ class _Choice:
         """The error after divisions, to the power."""
         after = self.parts * self.factors**levels
         if math.isinf(self.power):
-            return self._largest(after)
+            return highest(self.comm, after)
         return float(self.comm.allreduce(float(after.sum())))
 
     def bulk(self) -> npt.NDArray[np.bool_]:
@@ -237,9 +238,6 @@ class _Choice:
         count, old = self.comm.allreduce(np.array([new.sum(), len(new)]))
         return float(1.0 + count / old)
 
-    def _largest(self, values: Array) -> float:
-        return float(self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
-
 
 def _points(
     domain: mesh.Mesh, parts: Array, singular: npt.NDArray[np.bool_]
@@ -258,10 +256,11 @@ def _points(
     """
     cells = owned_cells(domain)
     vertices = domain.geometry.dofmap[cells]
-    largest = domain.comm.allreduce(float(parts.max(initial=0.0)), op=MPI.MAX) or 1.0
+    largest = highest(domain.comm, parts) or 1.0
+    scaled = np.asarray(parts / largest, dtype=np.float64)
     numbers = np.maximum(summed_at_vertices(domain, np.ones(len(cells)), cells), 1.0)
     # The mean and not the sum: a corner of the domain has few cells.
-    around = summed_at_vertices(domain, parts / largest, cells) / numbers
+    around = summed_at_vertices(domain, scaled, cells) / numbers
     worst = around[vertices].argmax(axis=1)
     best = vertices[cells, worst]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)

@@ -22,12 +22,12 @@ solution is measured alone, and the rate of the product is twice that of the par
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.shared_places import highest
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
 UNKNOWN = 0.35  # of the rate for smooth solutions: before any measurement
@@ -155,7 +155,7 @@ class Rates:
             weights: The indicators of these cells.
             told: Whether the rate of a cell is known.
         """
-        largest = self._domain.comm.allreduce(float(weights.max(initial=0.0)), op=MPI.MAX) or 1.0
+        largest = highest(self._domain.comm, weights) or 1.0
         power = min(self._power, STEEPEST)
         shares = np.where(told, (weights / largest) ** power, 0.0)
         cells = owned_cells(self._domain)

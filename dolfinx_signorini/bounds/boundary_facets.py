@@ -19,7 +19,7 @@ from dolfinx_signorini.elements import facet_dofs
 from dolfinx_signorini.errors import require
 from dolfinx_signorini.meshes import boundary_facets
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.shared_places import marked, summed
+from dolfinx_signorini.shared_places import highest, marked, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -197,7 +197,7 @@ def facet_kinds(
     kinds[fixed & outer] = DIRICHLET
     kinds[contact & outer] = OPEN
     cells, facets, dofs = contact_closures(problem, frames, kinds)
-    size = max(comm.allgather(float(np.abs(problem.u.x.array).max(initial=0.0))))
+    size = highest(comm, np.abs(problem.u.x.array))
     touching = problem.gap.x.array <= TOUCHING * size
     kinds[cells, facets] = _contact_kinds(problem, dofs, touching)
     vertices = problem.space.element.basix_element.entity_dofs[0]

@@ -22,6 +22,7 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.transport import spread, transported
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -93,9 +94,7 @@ def _by_a_field(
     size = np.linalg.norm(at, axis=2).max(axis=1, initial=0.0)
     size /= frames.dimension * frames.volumes * np.sqrt(lowest)
 
-    def largest(values: Array) -> float:
-        return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
-
-    inner, c = largest(size[~ends]), reaction[ends]
-    on_ends = largest(size[ends] / np.sqrt(c)), largest(-sums[ends] / frames.volumes[ends] / c)
-    return inner + math.sqrt(inner**2 + 2.0 * on_ends[0] + on_ends[1])
+    inner, c = highest(comm, size[~ends]), reaction[ends]
+    slope = highest(comm, size[ends] / np.sqrt(c))
+    sink = highest(comm, -sums[ends] / frames.volumes[ends] / c)
+    return inner + math.sqrt(inner**2 + 2.0 * slope + sink)

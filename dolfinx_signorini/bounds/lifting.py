@@ -39,7 +39,7 @@ from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.shared_places import marked, summed
+from dolfinx_signorini.shared_places import highest, marked, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -97,7 +97,7 @@ def feasible(
     space, d, comm = problem.space, frames.dimension, problem.comm
     change, degree = _pressed(problem, frames, kinds), space.element.basix_element.degree
     u = problem.sign * problem.u.x.array + change.x.array
-    tiny = ROUNDING * max(comm.allgather(float(np.abs(u).max(initial=0.0))))
+    tiny = ROUNDING * highest(comm, np.abs(u))
     exact = _within(problem.obstacle_data, degree)
     more = degree + MORE if d == 2 else degree  # polynomials that are met exactly
     unknown = rest.obstacle is None and not _within(problem.obstacle_data, more)

@@ -17,6 +17,7 @@ from dolfinx_signorini.meshes import simplex_sizes
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
 from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -149,7 +150,7 @@ class _Search:
         count, known = len(self.lattice), np.isfinite(self.values)
         norm, unclear = self._norm(), self.hidden > HIDDEN[self.datum.measure] * self._norm()
         divisible = self._widths() > SMALLEST * self.size
-        largest = self._largest(np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
+        largest = highest(self.comm, np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
         return Samples(
             points=points.reshape(-1, points.shape[2]),
             values=np.where(known, self.values, 0.0).ravel(),
@@ -185,7 +186,7 @@ class _Search:
     def _reference(self) -> float:
         """The norm, or what a piece may hide, where that is finite and more."""
         finite = np.where(np.isfinite(self.hidden), self.hidden, 0.0)
-        return max(self._norm(), self._largest(finite))
+        return max(self._norm(), highest(self.comm, finite))
 
     def _weights(self) -> Array:
         vertices = self.dimension + 1
@@ -198,6 +199,3 @@ class _Search:
 
     def _sum(self, value: Any) -> float:
         return float(self.comm.allreduce(float(value)))
-
-    def _largest(self, values: Array) -> float:
-        return float(self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))

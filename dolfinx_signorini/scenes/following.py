@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from mpi4py import MPI
 
 from dolfinx_signorini.meshes import (
     SidedMesh,
@@ -22,7 +21,7 @@ from dolfinx_signorini.meshes import (
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.roughness import slopes, switches
-from dolfinx_signorini.shared_places import summed
+from dolfinx_signorini.shared_places import highest, summed
 
 Array = npt.NDArray[np.float64]
 
@@ -73,7 +72,7 @@ class _Vertices:
         # The gradients of the barycentric coordinates are as long as altitudes are short.
         inverse = np.linalg.inv(cell_edges(self.domain, cells))
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
-        largest = self._largest(steep)
+        largest = highest(self.domain.comm, steep)
         powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
         self.altitudes = powers ** (-1.0 / SHARP) / largest
         self._look_at_boundary(sided)
@@ -122,7 +121,3 @@ class _Vertices:
     def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
         """The sums of values at vertices over the cells or facets of all ranks."""
         return summed(self.space.dofmap.index_map, dofs, values)
-
-    def _largest(self, values: Array) -> float:
-        largest = float(values.max(initial=0.0))
-        return float(self.domain.comm.allreduce(largest, op=MPI.MAX))

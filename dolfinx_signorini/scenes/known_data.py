@@ -39,6 +39,7 @@ from dolfinx_signorini.scenes.interpolations import missed_by_interpolation
 from dolfinx_signorini.scenes.known_diffusion import with_known_diffusion
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
 from dolfinx_signorini.scenes.smoothness import load_is_a_function
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -141,7 +142,7 @@ class KnownData:
         if self._any(np.isinf(low) | np.isinf(high)):
             return terms, rest
         require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
-        tiny = ROUNDING * max(self.comm.allgather(float(high.max(initial=0.0))))
+        tiny = ROUNDING * highest(self.comm, high)
         if not nowhere_negative(self.comm, formula, self.corners, tiny):
             rest = replace(rest, sampled=(*rest.sampled, NEGATIVE))
         extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}

@@ -28,6 +28,7 @@ from dolfinx_signorini.scenes.features import Datum, Samples, look_at
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
 from dolfinx_signorini.scenes.pieces import inside
 from dolfinx_signorini.scenes.scene import Scene
+from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -168,7 +169,7 @@ class _Look:
         shares = self._shares(count)
         marks = shares > MASS_OF_CELL
         if domain.comm.allreduce(float(shares.sum())) > MASS:
-            largest = domain.comm.allreduce(float(shares.max(initial=0.0)), op=MPI.MAX)
+            largest = highest(domain.comm, shares)
             marks |= shares > BULK * largest
         return marks
 

@@ -26,7 +26,7 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.elements import control_points
 from dolfinx_signorini.meshes import facet_cells, owned_cells
 from dolfinx_signorini.scenes.formulas import Formula
-from dolfinx_signorini.shared_places import summed
+from dolfinx_signorini.shared_places import highest, summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -137,7 +137,7 @@ def largest_angle(domain: mesh.Mesh) -> float:
     angles = _vertex_angles(space)
     # Inside the domain the angles add up to 2 pi.
     boundary = angles[angles < 2.0 * math.pi - 1e-6]
-    return float(max(domain.comm.allgather(float(boundary.max(initial=0.0)))))
+    return highest(domain.comm, boundary)
 
 
 def _touched(space: fem.FunctionSpace, facets: Indices) -> npt.NDArray[np.bool_]:

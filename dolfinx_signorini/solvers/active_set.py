@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.solvers.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -165,7 +166,7 @@ def _correct_locally(
     defect = measure.defect(x)
     wrong = (defect > 0.0) != held
     # What is far below the largest defect may be its consequence.
-    largest = system.comm.allreduce(float(np.abs(defect[wrong]).max(initial=0.0)), op=MPI.MAX)
+    largest = highest(system.comm, np.abs(defect[wrong]))
     severe = wrong & (np.abs(defect) >= SEVERE * largest)
     counts = system.comm.allreduce(np.array([severe.sum(), len(held)]))
     if not 0 < counts[0] <= max(LOCAL_FRACTION * counts[1], 8):

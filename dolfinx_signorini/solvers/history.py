@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
@@ -75,7 +76,7 @@ class History:
         held, dofs = system.touching(x), system.contact_dofs
         force = np.where(held, np.maximum(multiplier.array_r[dofs], 0.0), 0.0)
         if self._unit == 0.0:
-            largest = system.comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
+            largest = highest(system.comm, force)
             self._unit = largest if largest > 0.0 else 1.0
         inner, contact = _split(system, multiplier.array_r + system.b.array_r)
         self._values = _differences(x.array_r.copy(), self._values)

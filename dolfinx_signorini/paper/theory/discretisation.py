@@ -12,7 +12,6 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import compiled
@@ -23,6 +22,7 @@ from dolfinx_signorini.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.paper.theory.examples import Example
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.solvers.held import HeldSolver
 
 # On the cells near a singular point the gradient of u is like the root of the distance to the
@@ -210,4 +210,4 @@ def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np
 def cell_size(domain: mesh.Mesh) -> float:
     """Return the largest cell diameter, the same on all ranks."""
     sizes = domain.h(domain.topology.dim, owned_cells(domain))
-    return float(domain.comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX))
+    return highest(domain.comm, sizes)
