@@ -50,10 +50,12 @@ def bend_errors(posed: PosedScene, target: Target) -> Array:
     """
     domain, scene, norm = posed.sided.mesh, posed.scene, target.norm
     errors = np.zeros(len(owned_cells(domain)))
+    if norm is None or not math.isinf(norm.p):
+        return errors
     load = load_of(scene)
     data = [formula for formula in (load, scene.reaction) if formula is not None]
     parts = switches(*data)
-    if norm is None or not math.isinf(norm.p) or not parts:
+    if not parts:
         return errors
     cells = broken_cells(data, domain).astype(np.int32)
     if len(cells):
