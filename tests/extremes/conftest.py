@@ -45,9 +45,9 @@ matrices, obstacle and active set in 50-digit arithmetic that shares no code wit
 Unless it is said otherwise the cascade solves, with `rtol=1e-13`. What is not solved is refused:
 by an `InputError` that names the input, or by a `NotConvergedError` with the residual reached.
 
-N = 4 and 4 x 4 cells mean 25 unknowns: BoomerAMG, which ends with a direct solve of at most 50,
-then has one level above that solve, of 5. The first table shows its levels at other sizes. All rows
-that name more than 1000 unknowns had such levels at work. "SciPy's sparse LU" is an active set
+N = 4 and 4 x 4 cells mean 25 unknowns. On one rank problems of at most 3,000 dofs (1,000 in space)
+are solved directly. Rows with more had levels of multigrid at work: geometric ones on squares and
+cubes, else those of BoomerAMG, which the first table shows. "SciPy's sparse LU" is an active set
 method with a direct solver on the same matrix. "The known u in V_h" belongs to a problem whose load
 was made for a solution and contact forces that are chosen: no solver is needed to know it. Both are
 compared in u.
