@@ -52,7 +52,10 @@ class Refinement:
 
 
 def refined(
-    sided: SidedMesh, cells: Indices | None = None, at: tuple[Indices, Array] | None = None
+    sided: SidedMesh,
+    cells: Indices | None = None,
+    at: tuple[Indices, Array] | None = None,
+    halved: Indices | None = None,
 ) -> Refinement:
     """Refine a mesh of triangles or tetrahedra; the call is collective.
 
@@ -64,6 +67,7 @@ def refined(
         cells: Owned cells all of whose edges are bisected; None for all cells.
         at: Further owned cells of which only the edges at one vertex are bisected, and these
             vertices, shape (cells, 3): so few cells grade a mesh towards a point.
+        halved: Further owned cells of which only the longest edge is bisected.
 
     Source: Plaza and Carey, Local refinement of simplicial grids based on the skeleton, Appl.
     Numer. Math. 32 (2000) 195-218.
@@ -78,6 +82,8 @@ def refined(
         edges = mesh.compute_incident_entities(topology, cells, tdim, 1)
         if at is not None:
             edges = np.union1d(edges, _edges_at(domain, *at)).astype(np.int32)
+        if halved is not None:
+            edges = np.union1d(edges, _longest_edges(domain, halved)).astype(np.int32)
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
     _parents[fine] = domain, parents
@@ -92,15 +98,42 @@ def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
         cells: The cells.
         points: A vertex of each cell, shape (cells, 3).
     """
+    edges, ends = _edges(domain, cells)
+    distance = np.abs(ends - points[:, None, None]).max(axis=3).min(axis=2)
+    size = np.linalg.norm(cell_edges(domain, cells), axis=2).max(axis=1, initial=0.0)
+    return np.asarray(edges[distance < ROUNDING * size[:, None]])
+
+
+def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
+    """Return the longest edges of cells; all of them where some are of one length.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+    """
+    edges, ends = _edges(domain, cells)
+    length = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
+    longest = length.max(axis=1, keepdims=True, initial=0.0)
+    return np.asarray(edges[length > (1.0 - ROUNDING) * longest])
+
+
+def _edges(domain: mesh.Mesh, cells: Indices) -> tuple[Indices, Array]:
+    """Return the edges of cells and the ends of these edges.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+
+    Returns:
+        The edges, shape (cells, edges), and coordinates, shape (cells, edges, 2, 3).
+    """
     topology, tdim = domain.topology, domain.topology.dim
     topology.create_connectivity(1, 0)
     topology.create_connectivity(0, tdim)
     count = tdim * (tdim + 1) // 2
     edges: Indices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
     ends = entity_nodes(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
-    distance = np.abs(domain.geometry.x[ends] - points[:, None, None]).max(axis=3).min(axis=2)
-    size = np.linalg.norm(cell_edges(domain, cells), axis=2).max(axis=1, initial=0.0)
-    return np.asarray(edges[distance < ROUNDING * size[:, None]])
+    return edges, np.asarray(domain.geometry.x[ends])
 
 
 def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:

@@ -1,5 +1,7 @@
 """Refined meshes: sides, parents, and functions carried between a mesh and its refinement."""
 
+import math
+
 import numpy as np
 import pytest
 import ufl
@@ -74,6 +76,36 @@ def test_a_mesh_is_graded_towards_a_point_by_few_good_cells(comm):
     # Two more cells for each cell at the point and round, and some that keep the mesh conforming.
     assert comm.allreduce(len(volumes(domain))) <= before + 8 * rounds
     assert comm.allreduce(angles(domain).min(initial=9.0), op=MPI.MIN) > 0.7 * worst
+
+
+def bisected(sided, cells):
+    return refined(sided, np.empty(0, dtype=np.int32), halved=cells).sided
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_all_cells_of_a_lattice_are_bisected_into_halves(comm, dimension):
+    make = mesh.create_unit_square if dimension == 2 else mesh.create_unit_cube
+    sided = SidedMesh(make(comm, *[3] * dimension), {})
+    first = comm.allreduce(len(owned_cells(sided.mesh)))
+    for rounds in range(1, dimension + 1):
+        sided = bisected(sided, owned_cells(sided.mesh))
+        assert comm.allreduce(len(owned_cells(sided.mesh))) == 2**rounds * first
+        size = volumes(sided.mesh) / math.factorial(dimension)
+        assert size == pytest.approx(1.0 / (2**rounds * first), rel=1e-12)
+
+
+def test_bisected_triangles_keep_their_angles(comm):
+    """No angle is smaller than half of the smallest one before (Rosenberg and Stenger 1975)."""
+    sided = sided_mesh(comm, "square")
+    x = sided.mesh.geometry.x
+    x[:, :2] += 0.08 * np.sin(5.0 * x[:, [1, 0]] + 9.0 * x[:, [0]])
+    worst = comm.allreduce(angles(sided.mesh).min(initial=9.0), op=MPI.MIN)
+    for _ in range(8):
+        cells = at_corner(sided, 0.5)
+        least = comm.allreduce(len(owned_cells(sided.mesh)) + len(cells))
+        sided = bisected(sided, cells)
+        assert comm.allreduce(len(owned_cells(sided.mesh))) >= least
+    assert comm.allreduce(angles(sided.mesh).min(initial=9.0), op=MPI.MIN) >= 0.5 * worst
 
 
 def random_function(space):

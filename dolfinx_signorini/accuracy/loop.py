@@ -23,6 +23,7 @@ from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
+from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.solvers.pressure import ContactState
 
 AIM = 0.9  # estimate aimed at, over the accuracy
@@ -231,7 +232,7 @@ class Loop:
             if growth < SMALLEST_GROWTH:
                 return None
             marks = mark(self.sided, self.estimator.outlook, goal, min(growth, GROWTH))
-            if not self.comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX):
+            if not highest(self.comm, marks.levels) > 0.0:
                 self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None
             divided = marks.apply(self.sided)
@@ -247,8 +248,7 @@ class Loop:
 
     def _gain(self, estimate: float) -> float:
         """The estimate over what was predicted: cells that only follow others gain, too."""
-        local = not self.request.target.weighted and not math.isinf(self.estimator.rates.power)
-        if self.predicted == 0.0 or not local:
+        if self.predicted == 0.0 or math.isinf(self.estimator.rates.power):
             return 1.0
         return min(max(estimate / self.predicted, GAIN), 1.0)
 

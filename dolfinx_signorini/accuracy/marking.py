@@ -28,6 +28,7 @@ BULK = 0.5  # of the error: the cells that make up so much are divided in any ca
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
 SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
 NEAR = 1e-6  # of the size of a cell
+TINY = 1e-300  # in place of 0, which has no logarithm
 
 
 @dataclass(frozen=True)
@@ -65,33 +66,34 @@ class Marks:
         divided = mark(sided, remaining, rates, goal=0.5).apply(sided)
 
     Attributes:
-        levels: The number of divisions of each owned cell.
+        levels: How often each owned cell is to be divided; fractions are bisections, of which as
+            many as the mesh has dimensions make a division.
         singular: Whether the cell is divided towards a point.
         points: For each cell the point, shape (cells, 3).
         factor: By how much the divisions are predicted to multiply the error.
     """
 
-    levels: npt.NDArray[np.int64]
+    levels: Array
     singular: npt.NDArray[np.bool_]
     points: Array
     factor: float = 1.0
 
     def apply(self, sided: SidedMesh) -> "Divided":
         """Return the divided mesh; the call is collective."""
-        comm = sided.mesh.comm
-        owners: Indices = owned_cells(sided.mesh)
-        size = volumes(sided.mesh)
-        deepest = comm.allreduce(int(self.levels.max(initial=0)), op=MPI.MAX)
-        for level in range(deepest):
-            chosen, singular = self.levels[owners] > level, self.singular[owners]
-            whole = np.flatnonzero(chosen & ~singular).astype(np.int32)
-            tips = np.flatnonzero(chosen & singular & self._at_point(sided, owners))
-            step = refined(sided, whole, (tips.astype(np.int32), self.points[owners[tips]]))
+        domain, owners = sided.mesh, owned_cells(sided.mesh)
+        comm, dimension, size = domain.comm, domain.topology.dim, volumes(domain)
+        while True:
+            # What has been divided for the sake of other cells need not be divided again.
+            levels = np.log2(size[owners] / volumes(sided.mesh)) / dimension
+            singular, at = self.singular[owners], self._at_point(sided, owners)
+            left = np.rint(dimension * (self.levels[owners] - levels))  # bisections
+            left = np.where(singular & ~at, 0.0, left)
+            if highest(comm, left) == 0.0:
+                return Divided(sided, owners, np.round(levels, 3), singular & ~at)
+            tips, whole = _numbers(singular & (left > 0)), _numbers(~singular & (left >= dimension))
+            halved = _numbers(~singular & (left > 0) & (left < dimension))
+            step = refined(sided, whole, (tips, self.points[owners[tips]]), halved)
             sided, owners = step.sided, owners[step.parents]
-        dimension = sided.mesh.topology.dim
-        levels = np.log2(size[owners] / volumes(sided.mesh)) / dimension
-        away = self.singular[owners] & ~self._at_point(sided, owners)
-        return Divided(sided, owners, np.round(levels, 3), away)
 
     def _at_point(self, sided: SidedMesh, owners: Indices) -> npt.NDArray[np.bool_]:
         domain = sided.mesh
@@ -121,20 +123,30 @@ class Divided:
     away: npt.NDArray[np.bool_]
 
 
+def _numbers(chosen: npt.NDArray[np.bool_]) -> Indices:
+    return np.flatnonzero(chosen).astype(np.int32)
+
+
 def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Marks:
-    """Return the marks that divide each cell once whose error could be among the largest after.
+    """Return marks after which no cell could have one of the largest errors, if all are smooth.
 
     Args:
-        sided: The mesh.
+        sided: The mesh. Each of its cells is divided at most once.
         cells: The indicators of the owned cells.
         order: The order of convergence for smooth solutions.
         power: The exponent with which the indicators add up.
     """
     count, dimension = len(cells), sided.mesh.topology.dim
     largest = highest(sided.mesh.comm, cells)
-    part = 2.0 ** -(order + (0.0 if math.isinf(power) else dimension / power))
-    levels = (cells >= DOUBT * part * largest).astype(np.int64)
-    return Marks(levels, np.zeros(count, bool), np.zeros((count, 3)))
+    shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
+    fall = order + (0.0 if math.isinf(power) else dimension / power)
+    levels = _rounded_up(1.0 + np.log2(shares / DOUBT) / fall, 1.0 / dimension)
+    return Marks(np.clip(levels, 0.0, 1.0), np.zeros(count, bool), np.zeros((count, 3)))
+
+
+def _rounded_up(levels: Array, multiple: Array | float) -> Array:
+    """The next multiples of numbers of divisions."""
+    return np.asarray(np.ceil(levels / multiple) * multiple)
 
 
 def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Marks:
@@ -159,9 +171,10 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
             high = threshold
         else:
             low = threshold
-    levels = np.maximum(choice.levels(low), np.minimum(choice.bulk(), choice.deepest))
+    least = np.where(choice.bulk(), choice.finest, 0.0)
+    levels = np.maximum(choice.levels(low), np.minimum(least, choice.deepest))
     factor = (choice.error(levels) / choice.present) ** (1.0 / choice.exponent)
-    return Marks(levels.astype(np.int64), choice.singular, points, factor)
+    return Marks(levels, choice.singular, points, factor)
 
 
 class _Choice:
@@ -177,8 +190,8 @@ class _Choice:
         sup = math.isinf(self.power)
         power = 1.0 if sup else self.power
         self.exponent = 1.0 if sup else outlook.exponent
-        self.parts = np.maximum((remaining / largest) ** power, 1e-300)
-        self.factors = np.clip(outlook.factors**self.exponent, 1e-300, 0.95)
+        self.parts = np.maximum((remaining / largest) ** power, TINY)
+        self.factors = np.clip(outlook.factors**self.exponent, TINY, 0.95)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         child = np.where(self.singular, self.factors, shared)
@@ -186,13 +199,15 @@ class _Choice:
         towards = np.where(outlook.confirmed, DEEPEST, DEEPER)
         deepest = np.where(self.singular, towards, DEEP)
         self.deepest = np.minimum(deepest, np.floor(np.log2(np.maximum(room, 1.0))))
+        # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.
+        self.finest = np.where(self.singular | sup, 1.0, 1.0 / dimension)
         self.least = self.error(self.deepest)
         self.present = self.error(0 * self.deepest)
 
     def levels(self, threshold: float) -> Array:
         """The divisions after which no part of a cell is above a threshold."""
-        needed = np.ceil((self._logarithms - math.log(threshold)) / self._steps)
-        return np.clip(needed, 0, self.deepest)
+        needed = (self._logarithms - math.log(threshold)) / self._steps
+        return np.clip(_rounded_up(needed, self.finest), 0.0, self.deepest)
 
     def error(self, levels: Array) -> float:
         """The error after divisions, to the power."""
