@@ -201,7 +201,8 @@ class _Cuts:
         moved = size(movement, target)
         if norm is None or norm.boundary:
             return moved
-        comm, areas = self.domain.comm, self.volumes / np.maximum(self.widths(), 1e-300)
+        comm, widths = self.domain.comm, self.widths()
+        areas = self.volumes / np.where(widths > 0.0, widths, np.inf)
         edges = cell_edges(self.domain, owned_cells(self.domain))
         sizes = np.abs(np.linalg.det(edges)) / math.factorial(dim)
         mean = total(areas * steps, 1.0, comm) / (total(areas, 1.0, comm) or 1.0)

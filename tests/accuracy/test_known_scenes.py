@@ -66,6 +66,19 @@ def test_a_load_that_jumps_along_a_mesh_line_is_estimated_and_resolved(comm):
     assert max(found.values()) < 1.0
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_what_is_left_between_a_curve_and_its_facets_is_estimated(comm, degree):
+    # Of the stiff side slivers are cut off, some of which have no point of a rule: on average their
+    # step moves the whole inside of the circle.
+    known, accuracy = SCENES["jump across a circle"], 1e-4
+    scene = parse_scene(known.text, Path("circle.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm="L2", degree=degree)
+    error, estimate = true_error(result.u, known, "L2"), result.found.estimate
+    result.destroy()
+    assert error <= estimate <= accuracy
+    assert estimate <= 4.0 * error
+
+
 def test_a_reaction_that_jumps_far_is_definite_on_all_ranks(comm):
     # On three ranks smoothers that leave out couplings between ranks were indefinite.
     text = """
