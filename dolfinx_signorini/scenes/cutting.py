@@ -4,7 +4,7 @@ Vertices near the zeros are moved onto them, and the edges that still cross the 
 there: every cell with such an edge into two, so that the cells conform at any time.
 
 Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM Trans. Graph. 26
-(2007) 57.
+(2007) 57, who also move vertices first, and split afterwards.
 """
 
 import itertools
@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.scenes.formulas import Node, evaluated
-from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.scenes.pieces import inside, widths
+from dolfinx_signorini.scenes.sliding import FLAT, planes
 
 Array = npt.NDArray[np.float64]
 Ids = npt.NDArray[np.int64]
@@ -28,7 +29,6 @@ ON = 1e-9  # of an edge: zeros that are nearer to a vertex are at the vertex
 THIN = 0.1  # of a cell: what a curve may cut off
 SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
 ROUNDING = 1e-7  # of the largest value in a cell
-FLAT = 1e-12  # of the boundary at a vertex
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,8 @@ def _moved(whole: Simplices, edges: Ids, places: Array) -> tuple[Simplices, Flag
 
 def _shapes(corners: Array) -> Array:
     """The volumes of cells over cubes of their widths, with the sign of the numbering."""
-    lengths = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.linalg.det(edges) / lengths ** edges.shape[1])
+    return np.asarray(np.linalg.det(edges) / widths(corners) ** edges.shape[1])
 
 
 def _slides(whole: Simplices, vertices: Ids, ways: Array) -> Flags:
@@ -171,20 +170,15 @@ def _slides(whole: Simplices, vertices: Ids, ways: Array) -> Flags:
         vertices: The vertices.
         ways: Where each of them goes, from where the vertex is.
     """
-    corners, dimension = whole.x[whole.facets], whole.x.shape[1]
-    normals = np.linalg.svd(corners[:, 1:] - corners[:, :1], full_matrices=True)[2][:, -1]
-    count, numbers = len(whole.x), np.zeros(len(whole.x))
-    planes = np.zeros((count, dimension, dimension))  # the mean of n n^T, of rank 1 in a plane
-    low, high = np.full(count, np.iinfo(np.int64).max), np.full(count, -1)
-    for at in whole.facets.T:
-        np.add.at(numbers, at, 1.0)
-        np.add.at(planes, at, normals[:, :, None] * normals[:, None])
-        np.minimum.at(low, at, whole.sides)
-        np.maximum.at(high, at, whole.sides)
-    planes /= np.maximum(numbers, 1.0)[:, None, None]
-    flat = (numbers == 0.0) | ((planes**2).sum(axis=(1, 2)) > 1.0 - FLAT)
-    free = flat & (low >= high)
-    across = np.linalg.norm(np.einsum("vij,vj->vi", planes[vertices], ways), axis=1)
+    facets, count = whole.facets, len(whole.x)
+    numbers = np.bincount(facets.ravel(), minlength=count)
+
+    def mean(values: Array) -> Array:
+        sums = np.bincount(facets.ravel(), np.repeat(values, facets.shape[1]), count)
+        return np.asarray(sums / np.maximum(numbers, 1))
+
+    normal, free = planes(whole.x[facets], whole.sides, mean)
+    across = np.linalg.norm(np.einsum("vij,vj->vi", normal[vertices], ways), axis=1)
     return free[vertices] & (across <= FLAT * np.linalg.norm(ways, axis=1))
 
 

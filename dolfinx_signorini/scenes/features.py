@@ -16,7 +16,7 @@ from mpi4py import MPI
 from dolfinx_signorini.meshes import simplex_sizes
 from dolfinx_signorini.scenes.enclosures import enclosed_on_simplices
 from dolfinx_signorini.scenes.formulas import Formula, evaluated
-from dolfinx_signorini.scenes.pieces import divided, inside
+from dolfinx_signorini.scenes.pieces import divided, inside, widths
 from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
@@ -124,7 +124,7 @@ class _Search:
     def divide(self) -> bool:
         """Divide the pieces that may hide most; whether a piece was divided."""
         threshold = HIDDEN[self.datum.measure] * self._reference()
-        divisible = self._widths() > SMALLEST * self.size
+        divisible = widths(self.pieces) > SMALLEST * self.size
         parts = 2**self.dimension
         room = (MOST_PIECES - self._sum(len(self.pieces))) / (parts - 1)
         for _ in range(100):
@@ -149,7 +149,7 @@ class _Search:
         points = inside(self.pieces, self.lattice).transpose(1, 0, 2)
         count, known = len(self.lattice), np.isfinite(self.values)
         norm, unclear = self._norm(), self.hidden > HIDDEN[self.datum.measure] * self._norm()
-        divisible = self._widths() > SMALLEST * self.size
+        divisible = widths(self.pieces) > SMALLEST * self.size
         largest = highest(self.comm, np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
         return Samples(
             points=points.reshape(-1, points.shape[2]),
@@ -192,10 +192,6 @@ class _Search:
         vertices = self.dimension + 1
         shares = np.repeat((0.0, 1.0 / vertices), vertices)
         return np.asarray(self.volumes[:, None] * shares)
-
-    def _widths(self) -> Array:
-        edges = self.pieces[:, :, None] - self.pieces[:, None]
-        return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
 
     def _sum(self, value: Any) -> float:
         return float(self.comm.allreduce(float(value)))

@@ -9,9 +9,6 @@ Where the load jumps, second derivatives of the solution do, and the error depen
 jump is to a side of the cells. Along a mesh line all cells agree: divisions may help little for
 some steps, and no comparison of solutions shows that. Such jumps get facets where they are
 straight. Curves cut cells at all shares of their width, and comparisons tell.
-
-Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM Trans. Graph. 26
-(2007) 57, who also move vertices first, and split afterwards.
 """
 
 from collections.abc import Sequence

@@ -21,6 +21,7 @@ from dolfinx_signorini.meshes import (
 )
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.roughness import slopes, switches
+from dolfinx_signorini.scenes.sliding import planes
 from dolfinx_signorini.shared_places import highest, summed
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +31,6 @@ STEPS = 4  # of Newton's method
 STEP = 1e-5  # of the altitudes, in differences
 ON = 1e-9  # of the altitudes: vertices so near are on the curve
 SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
-FLAT = 1e-9  # of the boundary at a vertex
 
 
 def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
@@ -78,24 +78,16 @@ class _Vertices:
         self._look_at_boundary(sided)
 
     def _look_at_boundary(self, sided: SidedMesh) -> None:
-        dim, facets = self.dimension, boundary_facets(self.domain)
+        facets = boundary_facets(self.domain)
         pairs = facet_cells(self.domain, facets)
         dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
-        ends = self.x[dofs]
-        normals = np.linalg.svd(ends[:, 1:] - ends[:, :1], full_matrices=True)[2][:, -1]
-        sides = sided.combinations(facets)[1].astype(np.float64)
+        numbers = self._summed(dofs, np.ones(dofs.shape))
 
         def mean(values: Array) -> Array:
-            sums = self._summed(dofs, np.repeat(values[:, None], dim, axis=1))
+            sums = self._summed(dofs, np.repeat(values[:, None], self.dimension, axis=1))
             return np.asarray(sums / np.maximum(numbers, 1.0))
 
-        numbers = self._summed(dofs, np.ones(dofs.shape))
-        self.normals = np.empty((len(self.x), dim, dim))
-        for i, j in np.ndindex(dim, dim):
-            self.normals[:, i, j] = mean(normals[:, i] * normals[:, j])
-        flat = (self.normals**2).sum(axis=(1, 2)) > 1.0 - FLAT
-        same = mean(sides**2) - mean(sides) ** 2 <= FLAT * mean(sides**2)
-        self.free = (numbers == 0.0) | (flat & same)
+        self.normals, self.free = planes(self.x[dofs], sided.combinations(facets)[1], mean)
 
     def move(self, node: Node) -> None:
         """Move the vertices near the zeros of a function onto the zeros."""

@@ -26,7 +26,7 @@ from dolfinx_signorini.meshes import (
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.features import Datum, Samples, look_at
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
-from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.scenes.pieces import inside, widths
 from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.shared_places import highest
 
@@ -163,7 +163,7 @@ class _Look:
         if samples.norm == 0.0:
             return np.zeros(count, dtype=bool)
         if self.datum.measure == "height":
-            wide = _Cells(domain).widths() > JUMP * self.size
+            wide = widths(_Cells(domain).corners) > JUMP * self.size
             jumping = np.bincount(samples.owners, samples.unclear, count) > 0.0
             return (self._shares(count) > HEIGHT) & (wide | ~jumping)
         shares = self._shares(count)
@@ -245,11 +245,6 @@ class _Cells:
         """
         offsets = points - self.corners[cells, 0]
         return np.asarray(np.einsum("pi,pij->pj", offsets, self.inverse[cells]))
-
-    def widths(self) -> Array:
-        """Return the lengths of the longest edges."""
-        edges = self.corners[:, :, None] - self.corners[:, None]
-        return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
 
 
 def _depth(points: Array) -> Array:

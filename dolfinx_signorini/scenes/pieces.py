@@ -43,6 +43,12 @@ def inside(pieces: Array, points: Array) -> Array:
     return np.asarray(np.tensordot(barycentric(points), pieces, (1, 1)), dtype=np.float64)
 
 
+def widths(pieces: Array) -> Array:
+    """Return the lengths of the longest edges of pieces."""
+    edges = pieces[:, :, None] - pieces[:, None]
+    return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
+
+
 def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
     """Divide each piece into 2 segments, 4 triangles or 8 tetrahedra.
 

@@ -28,6 +28,7 @@ from dolfinx_signorini.scenes.intervals import (
     size,
 )
 from dolfinx_signorini.scenes.names import Names
+from dolfinx_signorini.scenes.pieces import widths
 
 Array = npt.NDArray[np.float64]
 Scaled = tuple[float, Array]  # n and t of r^n t
@@ -90,8 +91,7 @@ def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) 
     least = np.linalg.svd(middle, compute_uv=False)[:, -1] - np.linalg.norm(radius, axis=(1, 2))
     edges = corners[:, 1:] - corners[:, :1]
     volumes = np.abs(np.linalg.det(edges)) / math.factorial(dimension)
-    pairs = corners[:, :, None] - corners[:, None]
-    length = 1.0 if dimension == 2 else np.linalg.norm(pairs, axis=3).max(axis=(1, 2))
+    length = 1.0 if dimension == 2 else widths(corners)
     q = np.maximum(least, 0.0) * np.sqrt(volumes / (math.pi * length))
     return np.asarray(np.where(q > 0.0, q**n / (0.5 * n + 1.0), np.inf))
 
