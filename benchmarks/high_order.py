@@ -2,10 +2,12 @@
 
     ./with-dolfinx python3 benchmarks/high_order.py equal    # against P1 with N = 1001, in turn
     ./with-dolfinx python3 benchmarks/high_order.py reach    # how small errors can be made
+    ./with-dolfinx python3 benchmarks/high_order.py unknowns # beside those of the best meshes
 
 All times are from nothing to the solution, after a run that compiles the forms. True errors are
-those of the exact solution, which the adaptive loop is not told; sup norms are maxima. Orders by
-degree and mesh, with diagrams: `dolfinx-signorini tradeoff`.
+those of the exact solution, which the adaptive loop is not told; sup norms are maxima. The best
+meshes were marked by the true error, with another code and the contact set known. Orders by degree
+and mesh, with diagrams: `dolfinx-signorini tradeoff`.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,6 +35,15 @@ N = 1001
 # Errors of uniform P1 with N = 1001; in sup norms those that the paper samples, a little less.
 EQUAL = {"L4": 6.0e-6, "Linf": 6.7e-5, "W1_4": 1.34e-2, "W1_inf": 0.344}
 REACH = {"L4": (1e-6, 1e-7, 1e-8, 1e-9), "Linf": (1e-6, 1e-7, 1e-8), "W1_inf": (1e-2, 1e-3)}
+BEST = {  # unknowns of degrees 2, 3 and 4; None where only a lower limit is known
+    ("L4", 6e-6): (14_460, 5_512, 3_661),
+    ("L4", 1e-7): (None, 34_735, 15_659),
+    ("Linf", 6.7e-5): (9_958, 4_996, 2_903),
+    ("Linf", 1e-6): (None, 32_857, 14_011),
+    ("W1_4", 1e-3): (56_899, 8_215, 4_675),
+    ("W1_inf", 1e-2): (38_460, 9_739, None),
+    ("H1", 1e-4): (None, 24_205, 9_039),
+}
 
 Solved = tuple[SignoriniProblem, ManufacturedSolution]
 
@@ -104,6 +115,17 @@ def reach() -> Iterator[Row]:
             yield [norm, accuracy, *measured(partial(adapted, 4, norm, accuracy), norm)]
 
 
+def unknowns() -> Iterator[Row]:
+    """The unknowns of the loop beside those of the best meshes of the same degree."""
+    for (norm, accuracy), counts in BEST.items():
+        for degree, best in zip((2, 3, 4), counts, strict=True):
+            if best is not None:
+                problem, exact = adapted(degree, norm, accuracy)
+                error, count = error_norms(problem.u, exact, [norm])[norm], problem.unknowns
+                problem.destroy()
+                yield [norm, accuracy, f"P{degree}", count, best, count / best, error / accuracy]
+
+
 PARTS: dict[str, Part] = {
     "equal": (
         equal,
@@ -113,6 +135,10 @@ PARTS: dict[str, Part] = {
         ],
     ),
     "reach": (reach, ["norm", "asked", "unknowns", "true error", "s", "last solve alone s"]),
+    "unknowns": (
+        unknowns,
+        ["norm", "asked", "adapted", "unknowns", "best mesh", "ratio", "true error over asked"],
+    ),
 }
 
 if __name__ == "__main__":
