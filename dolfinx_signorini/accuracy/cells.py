@@ -1,6 +1,7 @@
 """Norms of finite element functions cell by cell, and how values of cells are put together."""
 
 import math
+from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -47,15 +48,38 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
                 sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
                 for columns in maps.transpose(2, 1, 0)
             ]
-        sizes = [np.abs(size, out=size) for size in sizes]
-        largest = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
-        if math.isinf(norm.p):
-            found.append(largest)
-            continue
-        unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
-        powers = sum(power(size / unit, norm.p) @ weights for size in sizes)
-        found.append(unit * (powers * np.abs(determinants(edges))) ** (1.0 / norm.p))
+        found.append(norms_of_values(sizes, weights, edges, norm.p))
     return np.concatenate(found)
+
+
+def norms_of_values(values: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
+    """Return L^p norms on cells of the components of a function together.
+
+    Args:
+        values: The values of each component, shape (cells, points).
+        weights: The weights of the points; not used for p = infinity.
+        edges: The edges from the first vertex of each cell, see `cell_edges`.
+        p: The exponent, from 1 to infinity.
+    """
+    sizes = [np.abs(component) for component in values]
+    largest: Array = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
+    if math.isinf(p):
+        return largest
+    unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
+    powers = sum(power(size / unit, p) @ weights for size in sizes)
+    return np.asarray(unit * (powers * np.abs(determinants(edges))) ** (1.0 / p))
+
+
+def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:
+    """Return numbers of cells that add up to the root of the sum of the p-th powers of parts.
+
+    Args:
+        parts: One value per owned cell, not negative.
+        p: The exponent, from 1 on.
+        comm: The communicator of the mesh; the call is collective.
+    """
+    whole = total(parts, p, comm) or 1.0
+    return np.asarray(parts * (parts / whole) ** (p - 1.0))
 
 
 def volumes(domain: mesh.Mesh) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, total
+from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, shared_out, total
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.indicators import (
     Indicators,
@@ -170,7 +170,7 @@ class Estimator:
         if whole == 0.0:
             return value
         if self._target.weighted:  # parts of cells add up as they are
-            remaining = self.outlook.remaining + parts * (parts / whole) ** (norm.p - 1.0)
+            remaining = self.outlook.remaining + shared_out(parts, norm.p, self._comm)
         else:
             remaining = joined(self.outlook.remaining, parts, norm.p)
         self.outlook = replace(self.outlook, remaining=remaining)

@@ -1,9 +1,11 @@
-"""What jumps of the load and of the reaction inside cells leave in sup norms.
+"""What jumps and kinks of the load and of the reaction inside cells leave in the error.
 
 Across a jump of f - c u the second derivative of the solution u along the normal n jumps as well,
-by J = (jump of f - c u) / (n.A n). With the distance d from the jump, u is a smooth function and
+by J = (jump of f - c u) / (n.A n), and across a kink the third derivative by K, with the jump of
+the derivative of f - c u in place of that of f - c u. With the distance d from the jump, u is a
+smooth function and
 
-    J max(d, 0)^2 / 2.
+    J max(d, 0)^2 / 2 + K max(d, 0)^3 / 6.
 
 What polynomials of the degree of the elements leave of this part is computed cell by cell. The
 difference of the solutions on two meshes may be small there by chance, where a jump cuts off little
@@ -17,11 +19,13 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.cells import Array
+from dolfinx_signorini.accuracy.cells import Array, norms_of_values, shared_out
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.jacobians import inverses
 from dolfinx_signorini.meshes import cell_edges, owned_cells
+from dolfinx_signorini.norm_names import Norm
 from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.quadrature import interior_rule
 from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
 from dolfinx_signorini.scenes.jumps import broken_cells
 from dolfinx_signorini.scenes.pieces import inside
@@ -34,23 +38,25 @@ SAMPLES = 12  # along the edge of a cell
 ONTO = 3  # steps of Newton's method from a point of a cell onto the jump
 STEP = 1e-5  # of a cell, in differences
 ASIDE = 1e-7  # of a cell: on both sides of a jump
+BESIDE = 1e-4  # of a cell: how far from a kink slopes are taken
+RULE = 20  # its degree, for integrals of functions with a kink
 NEARER = 0.45  # of what interpolation leaves: measured 0.25 to 0.85
 
 
 def bend_errors(posed: PosedScene, target: Target) -> Array:
-    """Return what jumps of the load and the reaction inside cells leave in a sup norm.
+    """Return what jumps and kinks of load and reaction inside cells leave in a norm of the error.
 
     Args:
         posed: The scene whose problem has been solved; the call is collective.
         target: What is to be accurate.
 
     Returns:
-        One value for each owned cell; 0 for cells without a jump, and in norms that are no sup
-        norms, where few cells count for little.
+        One value for each owned cell; 0 for cells without a jump or kink, and for functionals and
+        norms of the boundary.
     """
     domain, scene, norm = posed.sided.mesh, posed.scene, target.norm
     errors = np.zeros(len(owned_cells(domain)))
-    if norm is None or not math.isinf(norm.p):
+    if norm is None or norm.boundary:
         return errors
     load = load_of(scene)
     data = [formula for formula in (load, scene.reaction) if formula is not None]
@@ -59,9 +65,10 @@ def bend_errors(posed: PosedScene, target: Target) -> Array:
         return errors
     cells = broken_cells(data, domain).astype(np.int32)
     if len(cells):
-        bends = _Bends(posed.problem, cells, load, scene.reaction, scene.diffusion)
-        errors[cells] = sum(bends.left(node, norm.derivatives > 0.0) for node in parts)
-    return errors
+        bends = _Bends(posed.problem, cells, load, scene.reaction, scene.diffusion, norm)
+        # Parts of formulas may be zero at the same place: each tells the whole bend there.
+        errors[cells] = np.max([bends.left(node) for node in parts], axis=0)
+    return shared_out(errors, norm.p, domain.comm) if target.weighted else errors
 
 
 class _Bends:
@@ -74,7 +81,9 @@ class _Bends:
         load: Formula | None,
         reaction: Formula | None,
         rows: Sequence[Sequence[Formula]],
+        norm: Norm,
     ):
+        self.norm = norm
         domain, space = problem.space.mesh, problem.space
         self.load, self.reaction, self.rows = load, reaction, rows
         element, dim = space.element.basix_element, domain.topology.dim
@@ -84,23 +93,23 @@ class _Bends:
         self.size = np.linalg.norm(self.edges, axis=1).max(axis=1)
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
         nodal = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
-        equispaced = basix.LatticeType.equispaced
-        lattice = np.asarray(basix.create_lattice(kind, SAMPLES, equispaced, exterior=True))
-        self.table = np.asarray(nodal.tabulate(1, lattice))[..., 0]
+        points, self.weights = interior_rule(kind, RULE).points(kind)
+        if math.isinf(norm.p):
+            equispaced = basix.LatticeType.equispaced
+            points = np.array(basix.create_lattice(kind, SAMPLES, equispaced, exterior=True))
+        self.table = np.asarray(nodal.tabulate(1, points))[..., 0]
         self.nodes, self.samples = (
-            inside(corners, np.array(points, dtype=np.float64))
-            for points in (nodal.points, lattice)
+            inside(corners, np.array(places, dtype=np.float64)) for places in (nodal.points, points)
         )
         centre = np.full((1, dim), 1.0 / (dim + 1.0))
         middle = np.asarray(element.tabulate(0, centre))[0, 0, :, 0]
         self.u = problem.u.x.array[space.dofmap.list[cells]] @ middle
 
-    def left(self, node: Node, derivatives: bool) -> Array:
+    def left(self, node: Node) -> Array:
         """What the elements leave on each cell of the bend where a part of a formula is zero.
 
         Args:
             node: The part, which decides by its sign what the formula chooses.
-            derivatives: Whether the derivatives are asked for, and not the values.
         """
         values = evaluated(node, self.samples)
         nearest = np.argmin(np.abs(values), axis=0)
@@ -111,31 +120,38 @@ class _Bends:
                 steep = np.linalg.norm(slope, axis=1)
                 normal = slope / steep[:, None]
                 x = x - (evaluated(node, x) / steep)[:, None] * normal
-            jump = self._jump(x, normal)
+            jump, kink = self._jumps(x, normal)
             nodes, samples = (
                 np.maximum(evaluated(node, places) / steep, 0.0)
                 for places in (self.nodes, self.samples)
             )
-            polynomials = self.table @ (0.5 * jump * nodes**2)
-            if derivatives:
-                there = jump[:, None] * samples[..., None] * normal
+            polynomials = self.table @ (jump * nodes**2 / 2.0 + kink * nodes**3 / 6.0)
+            if self.norm.derivatives:
+                there = (jump * samples + kink * samples**2 / 2.0)[..., None] * normal
                 followed = np.einsum("jpc,cji->pci", polynomials[1:], inverses(self.edges))
                 found = np.linalg.norm(there - followed, axis=2)
             else:
-                found = np.abs(0.5 * jump * samples**2 - polynomials[0])
-        largest: Array = found.max(axis=0)
+                found = jump * samples**2 / 2.0 + kink * samples**3 / 6.0 - polynomials[0]
         crossed = (values.min(axis=0) < 0.0) & (values.max(axis=0) > 0.0)
-        return np.where(crossed & np.isfinite(largest), NEARER * largest, 0.0)
+        found = np.where(crossed & np.isfinite(found).all(axis=0), found, 0.0)
+        return NEARER * norms_of_values([found.T], self.weights, self.edges, self.norm.p)
 
-    def _jump(self, x: Array, normal: Array) -> Array:
-        """The jump of the second derivative of the solution along the normals at points."""
-        step = (ASIDE * self.size)[:, None] * normal
-        above, below = (self._right_side(x + way) for way in (step, -step))
+    def _jumps(self, x: Array, normal: Array) -> tuple[Array, Array]:
+        """The jumps of the second and third derivatives of the solution along normals at points."""
+
+        def right_side(steps: float) -> Array:
+            return self._right_side(x + (steps * self.size)[:, None] * normal)
+
+        jump = right_side(ASIDE) - right_side(-ASIDE)
+        slopes_above, slopes_below = (
+            (right_side(2.0 * step) - right_side(step)) / (step * self.size)
+            for step in (BESIDE, -BESIDE)
+        )
         entries = [[evaluated(entry.root, x) for entry in row] for row in self.rows]
+        across: Array = np.asarray(entries[0][0] if entries else 1.0)
         if len(entries) > 1:
             across = np.einsum("ci,ijc,cj->c", normal, np.array(entries), normal)
-            return (above - below) / across
-        return np.asarray((above - below) / (entries[0][0] if entries else 1.0))
+        return jump / across, (slopes_above - slopes_below) / across
 
     def _right_side(self, x: Array) -> Array:
         """The values of f - c u at points."""
