@@ -1,7 +1,7 @@
 """Scenes whose solutions only the tests know, and errors evaluated by code of the tests."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import basix
@@ -10,6 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 Array = np.ndarray
+Accuracies = dict[str, tuple[float, ...]]
 
 CHUNK = 100_000  # cells that errors are evaluated on at a time
 
@@ -21,7 +22,7 @@ class Known:
     text: str
     u: Callable[..., Array]
     gradient: Callable[..., tuple[Array, ...]]
-    accuracies: dict[str, tuple[float, ...]]
+    accuracies: Accuracies
 
 
 def power(x: Array, y: Array, exponent: float, start: float) -> tuple[Array, Array, Array]:
@@ -36,7 +37,7 @@ def power(x: Array, y: Array, exponent: float, start: float) -> tuple[Array, Arr
         return r**exponent * np.sin(exponent * t), f * np.sin(angle), f * np.cos(angle)
 
 
-def corner(degrees: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+def corner(degrees: float, accuracies: Accuracies) -> Known:
     """A re-entrant corner at the origin, between the x-axis and another direction."""
     omega = math.radians(degrees)
     s = math.pi / omega
@@ -70,7 +71,7 @@ value = "w"
     return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
 
 
-def change(contact: bool, accuracies: dict[str, tuple[float, ...]]) -> Known:
+def change(contact: bool, accuracies: Accuracies) -> Known:
     """u = -r^(1/2) sin(t/2): no flux for x < 0 on a straight side, u = 0 or contact for x > 0."""
     held, obstacle = (2, 0) if contact else (3, '"w"')
     sides = [3, 4, 5] if contact else [2, 4, 5]
@@ -99,7 +100,7 @@ value = "w"
     return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
 
 
-def interval(centre: float, half: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+def interval(centre: float, half: float, accuracies: Accuracies) -> Known:
     """Contact on an interval of the bottom, with a detachment point at each end: u = Re F, with
     F' the square root of (z - a) (z - b)."""
     text = f"""
@@ -144,7 +145,7 @@ value = "w"
     return Known(text, u, gradient, accuracies)
 
 
-def bump(width: float, accuracies: dict[str, tuple[float, ...]]) -> Known:
+def bump(width: float, accuracies: Accuracies) -> Known:
     """A narrow bump inside of the square, away from everything."""
     text = f"""
 degree = 2
@@ -175,7 +176,7 @@ value = 0
     return Known(text, u, gradient, accuracies)
 
 
-def points(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def points(accuracies: Accuracies) -> Known:
     """Three detachment points, one on each of three sides, in supports that do not meet."""
     places = (
         (0.3137, 0.0, "x", "y"),
@@ -227,7 +228,7 @@ manufactured = true
     return Known(text, lambda x, y: at(x, y)[0], lambda x, y: tuple(at(x, y)[1:]), accuracies)
 
 
-def layer(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def layer(accuracies: Accuracies) -> Known:
     """A boundary layer of width 1e-3 at a side in contact."""
     text = """
 degree = 2
@@ -250,7 +251,7 @@ value = 0
     return Known(text, u, lambda x, y: (-1000.0 * u(x, y), 0.0 * x), accuracies)
 
 
-def jump(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def jump(accuracies: Accuracies) -> Known:
     """The diffusion jumps from 1 to 1000 across x = 1/3, which is no line of the mesh."""
     text = """
 degree = 2
@@ -282,7 +283,7 @@ flux = "(1/3 - x)*sin(1)"
     )
 
 
-def circle(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def circle(accuracies: Accuracies) -> Known:
     """The diffusion jumps from 1 to 1000 across a circle: u = s (1 + sin(2 y)/2)/k, s = 0 there."""
     text = """
 degree = 2
@@ -320,7 +321,7 @@ value = "w"
     return Known(text, u, gradient, accuracies)
 
 
-def kink(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def kink(accuracies: Accuracies) -> Known:
     """Contact everywhere with an obstacle that has a kink: u = Im(z log z) - 2 y."""
     text = """
 degree = 2
@@ -351,7 +352,7 @@ value = "w"
     return Known(text, lambda x, y: at(x, y)[0], lambda x, y: at(x, y)[1:], accuracies)
 
 
-def strip(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def strip(accuracies: Accuracies) -> Known:
     """A load that jumps by 20 y along the line s = 0: u = cos 2x cosh y - 10 y max(s, 0)^2.
 
     On meshes of squares all cells along the line are cut at the same share of their width. The
@@ -389,7 +390,59 @@ value = "w"
     return Known(text, u, gradient, accuracies)
 
 
-def edge(accuracies: dict[str, tuple[float, ...]]) -> Known:
+def bent(
+    circle: tuple[float, float, float], rate: float, exponent: int, accuracies: Accuracies
+) -> Known:
+    """The load jumps or has a kink across a circle: u = max(s, 0)^2 e^(rate x) + 20 y, or s^3."""
+    a, b, square = circle
+    text = f"""
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "(x - {a!r})^2 + (y - {b!r})^2 - {square!r}"
+[contact]
+sides = "top"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+[solution]
+u = "where(s > 0, s^{exponent}*exp({rate!r}*x), 0) + 20*y"
+manufactured = true
+"""
+
+    def parts(x: Array, y: Array) -> tuple[Array, Array]:
+        return np.maximum((x - a) ** 2 + (y - b) ** 2 - square, 0.0), np.exp(rate * x)
+
+    def u(x: Array, y: Array) -> Array:
+        s, growth = parts(x, y)
+        return s**exponent * growth + 20.0 * y
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        s, growth = parts(x, y)
+        slope = 2.0 * exponent * s ** (exponent - 1) * growth
+        return slope * (x - a) + rate * s**exponent * growth, slope * (y - b) + 20.0
+
+    return Known(text, u, gradient, accuracies)
+
+
+def bent_by_chance(seed: int) -> Iterator[Known]:
+    """Yield scenes with circles by chance, without an end."""
+    accuracies = {
+        "L2": (1e-4, 1e-5),
+        "L4": (1e-4, 1e-5),
+        "Linf": (1e-4, 3e-5),
+        "H1": (1e-3,),
+        "W1_4": (1e-2,),
+        "W1_inf": (3e-2,),
+    }
+    random = np.random.default_rng(seed)
+    while True:
+        a, b = random.uniform(-0.5, 1.5, 2).tolist()
+        square, rate = float(random.uniform(0.2, 0.9)), float(random.uniform(-2.0, 2.0))
+        yield bent((a, b, square), rate, int(random.choice([2, 2, 3])), accuracies)
+
+
+def edge(accuracies: Accuracies) -> Known:
     """A cube whose bottom is in contact, with a singularity r^0.63 along an edge of the bottom."""
     c, s = 0.8, 0.6
     start = -math.asin(c)
