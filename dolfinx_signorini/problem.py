@@ -314,6 +314,7 @@ class SignoriniProblem:
         Raises:
             InputError: The problem has not been solved, or there is no such picture.
         """
+        # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.problem_pictures import draw_problem
 
         self._solution()

@@ -120,6 +120,7 @@ class SceneResult:
         Raises:
             InputError: There is no such picture.
         """
+        # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.scenes.output.pictures import draw_result
 
         figure = draw_result(self, what)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known import Known, true_error
+from known import Known, bent, true_error
 
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.reading import parse_scene
@@ -141,29 +141,11 @@ value = "r^1.2 + 2*y"
 
 @pytest.mark.slow
 def test_the_load_of_a_manufactured_solution_that_jumps_inside_cells(comm):
-    text = """
-[domain]
-shape = "square"
-cells = 8
-[define]
-s = "(x + 0.3)^2 + (y - 0.2)^2 - 0.7123"
-[contact]
-sides = "top"
-[[dirichlet]]
-sides = ["left", "right", "bottom"]
-[solution]
-u = "where(s > 0, s^2*exp(x), 0) + 2*y"
-manufactured = true
-"""
-
-    def u(x, y):
-        s = (x + 0.3) ** 2 + (y - 0.2) ** 2 - 0.7123
-        return np.where(s > 0.0, s**2 * np.exp(x), 0.0) + 2.0 * y
-
-    scene = parse_scene(text, Path("load.toml"), comm)
+    known = bent((-0.3, 0.2, 0.7123), 1.0, 2, {})
+    scene = parse_scene(known.text, Path("load.toml"), comm)
     result = solve_scene(scene, comm, accuracy=1e-5, norm="L2", max_unknowns=100_000)
     assert result.found.reached
-    assert 5e-7 < true_error(result.u, Known(text, u, _none, {}), "L2") <= 1e-5
+    assert 5e-7 < true_error(result.u, known, "L2") <= 1e-5
     result.destroy()
 
 
