@@ -9,6 +9,7 @@ from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
+from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import Solution, difference, indicators
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.box_meshes import friedrichs_keller
@@ -247,6 +248,22 @@ def test_indicators_follow_the_unit_of_a_functional(two_solutions):
     )
     assert tenfold.difference == pytest.approx(10.0 * once.difference, rel=1e-9)
     assert tenfold.cells == pytest.approx(10.0 * once.cells, rel=1e-2)
+
+
+@pytest.mark.parametrize(("name", "kept"), [("L4", True), ("W1_4", False)])
+def test_an_estimate_with_a_dual_solution_falls_no_more_than_the_solution_moves(
+    comm, two_solutions, name, kept
+):
+    coarse, fine, parents = two_solutions
+    estimator = Estimator(coarse.u.function_space, target(name), None)
+    before = estimator.estimate(coarse, fine, parents, None)
+    # The same solutions again, of which rates by chance make too much.
+    owners = np.arange(len(owned_cells(coarse.u.function_space.mesh)), dtype=np.int32)
+    estimator.rates.values[:] = estimator.rates.order
+    estimator.rates.measure = lambda cells: None
+    after = estimator.estimate(coarse, fine, parents, owners)
+    assert after <= before * (1.0 + 1e-9)
+    assert (after >= before * (1.0 - 1e-9)) == kept
 
 
 def part(v, side):
