@@ -48,37 +48,37 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
                 sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
                 for columns in maps.transpose(2, 1, 0)
             ]
-        found.append(norms_of_values(sizes, weights, edges, norm.p))
+        sizes = [np.abs(size, out=size) for size in sizes]
+        found.append(norms_of_sizes(sizes, weights, edges, norm.p))
     return np.concatenate(found)
 
 
-def norms_of_values(values: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
+def norms_of_sizes(sizes: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
     """Return L^p norms on cells of the components of a function together.
 
     Args:
-        values: The values of each component, shape (cells, points).
+        sizes: The absolute values of each component, shape (cells, points).
         weights: The weights of the points; not used for p = infinity.
         edges: The edges from the first vertex of each cell, see `cell_edges`.
         p: The exponent, from 1 to infinity.
     """
-    sizes = [np.abs(component) for component in values]
     largest: Array = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
     if math.isinf(p):
         return largest
     unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
-    powers = sum(power(size / unit, p) @ weights for size in sizes)
+    scaled = (np.asarray(size / unit, dtype=np.float64) for size in sizes)
+    powers: Array = np.sum([power(size, p) @ weights for size in scaled], axis=0)
     return np.asarray(unit * (powers * np.abs(determinants(edges))) ** (1.0 / p))
 
 
-def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:
+def shared_out(parts: Array, p: float, whole: float) -> Array:
     """Return numbers of cells that add up to the root of the sum of the p-th powers of parts.
 
     Args:
         parts: One value per owned cell, not negative.
         p: The exponent, from 1 on.
-        comm: The communicator of the mesh; the call is collective.
+        whole: This root, see `total`, and not 0.
     """
-    whole = total(parts, p, comm) or 1.0
     return np.asarray(parts * (parts / whole) ** (p - 1.0))
 
 

@@ -179,7 +179,7 @@ class Estimator:
         if whole == 0.0:
             return value
         if self._target.weighted:  # parts of cells add up as they are
-            remaining = self.outlook.remaining + shared_out(parts, norm.p, self._comm)
+            remaining = self.outlook.remaining + shared_out(parts, norm.p, whole)
         else:
             remaining = joined(self.outlook.remaining, parts, norm.p)
         self.outlook = replace(self.outlook, remaining=remaining)

@@ -19,7 +19,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.cells import Array, norms_of_values, shared_out
+from dolfinx_signorini.accuracy.cells import Array, norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.jacobians import inverses
 from dolfinx_signorini.meshes import cell_edges, owned_cells
@@ -68,7 +68,9 @@ def bend_errors(posed: PosedScene, target: Target) -> Array:
         bends = _Bends(posed.problem, cells, load, scene.reaction, scene.diffusion, norm)
         # Parts of formulas may be zero at the same place: each tells the whole bend there.
         errors[cells] = np.max([bends.left(node) for node in parts], axis=0)
-    return shared_out(errors, norm.p, domain.comm) if target.weighted else errors
+    if target.weighted:
+        return shared_out(errors, norm.p, total(errors, norm.p, domain.comm) or 1.0)
+    return errors
 
 
 class _Bends:
@@ -134,7 +136,7 @@ class _Bends:
                 found = jump * samples**2 / 2.0 + kink * samples**3 / 6.0 - polynomials[0]
         crossed = (values.min(axis=0) < 0.0) & (values.max(axis=0) > 0.0)
         found = np.where(crossed & np.isfinite(found).all(axis=0), found, 0.0)
-        return NEARER * norms_of_values([found.T], self.weights, self.edges, self.norm.p)
+        return NEARER * norms_of_sizes([np.abs(found.T)], self.weights, self.edges, self.norm.p)
 
     def _jumps(self, x: Array, normal: Array) -> tuple[Array, Array]:
         """The jumps of the second and third derivatives of the solution along normals at points."""
