@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 import dolfinx_signorini as ds
 
-mesh = dolfinx.mesh.create_unit_square(MPI.COMM_WORLD, 32, 32)
+mesh = dolfinx.mesh.create_unit_square(MPI.COMM_WORLD, 64, 64)
 V = fem.functionspace(mesh, ("Lagrange", 1))
 
 # %% [markdown]
@@ -53,15 +53,18 @@ problem
 #
 # `problem.result` tells what the solve took, `problem.active` the dofs in contact,
 # `ds.detachment_points` where contact ends, and `problem.gap` and `problem.pressure` are the
-# distance to the floor and the pressure of the floor, as functions.
+# distance to the floor and the pressure of the floor, as functions. `problem.force` is the force of
+# the floor: the integral of the pressure.
 
 # %%
 points = ds.detachment_points(problem)
+force = problem.force  # all ranks call this
 lowest = mesh.comm.allreduce(u_h.x.array.min(), op=MPI.MIN)
 if mesh.comm.rank == 0:
     print(f"{problem.result.active_dofs} dofs in contact, {problem.result.linear_solves} solves")
     print(f"natural residual {problem.result.natural_residual:.1e} of the data")
     print(f"the membrane is nowhere lower than {lowest:.3f}")
+    print(f"the floor bears {force:.4f} of the weight 1")
     for point in points:
         print(f"contact ends at x = {point.position[0]:.3f} +- {point.uncertainty:.1g}")
 

@@ -56,4 +56,6 @@ copybutton_prompt_is_regexp = True
 
 
 def setup(app):
+    # Before and after Napoleon, whose priority is 500.
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)
+    app.connect("autodoc-process-docstring", docstrings.shown, priority=600)

@@ -10,6 +10,7 @@ from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptive
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.box_meshes import box_mesh, friedrichs_keller
+from dolfinx_signorini.curved_sides import gmsh_projection
 from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.elements import bernstein_space
 from dolfinx_signorini.errors import InputError, NotConvergedError
@@ -57,6 +58,7 @@ __all__ = [
     "error_norms",
     "friedrichs_keller",
     "gmsh_mesh",
+    "gmsh_projection",
     "interpolated",
     "load_scene",
     "manufacture",

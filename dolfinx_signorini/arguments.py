@@ -1,6 +1,6 @@
 """Checks of the arguments of a problem: each refusal names the argument, before any long work."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -136,6 +136,20 @@ def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
         raise InputError("belongs to another function space than the form a", subject)
 
 
+def check_start(start: fem.Function, subject: str) -> None:
+    """Refuse a start with values that are not finite; the call is collective.
+
+    Args:
+        start: A function of the space of the problem.
+        subject: The name of the function.
+
+    Raises:
+        InputError: Some value is not finite, on any rank.
+    """
+    finite = bool(np.isfinite(start.x.array).all())
+    require(start.function_space.mesh.comm, finite, "has a value that is not finite", subject)
+
+
 def check_limits(method: str, limits: Mapping[str, Any]) -> None:
     """Refuse limits of TAO that are no positive integers, or that are given to the cascade.
 
@@ -196,9 +210,11 @@ def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
             return nothing, "the tags belong to another mesh"
         if values is None:
             return np.asarray(tags.indices, dtype=np.int32), ""
-        if not np.isscalar(values) and sequence(integer(-(2**31)), "numbers")(values):
+        plain = values.tolist() if isinstance(values, np.ndarray | np.generic) else values
+        several = isinstance(plain, Collection) and not isinstance(plain, str | bytes)
+        wanted = list(plain) if several else [plain]
+        if sequence(integer(-(2**31)), "numbers")(wanted):
             return nothing, "the values of tags are integers"
-        wanted = values if np.isscalar(values) else list(values)  # a set, too
         return np.asarray(tags.indices[np.isin(tags.values, wanted)], dtype=np.int32), ""
     message = indices(contact)
     if message:

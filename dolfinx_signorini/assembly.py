@@ -26,7 +26,7 @@ from dolfinx_signorini.elements import (
     is_bernstein,
     nodal_space,
 )
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.errors import InputError, together
 from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.squares import is_sum_of_squares
 from dolfinx_signorini.system import Layout, System
@@ -94,6 +94,7 @@ class Assembly:
             self.data = obstacle
             self._obstacle_at = evaluator(space, obstacle, boundary)
             self._watch_a, self._watch_L = Watch(a), Watch(L)
+            self._refused = False  # whether the entries of the last system were refused
 
     def system(self) -> System:
         """Assemble the system.
@@ -116,18 +117,23 @@ class Assembly:
             matrix: Assemble matrix and load in any case, on a mesh that may have moved.
 
         Raises:
-            InputError: The data make no sense, see `SignoriniProblem`; the old system is lost then.
+            InputError: The data make no sense, see `SignoriniProblem`. The entries of the old
+                system are lost then, and the next call assembles all of them again.
         """
         if matrix:  # the shares of the boundary and the places of the dofs are others
             self.layout = replace(self.layout)
             self._obstacle_at = evaluator(self.layout.space, self.data, self.layout.boundary_dofs)
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
-        matrix = self._watch_a.changed(self.comm) or matrix
+        matrix = self._watch_a.changed(self.comm) or matrix or self._refused
         load = self._watch_L.changed(self.comm) or matrix
         moved = bool((data != old.fixed_values).any())
         if not self.comm.allreduce(load or moved, op=MPI.LOR):
             return replace(old, obstacle=obstacle)
-        return self._assembled(old, (obstacle, data), matrix)
+        self._refused = True
+        made = self._assembled(old, (obstacle, data), matrix)
+        old.b.destroy()
+        self._refused = False
+        return made
 
     def _bounds(self) -> tuple[Array, Array]:
         """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
@@ -157,14 +163,13 @@ class Assembly:
             lift(b, self._a, self.bcs, self.layout, A)
             b.scale(self.sign)
         self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
-        if old is not None:
-            old.b.destroy()
         with self.phases("checks"):
             try:
                 return self._checked(A, b, bounds, old, matrix)
             except InputError:
-                A.destroy()
                 b.destroy()
+                if old is None:
+                    A.destroy()
                 raise
 
     def _matrix(self, old: System | None) -> PETSc.Mat:
@@ -283,21 +288,24 @@ def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
 
     Args:
         comm: The communicator; the call is collective.
-        value: The callable, which returns one value for each point or one for all.
+        value: The callable, which returns one value for each point or one for all; a callable is
+            not called where this rank has no point.
         x: The points, shape (3, n).
 
     Raises:
-        InputError: The callable returns no such values; the subject is "obstacle".
+        InputError: The callable raises an exception on some rank, or returns no such values; the
+            subject is "obstacle".
     """
-    try:
-        found = np.asarray(value(x))
-        if np.iscomplexobj(found):
-            raise TypeError("the values are complex")
-        values = np.broadcast_to(found.astype(np.float64), x.shape[1:]).copy()
-        message = ""
-    except (TypeError, ValueError) as error:
-        values, message = np.zeros(x.shape[1]), f"the callable returned no values: {error}"
-    require(comm, not message, message, "obstacle")
+    values = np.zeros(x.shape[1])
+    with together(comm, "obstacle"):
+        try:
+            found = np.asarray(value(x) if len(values) else 0.0)
+            if np.iscomplexobj(found):
+                raise TypeError("the values are complex")
+            values[:] = np.broadcast_to(found.astype(np.float64), values.shape)
+        except Exception as error:
+            message = f"the callable returned no values: {type(error).__name__}: {error}"
+            raise InputError(message, "obstacle") from error
     return values
 
 

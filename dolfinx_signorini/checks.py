@@ -13,7 +13,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini import compiled
 from dolfinx_signorini.elements import control_points, is_bernstein
-from dolfinx_signorini.errors import InputError, require
+from dolfinx_signorini.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.meshes import box
 from dolfinx_signorini.system import Layout, System
 
@@ -105,7 +105,7 @@ def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:
     finite = bool(np.isfinite(diagonal).all())
     require(comm, finite, "the assembled matrix has an entry that is not finite", "form a")
     positive = bool((diagonal > 0.0).all())
-    require(comm, positive, "not positive definite, a diagonal entry is not positive", "form a")
+    require(comm, positive, f"{INDEFINITE}, a diagonal entry is not positive", "form a")
 
 
 def check_range(system: System, diagonal: Array) -> None:
@@ -197,7 +197,7 @@ def vanishes_on_constants(
     x.destroy()
     product.destroy()
     definite = energy >= -VANISHING * bound
-    require(comm, definite, "not positive definite, a(1, 1) is negative", "form a")
+    require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
     if _held_in_all_cells(layout, sums > DOUBTFUL * np.abs(diagonal)):
         return np.empty(0, dtype=bool)
     parts = layout.bodies
@@ -285,9 +285,7 @@ def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diago
     used = scale > 0.0
     scale = np.sqrt(scale[used])
     coarse = coarse[np.ix_(used, used)] / scale[:, None] / scale
-    message = (
-        "not positive definite, a(v, v) is negative for some v that is linear on a coarse grid"
-    )
+    message = f"{INDEFINITE}, a(v, v) is negative for some v that is linear on a coarse grid"
     require(comm, _nearly_definite(coarse), message, "form a")
 
 

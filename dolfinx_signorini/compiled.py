@@ -43,8 +43,11 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
         options: The keywords of `dolfinx.fem.form`.
 
     Raises:
-        InputError: A form that users gave is not linear in each of its arguments.
+        InputError: A form that users gave is not linear in each of its arguments, or its integrals
+            of one type have different subdomain data.
     """
+    if subject:
+        _check_subdomains(item, subject)
     with _remembered(subject):
         return fem.form(item, **options)
 
@@ -98,6 +101,18 @@ def check_linear(item: ufl.Form, subject: str) -> None:
     except (ArityMismatch, ValueError):  # UFL trips over its own message where a term has none
         message = "each term must be linear in each trial and test function"
         raise InputError(message, subject) from None
+
+
+def _check_subdomains(item: ufl.Form, subject: str) -> None:
+    """Refuse integrals of one type with different subdomain data, which DOLFINx does not take."""
+    for by_type in item.subdomain_data().values():
+        for kind, data in by_type.items():
+            if any(other is not data[0] for other in data):
+                message = (
+                    f"the subdomain_data of its {kind} integrals differ, or some have none; give "
+                    "all of these integrals one measure, whose tags name every part"
+                )
+                raise InputError(message, subject)
 
 
 @contextmanager

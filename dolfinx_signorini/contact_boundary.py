@@ -1,6 +1,6 @@
 """The contact boundary of a solved problem on rank 0, with gap and pressure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -64,8 +64,8 @@ class ContactBoundary:
 
     Attributes:
         points: Coordinates of the contact dofs, shape (points, dimension), sorted.
-        values: u, gap and pressure density there, shape (points, 3); the pressure is that of the
-            dof, and NaN where u has Dirichlet data, because the force there is that of the data.
+        values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where u
+            has Dirichlet data, because the force there is that of the data.
         pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
             as many pieces as its degree.
         touching: Whether the dof of a point is (but for rounding) at the obstacle.
@@ -98,6 +98,29 @@ class ContactBoundary:
     def undecided(self) -> npt.NDArray[np.bool_]:
         """Whether a piece is not in contact, but nowhere clear of the obstacle either."""
         return np.asarray(~self.in_contact & ~self.clear[self.pieces].any(axis=1))
+
+    def measured(self, points: Sequence[Sequence[float]] = ()) -> tuple[float, float]:
+        """Return the sizes of the contact set and of what is undecided.
+
+        In the plane both reach to the points where contact ends, as far as these are known: a piece
+        in which contact ends belongs to both sides of its point, and is decided.
+
+        Args:
+            points: The positions of detachment points.
+        """
+        sizes, open_piece = self.sizes, self.undecided
+        total = float(sizes[self.in_contact].sum())
+        held = self.touching[self.pieces]
+        ends = np.flatnonzero(held.any(axis=1) & ~held.all(axis=1))
+        inner, outer = (
+            self.points[self.pieces[ends, np.where(held[ends, 0] == first, 0, 1)]]
+            for first in (True, False)
+        )
+        for point in points if len(ends) else ():
+            end = int(np.argmin(np.linalg.norm(0.5 * (inner + outer) - point, axis=1)))
+            total += float((point - inner[end]) @ (outer - inner)[end]) / float(sizes[ends[end]])
+            open_piece[ends[end]] = False
+        return total, float(sizes[open_piece].sum())
 
     def chains(self) -> list[Indices]:
         """Return the points in order along each connected part of a plane contact boundary."""
@@ -134,10 +157,8 @@ def gather_contact_boundary(
     pieces, owners = facet_pieces(space, pairs)
     used = np.unique(facet_dofs(space, pairs))
     opened = problem.gap.x.array
-    gap, values = (
-        values_at_control_points(space, entries)[used] for entries in (opened, problem.u.x.array)
-    )
-    pressure = problem.pressure.x.array[used].copy()
+    fields = problem.u.x.array, opened, problem.pressure.x.array
+    values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
     pressure[fixed[used]] = np.nan
     data = (
         index_map.local_to_global(used),

@@ -220,6 +220,24 @@ def facet_pieces(space: fem.FunctionSpace, pairs: Indices) -> tuple[Indices, Ind
     return np.concatenate(parts), np.tile(np.arange(len(pairs), dtype=np.int32), len(parts))
 
 
+def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
+    """Return the values of the Bernstein polynomials at the nodes of each facet of a cell.
+
+    Args:
+        space: A space with a nodal basis on triangles or tetrahedra.
+
+    Returns:
+        Shape (facets of a cell, nodes of a facet, polynomials of the facet).
+    """
+    element = space.element.basix_element
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
+    basis = basix.create_element(family, element.cell_type, element.degree, variant)
+    values = np.array(basis.tabulate(0, element.points))[0, :, :, 0]
+    values[np.abs(values) < ZERO] = 0.0
+    facets = element.entity_closure_dofs[space.mesh.topology.dim - 1]
+    return np.array([values[np.ix_(dofs, dofs)] for dofs in facets])
+
+
 @functools.cache
 def subtriangles(cell: basix.CellType, degree: int) -> Indices:
     """Return the small triangles between the dofs of a cell in the plane, shape (triangles, 3).

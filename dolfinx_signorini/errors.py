@@ -1,6 +1,14 @@
 """The exceptions of this package, and how the failure of one rank becomes that of every rank."""
 
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Timer
+
 from mpi4py import MPI
+
+INDEFINITE = "not positive definite"  # how messages about such forms begin
+PATIENCE = 2.0  # seconds after which a rank that waits for the others tells why
 
 
 class InputError(ValueError):
@@ -27,14 +35,14 @@ class NotConvergedError(RuntimeError):
     """A solver ended without the accuracy asked for.
 
     Attributes:
+        message: What was reached and asked for.
         residual: The natural residual that was reached, relative to the data.
         reason: Why the solver stopped, in words.
     """
 
-    def __init__(self, message: str, residual: float, reason: str):
-        super().__init__(message)
-        self.residual = residual
-        self.reason = reason
+    def __init__(self, message: str, residual: float, reason: str, advice: str = ""):
+        super().__init__(f"{message}; {advice}" if advice else message)
+        self.message, self.residual, self.reason = message, residual, reason
 
 
 def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str) -> None:
@@ -52,3 +60,48 @@ def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str) -> None
     for failure in comm.allgather(None if satisfied else message):
         if failure is not None:
             raise InputError(failure, subject)
+
+
+@contextmanager
+def together(comm: MPI.Comm, subject: str) -> Iterator[None]:
+    """Raise on every rank what a block raises on some: a function of a user is called in the block.
+
+    For example:
+
+        with together(comm, "on_step"):
+            on_step(step)
+
+    A rank raises its own exception; the ranks without one raise an InputError with the message of
+    the first rank that has one. Where the function communicates, and others wait for the rank that
+    failed inside of the function, nothing can be raised: then the rank tells at least what it has.
+
+    Args:
+        comm: The communicator; the call is collective.
+        subject: The argument that the function was given as.
+
+    Raises:
+        InputError: The block raised an exception on another rank.
+    """
+    failure: Exception | None = None
+    try:
+        yield
+    except Exception as error:
+        failure = error
+    timer = Timer(PATIENCE, traceback.print_exception, [failure])
+    timer.daemon = True
+    if failure is not None:
+        timer.start()
+    found = comm.allgather(None if failure is None else _told(failure, subject))
+    timer.cancel()
+    if failure is not None:
+        raise failure
+    for message in found:
+        if message is not None:
+            raise InputError(*message)
+
+
+def _told(failure: Exception, subject: str) -> tuple[str, str]:
+    """The message and the subject of the InputError that stands for an exception."""
+    if isinstance(failure, InputError):
+        return failure.message, failure.subject
+    return f"raised {type(failure).__name__}: {failure}", subject

@@ -85,11 +85,12 @@ def sequence(kind: Kind, words: str) -> Kind:
     return found
 
 
-def simplices(*dimensions: int) -> Kind:
+def simplices(*dimensions: int, straight: bool = False) -> Kind:
     """Return the kind of meshes of triangles or tetrahedra that fill the plane or space.
 
     Args:
         dimensions: The dimensions that are allowed, among 2 and 3.
+        straight: Whether the cells must have straight sides, as in meshes of the first order.
     """
     words = " or ".join({2: "triangles", 3: "tetrahedra"}[d] for d in dimensions)
 
@@ -98,7 +99,11 @@ def simplices(*dimensions: int) -> Kind:
             return _mesh(value)
         name, dimension = value.topology.cell_name(), value.geometry.dim
         fits = name in ("triangle", "tetrahedron") and value.topology.dim == dimension
-        return "" if fits and dimension in dimensions else f"must be a mesh of {words}"
+        if not (fits and dimension in dimensions):
+            return f"must be a mesh of {words}"
+        order = value.geometry.cmap.degree
+        curved = f"must be a mesh with straight sides, of order 1, not {order}"
+        return curved if straight and order > 1 else ""
 
     return kind
 

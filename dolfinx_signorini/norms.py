@@ -1,14 +1,15 @@
 """Error norms on the domain and on its boundary: L^p, W^{1,p} and H^{1/2}, in parallel.
 
 Every norm is made from one number for each cell, or for each boundary facet.
-Norms with p < inf are integrated by a named quadrature rule, and norms with the same rule share one
+Norms with p < inf are integrated by quadrature rules, and norms with the same rule share one
 evaluation of the error, in blocks of cells. Powers are relative to the largest value in a cell, so
 that no p overflows or underflows: p = 1000 works, and so does p = 16 at errors of 1e-20. Sup norms
 are maxima, see `dolfinx_signorini.maxima`.
 
-On many cells most of them get a smaller rule, and the search for maxima begins at its points. The
-rule of the elements is for the cells with the largest errors, and for a sample of cells that tells
-whether the smaller rule is good enough elsewhere.
+No rule is right for all errors: where none is given, two rules are compared, and cells divided,
+until the norms are right to 1e-3, see `dolfinx_signorini.controlled`. On many cells that is done
+for the cells with the largest errors, and for a sample of cells that tells whether one rule is good
+enough elsewhere. The search for maxima then begins at its points.
 
 Definitions:
 
@@ -23,13 +24,14 @@ Definitions:
 
 import math
 from collections.abc import Collection, Iterator, Sequence
+from functools import partial
 
 import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
-from mpi4py import MPI
 
+from dolfinx_signorini.controlled import allowed, controlled
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.fractional import fractional_norm
 from dolfinx_signorini.kinds import FUNCTION, TEXT, check, instance, optional, sequence
@@ -37,16 +39,18 @@ from dolfinx_signorini.logs import Progress
 from dolfinx_signorini.maxima import Maxima
 from dolfinx_signorini.meshes import boundary_facets, clockwise, facet_cells, owned_cells, sampled
 from dolfinx_signorini.norm_names import Norm, parse_norm
+from dolfinx_signorini.parts import Parts
 from dolfinx_signorini.points import Array, Indices, Points
 from dolfinx_signorini.pointwise import ErrorAtPoints
-from dolfinx_signorini.power_sums import p_norm
-from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, MANY, QuadratureRule, interior_rule
+from dolfinx_signorini.power_sums import norm_of_all, p_norm
+from dolfinx_signorini.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.references import Reference
 
-BLOCK = 131_072  # points whose values are held at a time
-HIGHEST = {1: 63, 2: 32, 3: 20}  # degree of a rule that is chosen here, by dimension
+BLOCK, APART = 131_072, 16_384  # points whose values are held at a time; with a basis for each one
+HIGHEST = {1: 31, 2: 20, 3: 12}  # degree of a rule that is chosen here, by dimension
 LARGE = 16.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
-SAMPLE, CLOSE = 2_000, 2e-3  # cells where both rules are compared; p-th powers may differ so much
+SAMPLE = 2_000  # cells of many where the rule is compared with controlled quadrature
+LEAST = Norm(0.0, 2.0)  # what the values in cells are good for where no norm is asked for
 
 
 def error_norms(
@@ -63,17 +67,17 @@ def error_norms(
             triangles, tetrahedra, quadrilaterals or hexahedra.
         exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
         norms: Names of the norms, see `parse_norm`.
-        rule: Quadrature rule of the volume norms with p < inf, on cells; None for one that suits
-            the elements, see `sufficient_rule`.
+        rule: Quadrature rule of the volume norms with p < inf, on cells. None for as many points as
+            make the norms right to 1e-3, see `controlled.controlled`.
         boundary_rule: The same for the boundary norms, on facets.
 
     Returns:
         The value of each norm, by name, the same on all ranks.
 
     Raises:
-        InputError: A norm is unknown or infinite, or the error is of a kind that no norm is known
-            of.
-        FloatingPointError: The error is not a number at some point of evaluation.
+        InputError: A norm is unknown, or the error is of a kind that no norm is known of.
+        FloatingPointError: The error is not a number at some point of evaluation, or the norm is
+            infinite.
     """
     rule_kind = optional(instance(QuadratureRule, "a QuadratureRule"))
     check(
@@ -111,28 +115,24 @@ def sampled_norms(
         FloatingPointError: The error is not a number at some point of the rule.
     """
     error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in norms))
-    values = _integrated(error, owned_cells(error.domain), norms, rule)
-    return {norm: _total(error.domain.comm, array, norm.p) for norm, array in values.items()}
+    return _sizes(error, owned_cells(error.domain), norms, rule)
 
 
-def sufficient_rule(domain: mesh.Mesh, degree: int, norm: Norm) -> QuadratureRule:
-    """Return a quadrature rule for a norm of an error with p < inf.
+def sufficient_degree(domain: mesh.Mesh, degree: int, norm: Norm) -> int:
+    """Return the degree of a rule that integrates smooth errors well, for a norm with p < inf.
 
-    Up to degree 2 on triangles and tetrahedra the rules are the default ones. Otherwise the rule is
-    exact for the p-th power of polynomials of one degree more, up to p = 8 and `HIGHEST`.
+    The error of a smooth solution is nearly a polynomial of one degree more than the elements. The
+    rule is exact for its p-th power, up to p = 8 and `HIGHEST`.
 
     Args:
         domain: The mesh.
         degree: The degree of the elements, on quadrilaterals and hexahedra in each direction.
         norm: The norm.
     """
-    base = FACET_RULE if norm.boundary else CELL_RULE
     simplex = domain.topology.cell_name() in ("triangle", "tetrahedron")
-    if simplex and degree <= 2:
-        return base
     dim = domain.topology.dim - norm.boundary
-    needed = min(math.ceil(norm.p), 8) * (degree + 1) + (0 if simplex else dim)
-    return QuadratureRule(base.scheme, max(base.degree, min(needed, HIGHEST[dim])))
+    needed = max(2, min(math.ceil(norm.p), 8)) * (degree + 1) + (0 if simplex else dim)
+    return min(needed, HIGHEST[dim])
 
 
 def _norms(
@@ -148,127 +148,132 @@ def _norms(
     if norms[0].boundary:
         places = facet_cells(domain, boundary_facets(domain))
     finite = [norm for norm in simple if math.isfinite(norm.p)]
-    small, tops = _smaller_rule(error, places, finite) if rule is None else None, None
-    if small is None:
+    tops = None
+    if rule is not None:
         parts = _integrated(error, places, finite, rule)
+    elif places.ndim == 1 and comm.allreduce(len(places)) > MANY:
+        parts, tops = _mostly(error, places, finite)
     else:
-        parts, tops = _mostly(small, error, places, finite)
-    result = {norm: _total(comm, values, norm.p) for norm, values in parts.items()}
+        parts = _controlled(error, places, finite)
+    result = {norm: norm_of_all(comm, values, norm.p) for norm, values in parts.items()}
     maxima = Maxima(error, places, exact.singular if exact is not None else (), tops)
     for norm in [norm for norm in simple if math.isinf(norm.p)]:
         largest = maxima.largest(norm.derivatives > 0.0, str(norm))
-        result[norm] = _total(comm, np.array([largest]), norm.p)
+        result[norm] = norm_of_all(comm, np.array([largest]), norm.p)
     for norm in half:
         result[norm] = math.sqrt(result[ends[0]]) * math.sqrt(result[ends[1]])
     return result
 
 
-def _smaller_rule(
-    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]
-) -> QuadratureRule | None:
-    """Return a rule of fewer points than `sufficient_rule`, where that saves time; collective.
-
-    The rule is exact for the p-th power of polynomials of one degree more.
-    """
-    if places.ndim == 2 or error.domain.topology.cell_name() not in ("triangle", "tetrahedron"):
-        return None
-    degree = max([math.ceil(min(norm.p, 8.0)) for norm in norms] or [2]) * (error.degree + 1)
-    many = error.domain.comm.allreduce(len(places)) > MANY
-    if not many or degree >= CELL_RULE.degree:
-        return None
-    return interior_rule(basix.CellType[error.domain.topology.cell_name()], degree)
-
-
 def _mostly(
-    small: QuadratureRule, error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]
+    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]
 ) -> tuple[dict[Norm, Array], Array]:
-    """Return norms on each cell, by a small rule where that is enough; collective.
+    """Return norms on each cell, by one rule where that is enough; collective.
 
     Returns:
-        The norms, and the largest values at the points of the small rule, as `Maxima` takes them.
+        The norms, and the largest values at the points of the rule, as `Maxima` takes them.
     """
     comm, tops = error.domain.comm, np.zeros((error.kinds, len(places)))
-    parts = _integrated(error, places, norms, small, tops)
+    degrees = [sufficient_degree(error.domain, error.degree, norm) for norm in norms or [LEAST]]
+    rule = interior_rule(_kind(error.domain, places), max(degrees))
+    parts = _integrated(error, places, norms, rule, tops=tops)
     count = comm.allreduce(len(places))
     large = np.zeros(len(places), dtype=bool)
     for norm, values in parts.items():
-        mean = _total(comm, values[np.isfinite(values)], norm.p) * count ** (-1.0 / norm.p)
+        mean = norm_of_all(comm, values[np.isfinite(values)], norm.p) * count ** (-1.0 / norm.p)
         large |= ~(values <= LARGE ** (1.0 / norm.p) * mean)
     step = max(1, count // SAMPLE)
     sample = np.zeros(len(places), dtype=bool)
     sample[sampled(len(places), step)] = True
     sample &= ~large
     chosen = large | sample
-    exact = _integrated(error, places[chosen], norms, None)
+    exact = _controlled(error, places[chosen], norms)
     close = True
     for norm, values in parts.items():
         rough = values[sample]
         values[chosen] = exact[norm]
-        unit = _total(comm, values, norm.p) or 1.0
+        unit = norm_of_all(comm, values, norm.p) or 1.0
         powers = [((v / unit) ** norm.p).sum() for v in (rough, values[sample])]
-        close &= step * abs(comm.allreduce(powers[0] - powers[1])) <= CLOSE
-    return (parts if close else _integrated(error, places, norms, None)), tops
+        close &= step * abs(comm.allreduce(powers[0] - powers[1])) <= allowed(norm.p)
+    return (parts if close else _controlled(error, places, norms)), tops
 
 
 def _integrated(
     error: ErrorAtPoints,
     places: Indices,
     norms: Sequence[Norm],
-    given: QuadratureRule | None,
+    rule: QuadratureRule,
+    parts: Parts | None = None,
     tops: Array | None = None,
 ) -> dict[Norm, Array]:
-    """Norms on each of the places of this rank, by quadrature; for p = inf at its points.
+    """Norms on places of this rank or on parts of them, by a rule; for p = inf at its points.
 
-    With a given rule `tops` is filled with the largest values at its points.
+    `tops` is filled with the largest values at the points of the rule on each place.
     """
-    rules: dict[QuadratureRule, list[Norm]] = {} if given is None else {given: []}
-    for norm in dict.fromkeys(norms):
-        rule = given or sufficient_rule(error.domain, error.degree, norm)
-        rules.setdefault(rule, []).append(norm)
-    result: dict[Norm, Array] = {norm: np.empty(len(places)) for norm in norms}
-    for rule, same in rules.items():
-        components = {(n.p, k) for n in same for k in range(1 + int(n.derivatives))}
-        progress, done = Progress("errors"), 0
-        for rows, points, weights in _blocks(error.domain, places, rule):
-            progress.at(done / len(places))
-            done += len(rows)
-            errors = error(points)
-            if tops is not None:
-                sizes = np.stack([p_norm(e, math.inf) for e in errors])
-                tops[:, rows] = sizes[0], *([sizes.max(axis=0)] if len(tops) > 1 else [])
-            groups, sizes = (errors[:1], errors[1:]), points.scale * weights
-            parts = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}
-            for n in same:
-                own = [part for k in range(1 + int(n.derivatives)) for part in parts[n.p, k]]
-                result[n][rows] = own[0] if len(own) == 1 else p_norm(np.stack(own, -1), n.p)
+    parts = parts or Parts.whole(len(places), _kind(error.domain, places))
+    norms = list(dict.fromkeys(norms))
+    components = {(n.p, k) for n in norms for k in range(1 + int(n.derivatives))}
+    result: dict[Norm, Array] = {norm: np.empty(len(parts.rows)) for norm in norms}
+    progress, done = Progress("errors"), 0
+    for rows, points, weights in _blocks(error.domain, places, parts, rule):
+        progress.at(done / len(parts.rows))
+        done += len(rows)
+        errors = error(points)
+        if tops is not None:
+            sizes = np.stack([p_norm(e, math.inf) for e in errors])
+            tops[:, rows] = sizes[0], *([sizes.max(axis=0)] if len(tops) > 1 else [])
+        groups, sizes = (errors[:1], errors[1:]), points.scale * (parts.share * weights)
+        found = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}
+        for n in norms:
+            own = [part for k in range(1 + int(n.derivatives)) for part in found[n.p, k]]
+            result[n][rows] = own[0] if len(own) == 1 else p_norm(np.stack(own, -1), n.p)
     return result
 
 
 def _blocks(
-    domain: mesh.Mesh, places: Indices, rule: QuadratureRule
+    domain: mesh.Mesh, places: Indices, parts: Parts, rule: QuadratureRule
 ) -> Iterator[tuple[npt.NDArray[np.int64], Points, Array]]:
-    """Yield rows of the places, with the points of a rule and the weights of the points."""
-    cell = basix.CellType[domain.topology.cell_name()]
-    turned: npt.NDArray[np.bool_] = np.zeros(len(places), dtype=bool)
-    if places.ndim == 2:
-        cell = basix.cell.subentity_types(cell)[domain.topology.dim - 1][0]
-    elif rule.scheme != "default":  # of no symmetry: follows the vertices counterclockwise
-        turned = clockwise(domain, places)
+    """Yield numbers of parts, with the points of a rule and the weights of the points."""
+    cell = _kind(domain, places)
+    turned: npt.NDArray[np.bool_] = np.zeros(len(parts.rows), dtype=bool)
+    if places.ndim == 1 and rule.scheme != "default":
+        # Of no symmetry: follows the vertices counterclockwise.
+        turned = clockwise(domain, places[parts.rows])
     for reverse in (False, True):
         points, weights = rule.points(cell, reverse)
-        part, step = np.flatnonzero(turned == reverse), max(1, BLOCK // len(points))
-        for start in range(0, len(part), step):
-            rows = part[start : start + step]
-            yield rows, Points(domain, places[rows], points), weights
+        step = max(1, (BLOCK if parts.few_maps else APART) // len(points))
+        for some in parts.alike(np.flatnonzero(turned == reverse)):
+            for start in range(0, len(some), step):
+                rows = some[start : start + step]
+                at = parts.points(points, rows)
+                yield rows, Points(domain, places[parts.rows[rows]], at), weights
 
 
-def _total(comm: MPI.Comm, values: Array, p: float) -> float:
-    """The norm over all places of all ranks, from the norms on the places of this rank.
+def _kind(domain: mesh.Mesh, places: Indices) -> basix.CellType:
+    """The kind of places: of the cells, or of their facets."""
+    cell = basix.CellType[domain.topology.cell_name()]
+    if places.ndim == 2:
+        cell = basix.cell.subentity_types(cell)[domain.topology.dim - 1][0]
+    return cell
 
-    Raises:
-        FloatingPointError: The norm is not a number on some rank.
-    """
-    total = float(p_norm(np.array(comm.allgather(float(p_norm(values, p)))), p))
-    if not math.isfinite(total):
-        raise FloatingPointError(f"the error is {total} at a point of evaluation")
-    return total
+
+def _controlled(error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]) -> dict[Norm, Array]:
+    """Norms on each of the places of this rank, by rules that suit the error; collective."""
+    comm, cell = error.domain.comm, _kind(error.domain, places)
+    groups: dict[int, list[Norm]] = {}
+    for norm in dict.fromkeys(norms):
+        groups.setdefault(sufficient_degree(error.domain, error.degree, norm), []).append(norm)
+    result: dict[Norm, Array] = {}
+    for degree, same in groups.items():
+        evaluate = partial(_integrated, error, places, same)
+        sizes = partial(_sizes, error.of_u_h, places, same, interior_rule(cell, degree))
+        result |= controlled(evaluate, sizes, (cell, len(places)), same, degree, comm)
+    return result
+
+
+def _sizes(
+    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm], rule: QuadratureRule
+) -> dict[Norm, float]:
+    """Norms over all places of all ranks, by a rule."""
+    found = _integrated(error, places, norms, rule)
+    return {n: norm_of_all(error.domain.comm, values, n.p) for n, values in found.items()}

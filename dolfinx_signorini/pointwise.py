@@ -69,6 +69,11 @@ class ErrorAtPoints:
         return [found[0], *points.tangential(found[1:])]
 
     @property
+    def of_u_h(self) -> "ErrorAtPoints":
+        """The discrete solution itself in place of the error."""
+        return ErrorAtPoints(self._u_h, None, self._derivatives)
+
+    @property
     def kinds(self) -> int:
         """2 for an error with derivatives, else 1."""
         return 1 + int(self._derivatives)

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -30,6 +31,23 @@ def p_norm(values: Array, p: float, weights: Array | float = 1.0) -> Array:
         sizes *= np.moveaxis(np.broadcast_to(weights, np.shape(values)), -1, 0)
         total = sizes.sum(axis=0)
     return np.asarray(largest * total ** (1.0 / p))
+
+
+def norm_of_all(comm: MPI.Comm, values: Array, p: float) -> float:
+    """Return the norm over all places of all ranks, from the norms on the places of this rank.
+
+    Args:
+        comm: The communicator; the call is collective.
+        values: The norms on the places of this rank.
+        p: The exponent, from 1 to infinity.
+
+    Raises:
+        FloatingPointError: The norm is not a number on some rank.
+    """
+    total = float(p_norm(np.array(comm.allgather(float(p_norm(values, p)))), p))
+    if not math.isfinite(total):
+        raise FloatingPointError(f"the error is {total} at a point of evaluation")
+    return total
 
 
 def power(values: Array, p: float) -> Array:

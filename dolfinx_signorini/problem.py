@@ -20,10 +20,12 @@ from dolfinx_signorini.arguments import (
     check_data,
     check_function,
     check_limits,
+    check_start,
     checked_facets,
     checked_space,
 )
 from dolfinx_signorini.assembly import Array, Assembly, Data, Indices
+from dolfinx_signorini.coarse_rules import names_coarse_rule
 from dolfinx_signorini.costs import Cost, Ledger
 from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.kinds import TEXT, by_text, check, optional
@@ -64,10 +66,11 @@ class SignoriniProblem:
         contact: The contact boundary: indices of facets, local to the rank, as `dolfinx.mesh` gives
             them; or MeshTags of facets, alone or in a pair with one value or several.
         obstacle: The obstacle g: a number, a UFL expression, a function, or a callable of the
-            coordinates, shape (3, n). The obstacle is used at the contact dofs only. For degree 1
-            and in the Bernstein basis, see `bernstein_space`, the constraint holds at every point
-            of the boundary against the interpolant of g. In nodal elements of degree 2 and higher
-            the constraint holds at the nodes, and u may fall below g between them.
+            coordinates, shape (3, n), which is called on the ranks that have points and must not
+            communicate. The obstacle is used at the contact dofs only. For degree 1 and in the
+            Bernstein basis, see `bernstein_space`, the constraint holds at every point of the
+            boundary against the interpolant of g. In nodal elements of degree 2 and higher the
+            constraint holds at the nodes, and u may fall below g between them.
         bound: "lower" for u >= g, "upper" for u <= g.
         bcs: Dirichlet conditions.
         u: The function to be filled with the solution; a new one by default.
@@ -90,6 +93,7 @@ class SignoriniProblem:
             or not definite, or the problem has no or more than one solution.
     """
 
+    @names_coarse_rule
     def __init__(
         self,
         a: ufl.Form,
@@ -257,20 +261,20 @@ class SignoriniProblem:
 
     @property
     def pressure(self) -> fem.Function:
-        """The density of the contact pressure at the contact dofs, 0 elsewhere.
+        """The density of the contact pressure; its integral is the sum of the forces.
 
-        The pressure is never negative, and exactly 0 at the dofs that are not in contact. The
-        pressure pushes u up from a lower obstacle, and down from an upper one. Each access makes a
-        new function, which later solves do not change.
+        The pressure is a function of the space, never negative, and 0 away from the contact set:
+        with nodal elements at all dofs that are not in contact, but on tetrahedra of degree 2 and
+        higher, where facets in contact share their forces out to the facets that they touch. In the
+        Bernstein basis the entries of the function are coefficients, 0 at the dofs that are not in
+        contact, and no values. The pressure pushes u up from a lower obstacle, and down from an
+        upper one. Each access is collective and makes a new function, which later solves do not
+        change.
 
         Raises:
             InputError: The problem has not been solved.
         """
-        pressure = self.forces
-        pressure.name = "pressure"
-        pressure.x.array[self.contact_dofs] /= self._layout.weights
-        pressure.x.scatter_forward()
-        return pressure
+        return self._layout.density(self.forces.x.array[self.contact_dofs])
 
     @property
     def forces(self) -> fem.Function:
@@ -284,6 +288,19 @@ class SignoriniProblem:
         x = self._solution()
         held, forces = self.system.touching(x), self.system.multiplier(x)
         return self._forces(np.where(held, np.maximum(forces, 0.0), 0.0))
+
+    @property
+    def force(self) -> float:
+        """The total contact force on u, positive upwards: so negative for an upper obstacle.
+
+        The force is the integral of the pressure, with the sign of its direction, and takes part in
+        the balance of all forces on u. The call is collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        owned = self.forces.x.array[self.contact_dofs]
+        return self.sign * float(self.comm.allreduce(float(owned.sum())))
 
     def contact_state(self) -> ContactState:
         """Return the solution with its pressure, as the solve on a finer mesh takes them.
@@ -323,6 +340,7 @@ class SignoriniProblem:
             figure.savefig(path)
         return figure
 
+    @names_coarse_rule
     def solve_linearised(
         self, load: ufl.Form, rtol: float = LINEARISED_RTOL
     ) -> tuple[fem.Function, fem.Function]:
@@ -368,6 +386,7 @@ class SignoriniProblem:
         """Return what was made for this problem so far; the call is collective."""
         return self.ledger.read(self.comm)
 
+    @names_coarse_rule
     def solve(
         self,
         method: str = "cascade",
@@ -416,7 +435,10 @@ class SignoriniProblem:
             check_coarse(method, coarse)
         if start is not None:
             check_function(start, self.space, "start")
+            check_start(start, "start")
         warm = warm_start and start is None and self.result is not None
+        if warm:
+            check_start(self.u, "u")
         self.update()
         system = self.system
         if not warm_start:
@@ -448,10 +470,12 @@ class SignoriniProblem:
         self.u.x.scatter_forward()
         return self.u
 
+    @names_coarse_rule
     def update(self, matrix: bool = False) -> None:
         """Assemble again what depends on changed data; `solve` calls this method by itself.
 
-        Gap, pressure and active set belong to the system before, and are gone until `solve`.
+        Gap, pressure and active set belong to the system before, and are gone until `solve`. Data
+        that are refused may be mended: the next call looks at all data again.
 
         Args:
             matrix: Assemble matrix and load in any case, for example because the mesh has moved:
@@ -460,14 +484,9 @@ class SignoriniProblem:
         Raises:
             InputError: The changed data make no sense.
         """
-        old = self.system
-        try:
-            self._system = self._assembly.renewed(old, matrix)
-        except InputError:
-            if not old.b:  # its vector is gone, and the matrix is another one
-                self._system = None
-            raise
+        system = self.system
         self._free_solution()
+        self._system = self._assembly.renewed(system, matrix)
 
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""

@@ -82,17 +82,18 @@ class QuadratureRule:
 
 
 def interior_rule(cell: basix.CellType, degree: int) -> QuadratureRule:
-    """Return the smallest rule of a degree none of whose points is on the boundary of a cell.
+    """Return a small rule of a degree with positive weights and no point on the boundary of a cell.
 
-    Data that jump on facets have the value of the other side at points there. The default rules of
-    tetrahedra have such points for three degrees.
+    Data that jump on facets have the value of the other side at points there, and with negative
+    weights an integral of positive numbers may be negative. Of the default rules those of
+    tetrahedra have such points or weights for some degrees.
 
     Args:
         cell: The cell.
         degree: Degree of the polynomials that the rule integrates exactly.
     """
-    on_boundary = cell == basix.CellType.tetrahedron and degree in (4, 5, 7)
-    return QuadratureRule("Xiao-Gimbutas" if on_boundary else "default", degree)
+    other = cell == basix.CellType.tetrahedron and degree in (3, 4, 5, 7, 8)
+    return QuadratureRule("Xiao-Gimbutas" if other else "default", degree)
 
 
 MAX_DEGREE = 400  # more points would fill the memory

@@ -8,8 +8,11 @@ the same file drops this line and goes on behind the last finished row.
 
 import argparse
 import contextlib
+import fcntl
+import glob
 import json
 import os
+import shutil
 import uuid
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -171,13 +174,41 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         path: The file to be replaced; the new one is discarded where its writer fails.
     """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+    with in_use(path.parent, f".{glob.escape(path.name)}.{32 * '?'}.part"):
+        try:
+            with temporary.open("xb") as file:
+                yield file
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@contextlib.contextmanager
+def in_use(folder: Path, leftovers: str) -> Iterator[None]:
+    """Hold a folder while a block writes to the folder; first remove what killed runs left there.
+
+    All who write share a lock of the folder, which ends with their process: who gets the lock
+    alone knows that nobody writes, and that unfinished files are of runs that were killed.
+
+    Args:
+        folder: The folder.
+        leftovers: The pattern of the names that unfinished files and folders have.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        with temporary.open("xb") as file:
-            yield file
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+        with contextlib.suppress(OSError):  # others write, or the file system has no locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for path in folder.glob(leftovers):
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_SH)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def folder_name(text: str) -> Path:

@@ -5,7 +5,7 @@ to a cell of the parent mesh is found on the rank of the child cells.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -16,6 +16,7 @@ from dolfinx import fem, mesh
 from dolfinx_signorini import compat
 from dolfinx_signorini.elements import coefficients_of, control_points, points_on_cells
 from dolfinx_signorini.jacobians import inverses
+from dolfinx_signorini.kinds import check, simplices
 from dolfinx_signorini.meshes import (
     SidedMesh,
     boundary_facets,
@@ -27,7 +28,7 @@ from dolfinx_signorini.meshes import (
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-ROUNDING = 1e-9  # of coordinates in a reference cell
+ROUNDING = 1e-9  # of the longest edge of a cell: edges that differ by less are of one length
 
 
 # The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
@@ -69,10 +70,15 @@ def refined(
             vertices, shape (cells, 3): so few cells grade a mesh towards a point.
         halved: Further owned cells of which only the longest edge is bisected.
 
+    Raises:
+        InputError: The cells are no triangles or tetrahedra with straight sides.
+
     Source: Plaza and Carey, Local refinement of simplicial grids based on the skeleton, Appl.
     Numer. Math. 32 (2000) 195-218.
     """
     domain = sided.mesh
+    # DOLFINx writes beyond the end of its arrays where cells have more nodes than vertices.
+    check(sided=(domain, simplices(2, 3, straight=True)))
     topology, tdim = domain.topology, domain.topology.dim
     topology.create_entities(1)
     edges = None
@@ -96,12 +102,11 @@ def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
     Args:
         domain: The mesh, with its connectivities from cells to edges and back.
         cells: The cells.
-        points: A vertex of each cell, shape (cells, 3).
+        points: A vertex of each cell, shape (cells, 3); of the vertices the nearest one is taken.
     """
     edges, ends = _edges(domain, cells)
     distance = np.abs(ends - points[:, None, None]).max(axis=3).min(axis=2)
-    size = np.linalg.norm(cell_edges(domain, cells), axis=2).max(axis=1, initial=0.0)
-    return np.asarray(edges[distance < ROUNDING * size[:, None]])
+    return np.asarray(edges[distance == distance.min(axis=1, keepdims=True, initial=np.inf)])
 
 
 def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
@@ -218,9 +223,14 @@ class Transfer:
         nodes = control_points(self.coarse)[dofs, :dim]
         origins, maps = _maps(self.fine.mesh)
         points = _in_reference_cell(origins[: len(parents)], maps[: len(parents)], nodes)
-        inside = np.flatnonzero(_outside(points).ravel() < ROUNDING)
-        self.nodes, first = first_places(dofs.ravel()[inside])
-        child, node = np.divmod(inside[first], dofs.shape[1])
+        # The nearest one of the child cells: rounding takes nodes out of cells that are small
+        # beside their coordinates, and fitted vertices may leave a node outside of all.
+        outside, flat = _outside(points).ravel(), dofs.ravel()
+        least = np.full(int(flat.max(initial=-1)) + 1, np.inf)
+        np.minimum.at(least, flat, outside)
+        nearest = np.flatnonzero(outside == least[flat])
+        self.nodes, first = first_places(flat[nearest])
+        child, node = np.divmod(nearest[first], dofs.shape[1])
         element = self.fine.element.basix_element
         self.values = element.tabulate(0, points[child, node])[0, :, :, 0]
         self.around = self.fine.dofmap.list[child]
@@ -259,6 +269,31 @@ def carried_across(
     basis = element.tabulate(0, places[best, row])[0, :, :, 0]
     at = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
     return _interpolant(space, owned, at)
+
+
+def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Function:
+    """Move nodes of the mesh of a function, and return the function of the places before.
+
+    The values of the function itself go with the nodes. What goes out of a cell is continued.
+
+    Args:
+        u: The function, in a Lagrange space on straight-sided cells.
+        move: Moves nodes of the mesh.
+    """
+    space, geometry = u.function_space, u.function_space.mesh.geometry
+    x, (origins, maps), result = geometry.x.copy(), _maps(space.mesh), u.copy()
+    move()
+    moved = (geometry.x != x).any(axis=1)[geometry.dofmap].any(axis=1)
+    cells = np.flatnonzero(moved).astype(np.int32)
+    places = points_on_cells(space, cells)[..., : geometry.dim]
+    points = _in_reference_cell(origins[cells], maps[cells], places)
+    basis = space.element.basix_element.tabulate(0, points.reshape(-1, geometry.dim))[0, :, :, 0]
+    dofs = space.dofmap.list[cells]
+    basis = basis.reshape(*dofs.shape, dofs.shape[1])
+    result.x.array[dofs] = (basis @ u.x.array[dofs][:, :, None])[:, :, 0]
+    result.x.array[:] = coefficients_of(space, result.x.array, cells)
+    result.x.scatter_forward()
+    return result
 
 
 def prolong_on_cells(

@@ -1,16 +1,25 @@
-"""What the package needs that pip cannot install: dolfinx."""
+"""Before the modules are loaded: dolfinx, which pip cannot install, is there, or is named.
 
+The modules take seconds to load: who interrupts the command line meanwhile sees no traceback.
+"""
+
+import os
+import signal
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 MESSAGE = """dolfinx_signorini needs dolfinx, version 0.9 or newer, which pip cannot install:
     Debian 13:  apt install python3-dolfinx-real python3-petsc4py-real
     conda:      conda install -c conda-forge fenics-dolfinx
 A virtual environment beside Debian's dolfinx needs the option --system-site-packages."""
 
+# While "python3 -m dolfinx_signorini" looks for the program, its name is "-m".
+name = os.path.basename(sys.argv[0])
+module = sys.orig_argv[-len(sys.argv)] if name == "-m" else ""
+of_the_command_line = name == "dolfinx-signorini" or module.endswith("dolfinx_signorini")
+if of_the_command_line and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))
 if find_spec("dolfinx") is None:
-    # While "python3 -m dolfinx_signorini" looks for the program, its name is "-m".
-    if Path(sys.argv[0]).name in ("-m", "dolfinx-signorini"):
+    if of_the_command_line:
         sys.exit(f"error: {MESSAGE}")
     raise ModuleNotFoundError(MESSAGE, name="dolfinx")

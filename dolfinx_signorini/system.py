@@ -11,20 +11,16 @@ is neither assembled nor stored; the obstacle is an array over the contact dofs.
 
 import functools
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import ufl
-from dolfinx import fem, la
-from dolfinx.fem import petsc as fem_petsc
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini import compiled
 from dolfinx_signorini.bodies import Bodies, bodies
 from dolfinx_signorini.costs import Ledger
-from dolfinx_signorini.elements import is_bernstein
+from dolfinx_signorini.densities import Densities
 from dolfinx_signorini.meshes import facet_cells
 
 Indices = npt.NDArray[np.int32]
@@ -72,50 +68,29 @@ class Layout:
         return facet_cells(self.space.mesh, self.facets[owned])
 
     @functools.cached_property
+    def _densities(self) -> Densities:
+        return Densities(self.space, self.facet_cells)
+
+    @property
     def weights(self) -> Array:
-        """The share of the contact boundary that belongs to each contact dof of this rank.
+        """The integrals of the basis functions of the contact dofs of this rank, a collective call.
 
-        In the Bernstein basis and for degree 1 the shares are the integrals of the basis functions.
-        Otherwise they are the diagonal of the boundary mass matrix, scaled so that they add up to
-        the size of the boundary: unlike the integrals of nodal basis functions this diagonal is
-        positive for every degree and dimension. The first call is collective.
-
-        Source: Hinton, Rock and Zienkiewicz, Earthq. Eng. Struct. Dyn. 4 (1976) 245-249.
+        A weight is the force of the pressure 1 on the dof. Nodal weights may be zero or negative at
+        the vertices of tetrahedra, of even degree.
         """
-        domain, element = self.space.mesh, self.space.ufl_element()
-        lumped = is_bernstein(self.space) or self.space.element.basix_element.degree == 1
-        pairs = self.facet_cells.flatten()
-        coordinates = domain.ufl_domain().ufl_coordinate_element()
-        form = compiled.form_on(
-            _boundary_mass(coordinates, element, lumped),
-            [self.space] if lumped else [self.space] * 2,
-            {fem.IntegralType.exterior_facet: [(1, pairs)]},
-        )
-        if lumped:
-            vector = fem.assemble_vector(form)
-            vector.scatter_reverse(la.InsertMode.add)
-            return np.asarray(vector.array[self.contact_dofs])
-        matrix = fem_petsc.assemble_matrix(form)
-        matrix.assemble()
-        self.ledger.add("matrix", "boundary mass matrix", matrix)
-        diagonal = matrix.getDiagonal()
-        ones, rows = diagonal.duplicate(), diagonal.duplicate()
-        ones.set(1.0)
-        matrix.mult(ones, rows)
-        total, trace = rows.sum(), diagonal.sum()
-        weights = diagonal.array_r[self.contact_dofs] * (total / trace if trace > 0.0 else 1.0)
-        for item in (matrix, diagonal, ones, rows):
-            item.destroy()
-        return np.asarray(weights)
+        return self._densities.integrals[self.contact_dofs]
 
+    def density(self, forces: Array) -> fem.Function:
+        """Return the density of forces on the contact dofs: its integral is their sum.
 
-@functools.cache
-def _boundary_mass(coordinates: Any, element: Any, lumped: bool) -> ufl.Form:
-    """The integrals of the basis functions, or of their products, over part 1 of the boundary."""
-    domain = ufl.Mesh(coordinates)
-    space = ufl.FunctionSpace(domain, element)
-    v = ufl.TestFunction(space)
-    return (v if lumped else ufl.TrialFunction(space) * v) * ufl.Measure("ds", domain)(1)
+        Args:
+            forces: The forces on the contact dofs of this rank; the call is collective.
+        """
+        density = fem.Function(self.space, name="pressure")
+        density.x.array[self.contact_dofs] = forces
+        density.x.scatter_forward()
+        density.x.array[:] = self._densities.of(density.x.array)
+        return density
 
 
 @dataclass(frozen=True)
@@ -204,8 +179,12 @@ class System:
         x.array_w[:] = u.x.array[: x.getLocalSize()]
         return x
 
-    def project(self, x: PETSc.Vec) -> bool:
+    def project(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None = None) -> bool:
         """Lift x to the obstacle where x lies below, and set the Dirichlet data.
+
+        Args:
+            x: The vector, changed in place.
+            held: The contact dofs at which x is set to the obstacle, too; one entry each.
 
         Returns:
             Whether a value was changed on some rank.
@@ -213,6 +192,8 @@ class System:
         dofs = np.concatenate((self.contact_dofs, self.fixed_dofs))
         old = x.array_r[dofs]
         lifted = np.maximum(old[: len(self.contact_dofs)], self.obstacle)
+        if held is not None:
+            lifted[held] = self.obstacle[held]
         new = np.concatenate((lifted, self.fixed_values))
         x.array_w[dofs] = new
         return bool(self.comm.allreduce(bool((new != old).any()), op=MPI.LOR))

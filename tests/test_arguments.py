@@ -45,6 +45,23 @@ class Setting:
         entities = np.arange(domain.topology.index_map(dimension).size_local, dtype=np.int32)
         return mesh.meshtags(domain, dimension, entities, np.ones_like(entities))
 
+    def tagged(self, value):
+        """A measure of the cells, all of which have a tag."""
+        count = self.mesh.topology.index_map(2).size_local
+        tags = mesh.meshtags(
+            self.mesh,
+            2,
+            np.arange(count, dtype=np.int32),
+            np.full(count, value, dtype=np.int32),
+        )
+        return ufl.Measure("dx", domain=self.mesh, subdomain_data=tags)
+
+    def start(self, value):
+        """A function with one value that the last rank alone has."""
+        start = fem.Function(self.space)
+        start.x.array[: COMM.rank == COMM.size - 1] = value
+        return start
+
     def interior(self):
         """An owned facet inside the domain, on some rank, and none on the others."""
         self.mesh.topology.create_entities(1)
@@ -73,7 +90,13 @@ WRONG = {
         "form a",
         lambda s: {"a": s.a + fem.Function(s.other) * s.u * s.v * ufl.dx(domain=s.mesh)},
     ),
+    "a: two sets of tags": (
+        "form a",
+        lambda s: {"a": s.u * s.v * s.tagged(1) + s.u * s.v * s.tagged(2)(2)},
+    ),
+    "a: with tags and without": ("form a", lambda s: {"a": s.a + s.u * s.v * s.tagged(1)(1)}),
     # The load.
+    "L: two sets of tags": ("load", lambda s: {"L": s.v * s.tagged(1)(1) + s.v * s.tagged(2)(2)}),
     "L: a number": ("load", lambda s: {"L": 0.0}),
     "L: None": ("load", lambda s: {"L": None}),
     "L: bilinear": ("load", lambda s: {"L": s.a}),
@@ -92,6 +115,8 @@ WRONG = {
         "contact",
         lambda s: {"contact": (s.tags(1), object())},
     ),
+    "contact: tags with a text": ("contact", lambda s: {"contact": (s.tags(1), "1")}),
+    "contact: tags with half a number": ("contact", lambda s: {"contact": (s.tags(1), 0.5)}),
     "contact: floats": ("contact", lambda s: {"contact": s.facets.astype(float) + 0.5}),
     "contact: negative": ("contact", lambda s: {"contact": np.array([-1])}),
     "contact: out of range": ("contact", lambda s: {"contact": np.array([10**6])}),
@@ -201,6 +226,8 @@ WRONG_IN_SOLVE = {
     "start: no function": ("start", lambda s: {"start": np.zeros(3)}),
     "start: another mesh": ("start", lambda s: {"start": fem.Function(s.other)}),
     "start: an equal space": ("start", lambda s: {"start": fem.Function(s.twin)}),
+    "start: nan": ("start", lambda s: {"start": s.start(np.nan)}),
+    "start: infinite": ("start", lambda s: {"start": s.start(-np.inf), "method": "bncg"}),
     "coarse: a function": ("coarse", lambda s: {"coarse": fem.Function(s.space)}),
     "coarse: for TAO": ("coarse", lambda s: {"coarse": 1, "method": "bncg"}),
     "max_iterations: for the cascade": ("max_iterations", lambda s: {"max_iterations": 5}),
@@ -243,4 +270,16 @@ def test_what_is_not_solved_has_no_solution(setting, use):
     with pytest.raises(InputError, match="has not been solved"):
         result = getattr(problem, use)
         result()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("method", ["cascade", "bqnls"])
+def test_a_solution_that_was_spoiled_since_is_no_start(setting, method):
+    problem = setting.problem()
+    problem.solve(method)
+    problem.u.x.array[:1] = np.nan
+    with pytest.raises(InputError) as caught:
+        problem.solve(method)
+    assert caught.value.subject == "u"
+    problem.solve(method, warm_start=False)
     problem.destroy()

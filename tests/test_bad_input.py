@@ -170,6 +170,32 @@ def test_form_that_is_indefinite(parts, shift, word):
         parts.problem(a=parts.stiffness + shift * parts.u * parts.v * ufl.dx)
 
 
+@pytest.mark.parametrize("method", ["cascade", "bntr"])
+@pytest.mark.parametrize("measure", [ufl.dx, ufl.ds])
+def test_an_energy_without_a_bound(parts, measure, method):
+    """The derivative in y is not in the form, and nothing but the bottom is held from below."""
+    problem = parts.problem(
+        a=parts.u.dx(0) * parts.v.dx(0) * ufl.dx,
+        L=-fem.Constant(parts.mesh, 1.0) * parts.v * measure,
+        contact=parts.bottom,
+    )
+    with pytest.raises(InputError, match=r"form a: .*unbounded below"):
+        problem.solve(method)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("method", ["cascade", "bntr", "tron"])
+@pytest.mark.parametrize("reaction", [1e-5, 1e-2])
+def test_a_bounded_energy_that_is_almost_flat(reaction, method):
+    """The load presses away from the obstacle, and next to nothing holds: u is 1 / reaction."""
+    parts = Parts(8)
+    a = parts.stiffness + reaction * parts.u * parts.v * ufl.dx
+    problem = parts.problem(a=a, L=fem.Constant(parts.mesh, 1.0) * parts.v * ufl.dx)
+    u = problem.solve(method)
+    assert reaction * u.x.array == pytest.approx(1.0, rel=1e-3)
+    problem.destroy()
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_indefinite_form_that_only_a_solver_can_notice(method, monkeypatch):
     # Beyond some number of unknowns the assembly does not look for negative directions.
@@ -274,3 +300,24 @@ def test_an_obstacle_farther_away_than_numbers_reach_is_refused(bound):
     problem.solve(coarse=problem.contact_state())
     assert problem.result.active_dofs == 0
     problem.destroy()
+
+
+@pytest.mark.parametrize("far", [-1e20, -1e100, -1e250])
+@pytest.mark.parametrize("n", [20, 40, 80])
+def test_a_body_that_only_contact_holds_does_not_feel_an_obstacle_out_of_reach(n, far):
+    domain = friedrichs_keller(MPI.COMM_WORLD, n)
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    form, load = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -v * ufl.dx
+    found = []
+    for place in (far, -10.0):
+        problem = SignoriniProblem(
+            form,
+            load,
+            contact=boundary_facets(domain),
+            obstacle=lambda x, place=place: np.where(x[0] < 0.5, -0.1, place),
+        )
+        found.append(problem.solve().x.array.copy())
+        assert problem.result.linear_solves < 10
+        problem.destroy()
+    assert np.abs(found[0] - found[1]).max(initial=0.0) < 1e-5

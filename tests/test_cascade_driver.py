@@ -1,6 +1,7 @@
 """The driver of the cascade: what each level is given, and what is freed."""
 
 import pytest
+from mpi4py import MPI
 
 from dolfinx_signorini.errors import NotConvergedError
 from dolfinx_signorini.solvers.cascade import solve_cascade
@@ -8,6 +9,8 @@ from dolfinx_signorini.solvers.cascade import solve_cascade
 
 class Recorded:
     """Notes what is done with the problem of a level."""
+
+    comm = MPI.COMM_SELF
 
     def __init__(self, level, log, fails):
         self.level, self.log, self.fails = level, log, fails

@@ -158,6 +158,7 @@ def test_results_are_written_in_every_form(comm, capsys, folder):
     figure = report["tables"]["table1"]["101"]["L4"]
     assert figure["value"] == report["rows"][0]["errors"]["L4"]
     assert abs(figure["difference"]) < 1e-4
+    assert figure["agrees"] and "All printed digits agree" in said
     assert "| 101 " in (folder / "table1.md").read_text()
     for name in ("solution_and_load", "bottom_edge"):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -181,7 +182,7 @@ def environment():
         for key, value in os.environ.items()
         if not key.startswith(("PMIX_", "PRTE_LAUNCHED", "OMPI_COMM_", "OMPI_UNIVERSE_SIZE"))
     }
-    kept["PYTHONPATH"] = str(Path(cli.__file__).parents[1])
+    kept["PYTHONPATH"] = str(Path(cli.__file__).parents[2])
     return kept
 
 
@@ -298,6 +299,79 @@ def test_a_refusal_is_one_line_and_exit_code_2(tmp_path, ranks):
     assert err.count("error: ") == 1
     assert "file" in err
     assert "Traceback" not in err
+
+
+SLOW = """
+[domain]
+shape = "square"
+cells = 400
+[contact]
+sides = "bottom"
+obstacle = -0.1
+[equation]
+load = -1
+[[dirichlet]]
+sides = "top"
+value = 0
+"""
+
+
+def started(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "dolfinx_signorini", *arguments],
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def solve_until(number, tmp_path):
+    """Send a signal to a run that has its temporary folder; return the process and its errors."""
+    (tmp_path / "slow.toml").write_text(SLOW)
+    process = started("solve", str(tmp_path / "slow.toml"), "--out", str(tmp_path / "out"))
+    limit = time.monotonic() + 60.0
+    while not list(tmp_path.glob("out/.part-*")) and time.monotonic() < limit:
+        assert process.poll() is None, "the run ended before it was stopped"
+        time.sleep(0.005)
+    process.send_signal(number)
+    return process, process.communicate(timeout=60)[1]
+
+
+@alone
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_stopped_leaves_nothing(tmp_path, number):
+    process, told = solve_until(number, tmp_path)
+    assert process.returncode == 128 + number
+    assert "Traceback" not in told
+    assert not (tmp_path / "out").exists()
+
+
+@alone
+def test_what_a_killed_run_leaves_is_removed_by_the_next(tmp_path):
+    solve_until(signal.SIGKILL, tmp_path)
+    assert len(list(tmp_path.glob("out/.part-*"))) == 1
+    arguments = ["--out", str(tmp_path / "out"), "--outputs", "boundary"]
+    assert (
+        cli.main(["solve", str(tmp_path / "slow.toml"), "--set", "domain.cells=4", *arguments]) == 0
+    )
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["boundary.csv", "record.json"]
+
+
+@alone
+@pytest.mark.parametrize("console", [False, True])
+def test_an_interruption_while_modules_are_loaded_shows_no_traceback(tmp_path, console):
+    # A module that the package loads sends the signal, whenever this is.
+    (tmp_path / "basix.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    script = tmp_path / "dolfinx-signorini"
+    script.write_text("from dolfinx_signorini.commands.main import main\nmain()\n")
+    done = subprocess.run(
+        [sys.executable, *([str(script)] if console else ["-m", "dolfinx_signorini"]), "--version"],
+        env=environment() | {"PYTHONPATH": f"{tmp_path}:{environment()['PYTHONPATH']}"},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_a_table_that_cannot_be_written_is_refused(capsys, comm, folder, monkeypatch):

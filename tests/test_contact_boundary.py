@@ -66,3 +66,19 @@ def test_contact_of_the_papers_solution(n):
     assert 0.2 < 4.0 - contact - undecided < 1.0
     gap, size = pieces.values[:, 1], np.abs(pieces.values[:, 0]).max()
     assert np.array_equal(pieces.clear, gap > CLEAR * size * (1.0 / n) ** 1.5)
+
+
+def test_contact_reaches_to_the_points_where_it_ends():
+    # Contact from 1 to 3 and at 6 alone; it ends at 0.7, 3.4, 5.8 and, unknown, right of 6.
+    x = np.arange(8.0)
+    line = boundary(
+        np.column_stack((x, 0.0 * x)),
+        np.column_stack((np.arange(7), np.arange(1, 8))),
+        [0, 1, 1, 1, 0, 0, 1, 0],
+        [1, 0, 0, 0, 0, 0, 0, 0],
+    )
+    assert line.measured() == pytest.approx((2.0, 4.0))
+    points = [(0.7, 0.0), (3.4, 0.0), (5.8, 0.0)]
+    contact, undecided = line.measured(points)
+    assert contact == pytest.approx(0.3 + 2.0 + 0.4 + 0.2)
+    assert undecided == pytest.approx(2.0)  # from 4 to 5, and from 6 to 7

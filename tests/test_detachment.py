@@ -65,6 +65,47 @@ def test_the_point_is_as_certain_as_it_claims(n, degree):
         assert point.uncertainty <= 1.0 / (n * degree) * (1.0 + 1e-9)
 
 
+def sagging(n, degree, shape="triangle", comm=COMM):
+    """A membrane that sags, more to the right, onto a floor at -0.3."""
+    domain = mesh.create_unit_square(comm, n, n, mesh.CellType[shape])
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    top, bottom = (
+        mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (1.0, 0.0)
+    )
+    bc = fem.dirichletbc(0.0, fem.locate_dofs_topological(space, 1, top), space)
+    a, load = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -2.0 * x[0] * v * ufl.dx
+    return SignoriniProblem(a, load, contact=bottom, obstacle=-0.3, bcs=[bc])
+
+
+@pytest.mark.parametrize(("n", "degree"), [(64, 1), (100, 1), (32, 2), (24, 3)])
+def test_a_strongly_curved_gap_is_extrapolated_too(n, degree):
+    # 0.25154 is what degree 3 says on 256 squares. To the left the gap grows ever more slowly.
+    problem = sagging(n, degree)
+    problem.solve(rtol=1e-10)
+    (point,) = detachment_points(problem)
+    problem.destroy()
+    edge = 1.0 / (n * degree)
+    assert point.uncertainty < 0.5 * edge
+    assert abs(point.position[0] - 0.25154) <= 1.2 * point.uncertainty
+
+
+def test_points_that_are_as_strong_have_the_order_of_their_places(monkeypatch):
+    # Four ends that differ by rounding, or by what a solve leaves: their order is that of places.
+    problem = paper_problem(christof_haubner(friedrichs_keller(COMM, 2)))
+    x = NODES[:, 0]
+    held = np.minimum(np.abs(x - 0.25), np.abs(x - 0.75)) <= 0.105
+    distance = np.abs(np.minimum(np.abs(x - 0.25), np.abs(x - 0.75)) - 0.105)
+    for noise in (1e-9, -1e-9):
+        tilt = 1.0 + noise * x
+        gap, density = distance**1.5 * tilt * ~held, np.sqrt(distance) * tilt * held
+        table = made_up_table(gap, density)
+        monkeypatch.setattr(detachment, "_boundary_table", lambda problem, table=table: table)
+        places = [point.position[0] for point in detachment_points(problem)]
+        assert places == sorted(places) and len(places) == 4
+
+
 @pytest.mark.parametrize("n", [41, 53])
 def test_ends_of_contact_without_gap_or_pressure_are_no_detachment_points(n):
     # Far from the detachment point u and du/dn vanish: the discrete contact set ends anywhere.

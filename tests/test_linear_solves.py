@@ -122,3 +122,31 @@ def test_a_set_that_differs_a_little_costs_hardly_an_iteration_more():
             item.destroy()
     problem.destroy()
     assert counts[0] <= counts[1] + 2
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"pc_type": "gamg", "mg_levels_ksp_type": "richardson"},
+        {"mg_levels_ksp_max_it": 4},  # of the multigrid on coarser meshes
+    ],
+)
+def test_every_set_up_reads_the_options(options, caplog):
+    """Levels that are made anew, with other held dofs, have the options, too."""
+    problem, _, _ = make(48)
+    system, counts = problem.system, []
+    held = np.full(len(system.contact_dofs), True)
+    for chosen in ({}, options):
+        solver, before = HeldSolver(system, "levels_", chosen), 0
+        for _ in range(2):
+            x = system.start()
+            solver.solve(system, x, held, 1e-9)
+            counts.append(solver.iterations - before)
+            before = solver.iterations
+            solver.free()
+            x.destroy()
+        assert solver.setups == 2
+        solver.destroy()
+    problem.destroy()
+    assert counts[0] == counts[1] != counts[2] == counts[3]
+    assert caplog.messages == []

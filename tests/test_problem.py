@@ -255,6 +255,24 @@ def test_data_refused_together_with_a_changed_load_are_seen_when_they_make_sense
     membrane.problem.destroy()
 
 
+@pytest.mark.parametrize("name", ["weight", "stiffness", "height", "left"])
+def test_a_value_that_is_refused_leaves_a_problem_that_can_be_solved(name):
+    membrane = Membrane(square())
+    membrane.solve()
+    data = membrane.data[name]
+    numbers = data.x.array if isinstance(data, fem.Function) else data.value
+    before = np.array(numbers)
+    numbers[...] = np.nan
+    for _ in range(2):
+        with pytest.raises(InputError):
+            membrane.solve()
+        assert has_no_state(membrane.problem)
+    numbers[...] = 1.1 * before
+    membrane.solve()
+    equals_a_fresh_problem(membrane, "expression", {name: 1.1 * before})
+    membrane.problem.destroy()
+
+
 @pytest.mark.parametrize("obstacle", ["expression", "callable"])
 def test_a_mesh_that_has_moved_is_seen_by_an_update(obstacle, assemblies):
     membrane = Membrane(square(), obstacle)
@@ -337,6 +355,8 @@ def test_contact_as_facets_and_as_tags_is_the_same():
         tuple(facets),
         both,
         (both, 3),
+        (both, np.int8(3)),
+        (both, np.array(3)),
         (every, (3, 5)),
         (every, [5, 3]),
         (every, {3, 5}),

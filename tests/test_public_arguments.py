@@ -143,6 +143,14 @@ TABLE = {
             "dimension": (*NO_INTEGER, 1, 4),
         },
     ),
+    "gmsh_projection": (
+        lambda t: {"model": None, "dimension": 1, "group": 1},
+        lambda t: {
+            "model": (None, "model", t.mesh),
+            "dimension": (*NO_INTEGER, 0, 3),
+            "group": (*NO_INTEGER, 0, -1),
+        },
+    ),
     "interpolated": (
         lambda t: {"reference": t.exact, "degree": 2},
         lambda t: {"reference": (None, t.x[0], 1.0), "degree": (*NO_INTEGER, 0, -1, 40)},
@@ -177,6 +185,7 @@ TABLE = {
             "began": None,
             "hidden": None,
             "fit": lambda sided: None,
+            "geometry": None,
         },
         lambda t: {
             "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
@@ -189,6 +198,7 @@ TABLE = {
             "began": ("now", [1.0]),
             "hidden": (4, "nothing"),
             "fit": (None, 4),
+            "geometry": (4, {1: None}, {"roof": None}, {"floor": 4}),
         },
     ),
     "solve_cascade": (
@@ -341,7 +351,11 @@ def test_the_table_has_every_public_function_and_argument(things):
 def test_a_wrong_argument_of_a_public_function_is_refused(things, name):
     function = getattr(signorini, name)
     right, wrong = (part(things) for part in TABLE[name])
-    if name not in ("stress_intensity", "gmsh_mesh"):  # which need a finer mesh, and a model
+    if name not in (
+        "stress_intensity",
+        "gmsh_mesh",
+        "gmsh_projection",
+    ):  # which need a finer mesh, and a model
         function(**right)
     for argument, values in wrong.items():
         for value in values:

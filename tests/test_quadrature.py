@@ -75,10 +75,11 @@ def test_the_points_of_a_counterclockwise_cell_are_those_of_the_rule():
 
 
 @pytest.mark.parametrize("cell", [basix.CellType.triangle, basix.CellType.tetrahedron])
-@pytest.mark.parametrize("degree", range(1, 11))
-def test_interior_rules_are_exact_and_have_no_point_on_the_boundary(cell, degree):
+@pytest.mark.parametrize("degree", range(1, 15))
+def test_interior_rules_are_exact_and_positive_and_have_no_point_on_the_boundary(cell, degree):
     points, weights = interior_rule(cell, degree).points(cell)
     assert min(points.min(), (1.0 - points.sum(axis=1)).min()) > 1e-6
+    assert weights.min() > 0.0
     # The integral of x^k over a simplex is k! / (k + dimension)!.
     exact = math.factorial(degree) / math.factorial(degree + points.shape[1])
     assert points[:, 0] ** degree @ weights == pytest.approx(exact, rel=1e-12)

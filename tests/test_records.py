@@ -5,7 +5,7 @@ import json
 import pytest
 
 from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.records import Records, write_file
+from dolfinx_signorini.records import Records, whole_file, write_file
 
 SETTINGS = {"method": "cascade", "norms": ("L4", "Linf"), "rtol": 1e-8}
 
@@ -136,6 +136,19 @@ def test_files_are_whole_or_absent(comm, folder, monkeypatch):
     monkeypatch.undo()
     write_file(path, "new\n")
     assert path.read_text() == "new\n"
+
+
+def test_unfinished_files_of_killed_runs_are_removed_and_those_of_live_runs_stay(serial, folder):
+    left = folder / f".table.txt.{32 * '0'}.part"
+    other = folder / f".other.txt.{32 * '0'}.part"
+    left.touch()
+    other.touch()
+    with whole_file(folder / "other.txt") as file:  # somebody writes: what is unfinished may be his
+        file.write(b"new")
+        write_file(folder / "table.txt", "new")
+        assert left.exists() and not other.exists()
+    write_file(folder / "table.txt", "newer")
+    assert sorted(path.name for path in folder.iterdir()) == ["other.txt", "table.txt"]
 
 
 def test_a_row_that_lacks_a_key_is_refused(comm, folder):

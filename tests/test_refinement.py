@@ -2,6 +2,7 @@
 
 import math
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -9,8 +10,10 @@ from dolfinx import fem, geometry, mesh
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.errors import InputError
 from dolfinx_signorini.meshes import SidedMesh, owned_cells
 from dolfinx_signorini.refinement import Refinement, Transfer, carried_across, refined
 
@@ -194,6 +197,20 @@ def test_prolonged_functions_are_the_same_functions(comm, kind, degree):
         assert transfer.restrict(up).x.array == pytest.approx(u.x.array, abs=1e-10)
 
 
+@pytest.mark.parametrize(("kind", "degree"), CASES)
+def test_no_dof_is_lost_on_cells_that_are_small_beside_their_coordinates(comm, kind, degree):
+    sided = sided_mesh(comm, kind)
+    x = sided.mesh.geometry.x[:, : sided.mesh.geometry.dim]
+    x[:] = 0.7182 + 1e-7 * x  # rounding is 5e-9 of the width of a cell
+    coarse = fem.functionspace(sided.mesh, ("Lagrange", degree))
+    u = random_function(coarse)
+    for refinement in refinements(sided):
+        fine = fem.functionspace(refinement.sided.mesh, ("Lagrange", degree))
+        transfer = Transfer(coarse, fine, refinement.parents)
+        back = transfer.restrict(transfer.prolong(u))
+        assert back.x.array == pytest.approx(u.x.array, abs=1e-5)
+
+
 @pytest.mark.parametrize(("kind", "degree"), [case for case in CASES if case[1] < 3])
 def test_restricted_functions_interpolate(comm, kind, degree):
     sided = sided_mesh(comm, kind)
@@ -238,3 +255,29 @@ def test_a_mesh_of_which_a_rank_has_no_cell_is_refined(comm):
     assert refinement.sided.mesh.topology.index_map(2).size_global == 8
     own = len(owned_cells(domain))
     assert sorted(refinement.parents) == sorted([*range(own)] * 4)
+
+
+def second_order_mesh(comm, kind):
+    """One triangle or tetrahedron with nodes on its edges."""
+    dim = {"triangle": 2, "tetrahedron": 3}[kind]
+    element = basix.ufl.element("Lagrange", kind, 2, shape=(dim,))
+    nodes = basix.create_element(
+        basix.ElementFamily.P, basix.CellType[kind], 2, basix.LagrangeVariant.equispaced
+    ).points
+    x, cells = nodes, np.arange(len(nodes))[None]
+    if comm.rank:
+        x, cells = x[:0], cells[:0]
+    return mesh.create_mesh(comm, cells, x=x, e=element)
+
+
+@pytest.mark.parametrize("kind", ["triangle", "tetrahedron"])
+def test_a_second_order_mesh_is_refused_before_any_work(comm, kind):
+    domain = second_order_mesh(comm, kind)
+    sided = SidedMesh(domain, {})
+
+    def pose(sided):
+        raise AssertionError("the mesh was used")
+
+    for call in (lambda: refined(sided), lambda: solve_adaptively(pose, sided, accuracy=1.0)):
+        with pytest.raises(InputError, match=r"sided.*straight sides, of order 1, not 2"):
+            call()

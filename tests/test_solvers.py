@@ -365,22 +365,48 @@ def test_wrong_arguments_are_named(problem):
     ("method", "options", "name"),
     [
         ("cascade", {"ksp_typ": "cg"}, "'ksp_typ' is no option that the solver reads; did you"),
-        ("cascade", {"pc_type": "bjacobi", "sub_pc_type": "ilu"}, "'sub_pc_type'"),
         ("cascade", {"nonsense": 1}, "'nonsense'"),
-        ("cascade", {"ksp_rtol": "tight"}, "ksp_rtol"),
-        ("cascade", {"ksp_type": "nonsense"}, "ksp_type"),
         ("bncg", {"tao_bncg_typ": "prp"}, "'tao_bncg_typ'"),
         ("bntr", {"tao_bnk_ksp_typ": "cg"}, "'tao_bnk_ksp_typ'"),
         ("tron", {"kps_type": "cg"}, "'kps_type'"),
     ],
 )
-def test_options_that_nobody_reads_are_refused(method, options, name):
+def test_options_that_nobody_reads_are_warned_of_once(method, options, name, caplog):
     problem = bumpy(9, petsc_options=options)
-    with pytest.raises(InputError, match=name) as caught:
-        problem.solve(method)
-    assert caught.value.subject == "petsc_options"
+    problem.solve(method)
+    told = sum(name in message for message in caplog.messages)
+    assert told == (COMM.rank == 0)
     problem.destroy()
     assert not PETSc.Options().hasName(next(iter(options)))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"pc_type": "bjacobi", "sub_pc_type": "ilu"},
+        {"pc_type": "gamg", "mg_levels_ksp_type": "chebyshev", "mg_levels_ksp_max_it": 3},
+        {"pc_type": "gamg", "mg_coarse_pc_type": "redundant"},
+    ],
+)
+def test_options_of_what_exists_after_the_set_up_alone_are_read(options, caplog):
+    problem = bumpy(33, petsc_options=options)
+    problem.solve(rtol=1e-8)
+    assert caplog.messages == []
+    assert problem.result.natural_residual <= 1e-8
+    problem.destroy()
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [({"ksp_rtol": "tight"}, "ksp_rtol"), ({"ksp_type": "nonsense"}, "ksp_type")],
+)
+def test_values_of_options_that_petsc_does_not_take_are_refused(options, name):
+    problem = bumpy(9, petsc_options=options)
+    with pytest.raises(InputError, match=name) as caught:
+        problem.solve()
+    assert caught.value.subject == "petsc_options"
+    problem.destroy()
+    assert not PETSc.Options().hasName(name)
 
 
 @pytest.mark.parametrize("method", METHODS)

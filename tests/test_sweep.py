@@ -14,7 +14,8 @@ from dolfinx_signorini import __version__, logs
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.options import completion
 from dolfinx_signorini.commands.sweep import draw_sweep
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.scenes.solving import solve_scene
 
 COMM = MPI.COMM_WORLD
 SCENES = Path(__file__).parents[1] / "demos" / "scenes"
@@ -89,6 +90,60 @@ def test_a_sweep_goes_on_with_further_values(scene, folder, capsys):
     assert sweep(scene, folder, "-1", "x^") == 2
     if COMM.rank == 0:
         assert "--set neumann.1.flux" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fails", "code", "why"),
+    [
+        ("1", 2, "is not negative"),  # found when the problem is posed
+        ("x^", 2, "--set neumann.1.flux"),  # found in the scene file
+        ("-3", 3, "a residual too large"),
+    ],
+)
+def test_a_value_that_fails_costs_its_own_row_only(
+    scene, folder, capsys, monkeypatch, fails, code, why
+):
+    def solve(scene, comm):
+        if "neumann.1.flux=-3" in scene.overrides:
+            raise NotConvergedError("a residual too large", 1.0, "no more steps")
+        return solve_scene(scene, comm)
+
+    monkeypatch.setattr("dolfinx_signorini.commands.sweep.solve_scene", solve)
+    assert sweep(scene, folder, "-1", fails, "-2", more=["-q"]) == code
+    said = capsys.readouterr()
+    if COMM.rank:
+        assert said.out == said.err == ""
+        return
+    assert said.err.count("\n") == 1
+    assert f"neumann.1.flux = {fails}: not solved: " in said.err and why in said.err
+    line = said.out.splitlines()[3]
+    assert line.split()[:3] == [fails, "not", "solved:"] and why in line
+    rows = list(csv.DictReader((folder / "out" / "sweep.csv").read_text().splitlines()))
+    assert [row["neumann.1.flux"] for row in rows] == ["-1", fails, "-2"]
+    assert [bool(row["not solved"]) for row in rows] == [False, True, False]
+    assert float(rows[2]["force of contact"]) == pytest.approx(2.0, rel=1e-6)
+    lines = (folder / "out" / "rows.jsonl").read_text().splitlines()
+    assert [json.loads(line).get("value") for line in lines] == [None, "-1", "-2"]
+    assert (folder / "out" / "sweep.png").exists()
+
+
+def test_a_sweep_without_any_solution_says_why(scene, folder, capsys):
+    assert sweep(scene, folder, "1", "2") == 2
+    said = capsys.readouterr()
+    if COMM.rank == 0:
+        assert said.out.count("is not negative") == 2
+        assert not (folder / "out" / "sweep.png").exists()
+
+
+def test_values_may_begin_with_a_minus(scene, folder, capsys):
+    assert sweep(scene, folder, "-1e0", "-2-0*x", "-(1 + 2)") == 0
+    if COMM.rank == 0:
+        lines = (folder / "out" / "sweep.csv").read_text().splitlines()
+        assert [line.split(",")[0] for line in lines[1:]] == ["-1e0", "-2-0*x", "-(1 + 2)"]
+    for values in (["-x"], ["-1", "-x"]):
+        capsys.readouterr()
+        assert sweep(scene, folder, *values) == 2
+        assert COMM.rank or "goes behind --" in capsys.readouterr().err
 
 
 def test_rows_of_another_sweep_are_refused(scene, folder, capsys):

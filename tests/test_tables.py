@@ -2,6 +2,7 @@
 
 import csv
 import io
+from decimal import Decimal
 
 import pytest
 
@@ -9,7 +10,7 @@ from dolfinx_signorini.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.paper.study import PAPER_NORMS
 from dolfinx_signorini.paper.tables import Cell, error_table, order_table, paper_table
 
-NORMS = ("L4", "Linf_sampled", "W1_4", "W1_inf_sampled", "H1_2_boundary")
+NORMS = ("L4", "Linf_sampled", "W1_4", "W1_inf_sampled", "H1_2_boundary_sampled")
 COLUMNS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")  # the paper's names of them
 
 
@@ -18,7 +19,8 @@ def paper_rows(factor=1.0):
         {
             "n": int(n),
             "errors": {
-                norm: factor * row[column] for norm, column in zip(NORMS, COLUMNS, strict=True)
+                norm: factor * float(row[column])
+                for norm, column in zip(NORMS, COLUMNS, strict=True)
             },
         }
         for n, row in paper_table(1).items()
@@ -29,14 +31,46 @@ def test_the_paper_does_not_differ_from_itself():
     table = error_table(paper_rows(), NORMS)
     assert [label for label, _ in table.rows] == [str(101 + 100 * i) for i in range(10)]
     assert all(cell.difference == 0.0 for _, cells in table.rows for cell in cells)
+    assert table.agreement() == ["All printed digits agree with the paper's."]
+
+
+@pytest.mark.parametrize(
+    ("value", "agrees"),
+    [
+        (7.4510e-4, True),
+        (7.451099999e-4, True),  # is truncated, not rounded
+        (7.450999999e-4, False),
+        (7.4511e-4, False),
+        (7.4510e-3, False),
+        (-7.4510e-4, False),
+    ],
+)
+def test_figures_agree_where_their_truncation_does(value, agrees):
+    assert Cell(value, Decimal("7.4510e-4")).agrees is agrees
+    rows = paper_rows()[:3]
+    rows[1]["errors"]["Linf_sampled"] = value
+    table = error_table(rows, NORMS)
+    says = table.agreement()[0]
+    assert says == "All printed digits agree with the paper's" + (
+        "." if agrees else " but those of Linf at 201."
+    )
+    assert says in table.text() and says in table.markdown()
+    shown = table.text().splitlines()
+    (line,) = [line.split() for line in shown if line.startswith("201")]
+    assert (line[2] == "7.4510e-4") == agrees
+
+
+def test_nothing_is_said_of_digits_where_the_paper_has_no_figures():
+    assert Cell(1.0).agrees is None and Cell(None, Decimal(1)).agrees is None
+    assert error_table([{"n": 10, "errors": {"L4": 1.0}}], ["L4"]).agreement() == []
 
 
 def test_differences_are_relative_to_the_paper():
     table = error_table(paper_rows(1.25), NORMS)
     assert all(cell.difference == pytest.approx(0.25) for _, cells in table.rows for cell in cells)
-    assert Cell(3.0, 2.0).difference == 0.5
+    assert Cell(3.0, Decimal(2)).difference == 0.5
     assert Cell(3.0).difference is None
-    assert Cell(None, 2.0).difference is None
+    assert Cell(None, Decimal(2)).difference is None
 
 
 def test_orders_do_not_depend_on_a_factor():
@@ -66,7 +100,7 @@ def test_norms_and_widths_that_the_paper_has_not():
     rows = [{"n": n, "errors": {"L2": 1.0 / n**2, "L4": 2.0 / n**2}} for n in (10, 20, 101)]
     table = error_table(rows, ("L2", "L4"))
     assert [cell.paper for cell in dict(table.rows)["10"]] == [None, None]
-    assert [cell.paper for cell in dict(table.rows)["101"]] == [None, 5.8745e-4]
+    assert [cell.paper for cell in dict(table.rows)["101"]] == [None, Decimal("5.8745e-4")]
     assert dict(order_table(rows, ("L2",)).rows)["20"][0].value == pytest.approx(2.0)
     assert "20" in table.text()
 
@@ -84,10 +118,12 @@ def test_csv_holds_every_digit():
 
 def test_text_and_markdown_show_value_paper_and_difference():
     table = error_table(paper_rows()[:2], NORMS)
-    assert "midpoints" in table.text().splitlines()[1]
-    text = table.text().splitlines()[1:]  # the first line of the title is the second one's
+    title, text = table.title.splitlines(), table.text().splitlines()
+    assert "midpoints" in title[2] and "quadrature points" in title[3] and "Newton" in title[4]
+    assert text[:5] == title
+    text = text[4:]
     assert len({len(line) for line in text[1:3]}) == 1
-    assert [line.split()[0] for line in text[3:]] == [
+    assert [line.split()[0] for line in text[3:-1]] == [
         "101",
         "paper",
         "diff.",
@@ -95,7 +131,7 @@ def test_text_and_markdown_show_value_paper_and_difference():
         "paper",
         "diff.",
     ]
-    assert "5.8745e-04" in text[3] and "5.8745e-04" in text[4] and "+0.0e+00" in text[5]
+    assert "5.8745e-4" in text[3] and "5.8745e-4" in text[4] and "+0.0e+0" in text[5]
     markdown = [line for line in table.markdown().splitlines() if line.startswith("|")]
     assert {line.count("|") for line in markdown} == {len(NORMS) + 2}
     assert len(markdown) == 2 + 6
@@ -108,14 +144,18 @@ def test_every_norm_of_the_study_has_a_paper_order():
     assert [cell.value for cell in cells] == pytest.approx([1.0] * len(PAPER_NORMS))
 
 
-def test_maxima_stand_beside_no_figure_of_the_paper():
-    # The paper's figures are samples: they have its names, and the true maxima others.
-    rows = [{"n": n, "errors": {"Linf": 2.0, "Linf_sampled": 1.0, "L4": 1.0}} for n in (101, 201)]
+@pytest.mark.parametrize(
+    ("norm", "kind", "points"),
+    [("Linf", "maximum", "midpoints"), ("H1_2_boundary", "default rule", "Newton-Cotes points")],
+)
+def test_other_points_stand_beside_no_figure_of_the_paper(norm, kind, points):
+    # The paper's figures are by its points: they have its names, and maxima and integrals others.
+    own = f"{norm}_sampled"
+    rows = [{"n": n, "errors": {norm: 2.0, own: 1.0, "L4": 1.0}} for n in (101, 201)]
     for table in (error_table, order_table):
-        found = table(rows, ("Linf", "Linf_sampled", "L4"))
-        assert found.columns == ("Linf (maximum)", "Linf", "L4")
+        found = table(rows, (norm, own, "L4"))
+        assert found.columns == (f"{norm} ({kind})", norm, "L4")
         cells = dict(found.rows)["201"]
         assert cells[0].paper is None and cells[1].paper is not None
-        assert "vertices and edge midpoints" in found.title
-        assert "midpoints" not in table(rows, ("Linf", "L4")).title
-    assert set(PAPER_NAMES.values()) == {"Linf", "W1_inf"}
+        assert points in found.title and points not in table(rows, (norm, "L4")).title
+    assert set(PAPER_NAMES.values()) == {"Linf", "W1_inf", "H1_2_boundary"}

@@ -10,8 +10,10 @@ from dolfinx_signorini.accuracy.estimates import Hidden
 from dolfinx_signorini.accuracy.loop import Loop, Pose
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.curved_sides import CurvedSides, Projection, arcs
+from dolfinx_signorini.errors import InputError, together
 from dolfinx_signorini.kinds import (
+    by_text,
     callable_,
     check,
     instance,
@@ -21,9 +23,16 @@ from dolfinx_signorini.kinds import (
     sequence,
     simplices,
 )
+from dolfinx_signorini.logs import log
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import ascend
+
+POLYGON = "the polygon is taken as the domain"
+BENDS = (
+    "side %r: %s, and a smooth curve is up to about %.0e away; `geometry`, or [domain.curves] in a "
+    "scene file, tells the curve"
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,9 @@ class AdaptiveSolution:
         stopped: Why the loop ended, in words.
         steps: The steps.
         cells: For each owned cell what the coarse cell around the cell leaves in the error.
+        polygonal: The sides whose facets bend like those of a curve that is not known, "all" for
+            the boundary without a name. These facets are taken as the domain, and the estimate
+            knows of no curve. For each side about how far a smooth curve is from the first mesh.
     """
 
     problem: SignoriniProblem
@@ -50,6 +62,7 @@ class AdaptiveSolution:
     stopped: str
     steps: tuple[Step, ...]
     cells: Array
+    polygonal: Mapping[str, float]
 
     def __repr__(self) -> str:
         return (
@@ -64,7 +77,10 @@ class AdaptiveSolution:
 
     @property
     def reached(self) -> bool:
-        """Whether the estimate is at most the accuracy; True where none was asked for."""
+        """Whether the estimate is at most the accuracy; True where none was asked for.
+
+        The domain is that of the mesh where `polygonal` names a side, and `stopped` says so.
+        """
         return self.request.accuracy is None or self.estimate <= self.request.accuracy
 
     @property
@@ -86,7 +102,7 @@ def _poses(value: Any) -> str:
 def _sided(value: Any) -> str:
     """The kind of meshes with sides that can be refined."""
     message = instance(SidedMesh, "a SidedMesh")(value)
-    return message or simplices(2, 3)(value.mesh)
+    return message or simplices(2, 3, straight=True)(value.mesh)
 
 
 def solve_adaptively(
@@ -101,6 +117,7 @@ def solve_adaptively(
     began: float | None = None,
     hidden: Hidden | None = None,
     fit: Callable[[SidedMesh], None] = lambda sided: None,
+    geometry: Mapping[str, Projection | None] | None = None,
 ) -> AdaptiveSolution:
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
@@ -120,13 +137,18 @@ def solve_adaptively(
             no comparison of solutions shows; its arguments are the solved problem and what is to be
             accurate.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
+        geometry: For curved sides the projection onto the curve or surface, a function of points,
+            shape (3, points), that returns the nearest points of the curve; "all" stands for the
+            whole boundary. New vertices of the side go onto the curve, and what facets leave in
+            the error is part of the estimate. The functions are called on rank 0 alone. None in
+            place of a function: the facets are the domain.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
 
     Raises:
-        InputError: An argument makes no sense, the first mesh has too many unknowns, or the problem
-            is refused.
+        InputError: An argument makes no sense, the first mesh has too many unknowns or is too
+            coarse for the geometry, or the problem is refused.
         NotConvergedError: A solve failed.
     """
     if accuracy is None and budget is None:
@@ -141,14 +163,21 @@ def solve_adaptively(
         began=(began, optional(instance(float, "a time of time.perf_counter"))),
         hidden=(hidden, optional(callable_)),
         fit=(fit, callable_),
+        geometry=(geometry, optional(by_text)),
     )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     began = time.perf_counter() if began is None else began
-    loop = Loop(poses, sided, request, on_step, began, hidden, fit)
+    curves = CurvedSides(geometry or {})
+    curves.check(sided)
+    polygonal = arcs(sided, curves.known)
+    for name, distance in polygonal.items():
+        log.warning(BENDS, name, POLYGON, distance)
+    loop = Loop(poses, sided, request, on_step, began, hidden, fit, curves)
 
     def posed(level: SidedMesh) -> SignoriniProblem:
-        problem = loop.pose(level)
+        with together(sided.mesh.comm, "pose"):
+            problem = loop.pose(level)
         if isinstance(problem, SignoriniProblem) and problem.space.mesh is not level.mesh:
             raise InputError("poses the problem on another mesh than that of its argument", "pose")
         return problem
@@ -159,7 +188,8 @@ def solve_adaptively(
         problem=loop.problem,
         sided=loop.last.division.sided,
         request=request,
-        stopped=loop.stopped,
+        stopped=f"{loop.stopped}; {POLYGON}" if polygonal else loop.stopped,
         steps=tuple(loop.steps),
         cells=loop.last.remaining[loop.last.division.parents],
+        polygonal=polygonal,
     )

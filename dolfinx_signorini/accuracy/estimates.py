@@ -24,8 +24,10 @@ from dolfinx_signorini.accuracy.indicators import (
 )
 from dolfinx_signorini.accuracy.marking import Outlook
 from dolfinx_signorini.accuracy.misfits import obstacle_misfits
+from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.targets import Target, check_functional
+from dolfinx_signorini.errors import together
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.problem import SignoriniProblem
 from dolfinx_signorini.refinement import carried_across
@@ -48,41 +50,47 @@ class Estimator:
     For example:
 
         estimator = Estimator(coarse.space, target("L4"), None)
-        error = estimator.estimate(coarse, fine, refinement.parents, None)
+        value = estimator.compared(coarse, fine, refinement.parents, None)
+        error = estimator.settled(value, fine, refinement.parents, None)
 
     Args:
         space: The space of the first solution.
         target: What is to be accurate.
         hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
 
+    Raises:
+        InputError: The functional is not linear, or 0 for all functions of the space.
+
     Attributes:
         rates: The rates of the cells of the present mesh.
         found: The indicators of these cells.
         outlook: What these cells leave in the error.
+        polygon: The part of the last estimate that facets in place of curves have.
     """
 
     found: Indicators
     outlook: Outlook
+    polygon: float
     # The last solution, the parents of the cells of its mesh, and its uncorrected estimate.
     _last: tuple[fem.Function, Indices, float]
 
     def __init__(self, space: fem.FunctionSpace, target: Target, hidden: Hidden | None):
+        check_functional(target, space)
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._hidden, self._comm = target, hidden, domain.comm
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
         self._correction = 1.0
 
-    def estimate(
+    def compared(
         self,
         coarse: Solution,
         fine: SignoriniProblem,
         parents: Indices,
         owners: Indices | None,
     ) -> float:
-        """Estimate the error of the solution on the divided mesh; the call is collective.
+        """Return what two solutions tell of the error of the finer one; the call is collective.
 
-        The estimate before is tried out: if the solution has moved by more than the estimate has
-        fallen, all estimates are too small by about this ratio.
+        `settled` makes the estimate of a step from this value.
 
         Args:
             coarse: The solution on the mesh.
@@ -100,12 +108,52 @@ class Estimator:
         if math.isinf(self.rates.power):
             value = self._with_least(value, ends)
         value = self._with_misfits(value, fine, parents)
-        value = self._with_hidden(value, fine, parents)
+        return self._with_hidden(value, fine, parents)
+
+    def settled(
+        self,
+        value: float,
+        fine: SignoriniProblem,
+        parents: Indices,
+        owners: Indices | None,
+        moved: MovedSides | None = None,
+    ) -> float:
+        """Return the estimate of a step; the call is collective.
+
+        The estimate before is tried out: if the solution has moved by more than the estimate has
+        fallen, all estimates are too small by about this ratio.
+
+        Args:
+            value: What `compared` has returned.
+            fine: The solved problem of the step.
+            parents, owners: See `compared`.
+            moved: The curved sides that have been moved since; `fine` was solved after that.
+        """
+        self.polygon = 0.0
+        if moved:
+            self.polygon, cells = moved.left(fine.u)
+            value = self._with_polygon(value, cells, moved.factor)
         if owners is not None:
             value = self._tried_out(value, fine, owners[parents])
         self._last = fine.u, parents, value
-        safety = SURE if self._target.is_energy else SAFETY
-        return safety * value * self._correction
+        safety = (SURE if self._target.is_energy else SAFETY) * self._correction
+        self.polygon *= safety
+        return safety * value
+
+    def _with_polygon(self, value: float, cells: Array, factor: float) -> float:
+        """Add to an estimate, and to the outlook, what facets in place of curves leave."""
+        outlook, power = self.outlook, self.rates.power
+        whole = total(outlook.remaining, power, self._comm)
+        remaining = outlook.remaining * (value / whole if whole > 0.0 else 1.0)
+        both = remaining + cells
+        shares = np.divide(cells, both, out=np.zeros_like(both), where=both > 0.0)
+        self.outlook = replace(
+            outlook,
+            remaining=both,
+            factors=(1.0 - shares) * outlook.factors + shares * factor,
+            singular=outlook.singular & (shares < 0.5),
+        )
+        return value + self.polygon
 
     def _left_over(self, found: Indicators) -> float:
         """What the difference leaves in the error of the solution on the divided mesh.
@@ -190,7 +238,8 @@ class Estimator:
         if self._hidden is None:
             return value
         power, remaining = self.rates.power, self.outlook.remaining
-        parts = SPREAD * self._hidden(fine, self._target)
+        with together(self._comm, "hidden"):
+            parts = SPREAD * self._hidden(fine, self._target)
         parts = collected(parts, parents, len(remaining), power)
         if total(parts, power, self._comm) == 0.0:
             return value

@@ -18,8 +18,10 @@ from dolfinx_signorini.accuracy.cells import Indices, volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
 from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
+from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
-from dolfinx_signorini.errors import InputError, NotConvergedError
+from dolfinx_signorini.curved_sides import CurvedSides
+from dolfinx_signorini.errors import InputError, NotConvergedError, together
 from dolfinx_signorini.meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.refinement import Refinement, refined
@@ -58,6 +60,7 @@ class Loop:
         began: When the seconds began.
         hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
+        curves: The curves that sides of the mesh stand for.
 
     Attributes:
         pose: The function that poses the problem, with elements of the present degree.
@@ -92,10 +95,12 @@ class Loop:
         began: float,
         hidden: Hidden | None,
         fit: Callable[[SidedMesh], None],
+        curves: CurvedSides,
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
+        self.curves = curves
         self.steps: list[Step] = []
         self.stopped = ""
         self.keywords: dict[str, Any] = {}
@@ -109,9 +114,15 @@ class Loop:
         while True:
             coarse = Solution(self.problem.u, self.problem.forces)
             yield self.division.sided, self.keywords
-            parents, owners = self.division.parents, self.owners
-            self._note(self.estimator.estimate(coarse, self.problem, parents, owners))
+            cells = self.division.parents, self.owners
+            value = self.estimator.compared(coarse, self.problem, *cells)
+            target, u = self.request.target, self.problem.u
+            moved = MovedSides(self.curves, self.sided, self.division, u, target)
+            if moved:
+                yield self.division.sided, self.keywords
+            self._note(self.estimator.settled(value, self.problem, *cells, moved))
             if self._takes_another_degree():
+                self.division = refined(self.sided)  # with the vertices before they were moved
                 yield self.sided, self.keywords
                 self._begin()
                 continue
@@ -142,8 +153,7 @@ class Loop:
         self.last = self.best
         yield self.best.division.sided, dict(self.best.keywords)
         seconds = self.comm.bcast(time.perf_counter() - self.began)
-        self.steps.append(replace(self.best.step, seconds=seconds))
-        self.on_step(self.steps[-1])
+        self._tell(replace(self.best.step, seconds=seconds))
 
     def _require_room(self) -> None:
         needed = _unknowns(self.division.sided, self.problem.space)
@@ -164,7 +174,8 @@ class Loop:
         estimate = self.steps[0].estimate
         if estimate > RESOLVED * self.whole:
             return False
-        ratio = estimate / accuracy
+        # Facets in place of curves leave the same with all degrees.
+        ratio = (estimate - self.estimator.polygon) / accuracy
         best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
         more = (best / lowest) ** self.sided.mesh.topology.dim if lowest else 1.0
         room = more * self.steps[0].unknowns <= self.request.max_unknowns
@@ -181,7 +192,6 @@ class Loop:
         self.last = Result(step, self.division, remaining, self.keywords)
         if not self.steps or estimate < self.best.step.estimate:
             self.best = self.last
-        self.steps.append(step)
         self.whole = size(self.problem.u, self.request.target)
         if self.whole > 0.0:
             share = self._share_in_derivatives()
@@ -190,7 +200,13 @@ class Loop:
             free = share == 1.0 and rtol >= DEFAULT_RTOL
             rtol = min(max(rtol, SMALLEST_RTOL), DEFAULT_RTOL)
             self.keywords = {} if free else {"rtol": rtol}
-        self.on_step(step)
+        self._tell(step)
+
+    def _tell(self, step: Step) -> None:
+        """Note a step, and tell the user's function of the step."""
+        self.steps.append(step)
+        with together(self.comm, "on_step"):
+            self.on_step(step)
 
     def _share_in_derivatives(self) -> float:
         """By what an algebraic error is to be smaller so that derivatives in L^p, p > d, are right.
@@ -215,7 +231,7 @@ class Loop:
         rates, found = self.estimator.rates, self.estimator.found
         if self.rounds == 1:
             marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
-            divided = marks.apply(self.sided)
+            divided = marks.apply(self.sided, self.curves.fit)
         else:
             if accuracy is not None and estimate <= accuracy:
                 self.stopped = "the accuracy is reached"
@@ -235,9 +251,10 @@ class Loop:
             if not highest(self.comm, marks.levels) > 0.0:
                 self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None
-            divided = marks.apply(self.sided)
+            divided = marks.apply(self.sided, self.curves.fit)
             self.predicted = marks.factor * estimate
-        self.fit(divided.sided)
+        with together(self.comm, "fit"):
+            self.fit(divided.sided)
         division = refined(divided.sided)
         if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"

@@ -6,6 +6,7 @@ point is divided towards the point: only the part at the point is divided again.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,21 +79,31 @@ class Marks:
     points: Array
     factor: float = 1.0
 
-    def apply(self, sided: SidedMesh) -> "Divided":
-        """Return the divided mesh; the call is collective."""
-        domain, owners = sided.mesh, owned_cells(sided.mesh)
-        comm, dimension, size = domain.comm, domain.topology.dim, volumes(domain)
+    def apply(
+        self, sided: SidedMesh, fit: Callable[[SidedMesh], object] = lambda sided: None
+    ) -> "Divided":
+        """Return the divided mesh; the call is collective.
+
+        Args:
+            sided: The mesh.
+            fit: Moves new vertices, after each division: deep inside of the cells of a division,
+                vertices have less room.
+        """
+        owners, comm, dimension = owned_cells(sided.mesh), sided.mesh.comm, sided.mesh.topology.dim
+        levels: Array = np.zeros(len(owners))
         while True:
             # What has been divided for the sake of other cells need not be divided again.
-            levels = np.log2(size[owners] / volumes(sided.mesh)) / dimension
             singular, at = self.singular[owners], self._at_point(sided, owners)
-            left = np.rint(dimension * (self.levels[owners] - levels))  # bisections
+            left: Array = np.rint(dimension * (self.levels[owners] - levels))  # bisections
             left = np.where(singular & ~at, 0.0, left)
             if highest(comm, left) == 0.0:
                 return Divided(sided, owners, np.round(levels, 3), singular & ~at)
             tips, whole = _numbers(singular & (left > 0)), _numbers(~singular & (left >= dimension))
             halved = _numbers(~singular & (left > 0) & (left < dimension))
             step = refined(sided, whole, (tips, self.points[owners[tips]]), halved)
+            shares = volumes(sided.mesh)[step.parents] / volumes(step.sided.mesh)
+            levels = levels[step.parents] + np.log2(shares) / dimension
+            fit(step.sided)
             sided, owners = step.sided, owners[step.parents]
 
     def _at_point(self, sided: SidedMesh, owners: Indices) -> npt.NDArray[np.bool_]:

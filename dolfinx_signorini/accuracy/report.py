@@ -17,8 +17,12 @@ def found_lines(found: AdaptiveSolution) -> list[tuple[str, str]]:
     asked = [] if request.accuracy is None else [f"error of {request.accuracy:g}"]
     if request.budget is not None:
         asked.append(f"{request.budget:g} s")
-    return [
+    rows = [
         ("asked for", f"{' or '.join(asked)}, {request.target.name}"),
         ("came out", f"error about {found.estimate:.2e} (estimated)"),
         ("because", found.stopped),
     ]
+    for name, distance in found.polygonal.items():
+        text = f"side {name} as its facets are; a smooth curve is up to about {distance:.0e} away"
+        rows.append(("domain", text))
+    return rows

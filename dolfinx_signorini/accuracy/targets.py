@@ -4,11 +4,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import ufl
+from dolfinx import fem, la
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini import compiled
+from dolfinx_signorini.errors import InputError, together
 from dolfinx_signorini.norm_names import Norm, parse_norm
+from dolfinx_signorini.shared_places import highest
 
 Functional = Callable[[Expr], ufl.Form]
 
@@ -84,9 +88,14 @@ def target(norm: str | Functional) -> Target:
     if callable(norm) and not isinstance(norm, Expr):
 
         def form(u: Expr) -> ufl.Form:
-            found = norm(u)
-            if not isinstance(found, ufl.Form):
-                raise InputError(f"must return a form, not {type(found).__name__}", "norm")
+            with together(u.ufl_function_space().mesh.comm, "norm"):
+                try:
+                    found = norm(u)
+                except Exception as error:
+                    message = f"the functional returned no form: {type(error).__name__}: {error}"
+                    raise InputError(message, "norm") from error
+                if not isinstance(found, ufl.Form):
+                    raise InputError(f"must return a form, not {type(found).__name__}", "norm")
             return found
 
         return Target(getattr(norm, "__name__", "functional"), functional=form)
@@ -96,3 +105,28 @@ def target(norm: str | Functional) -> Target:
     if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
         parsed = replace(parsed, boundary=False)
     return Target(norm, parsed)
+
+
+def check_functional(target: Target, space: fem.FunctionSpace) -> None:
+    """Refuse a functional that tells nothing about functions of a space; the call is collective.
+
+    Args:
+        target: What is to be accurate; nothing is checked for a norm.
+        space: The space.
+
+    Raises:
+        InputError: The functional is not linear, not finite, or 0 for all functions of the space.
+    """
+    if target.functional is None:
+        return
+    form = target.functional(ufl.TestFunction(space))
+    values = np.zeros(0)
+    if not form.empty():
+        compiled.check_linear(form, "norm")
+        vector = fem.assemble_vector(compiled.form(form, "norm"))
+        vector.scatter_reverse(la.InsertMode.add)
+        values = np.abs(vector.array[: space.dofmap.index_map.size_local])
+    largest = highest(space.mesh.comm, np.nan_to_num(values, nan=np.inf))
+    if not 0.0 < largest < math.inf:
+        said = "not a finite number" if largest > 0.0 else "0 for all functions"
+        raise InputError(f"the functional is {said} on the first mesh", "norm")

@@ -154,12 +154,11 @@ def _defects(data: CellData, moments: Array) -> Array:
 def _residual(
     values: CellValues, data: CellData, field: Array, reference: ReferenceFlux, ends: Marks
 ) -> Array:
-    """What is left of the polynomial f - c u + div y as a bound; rounding outside of the ends."""
+    """What is left of the polynomial f - c u + div y as a bound; rounding alone outside of ends."""
     inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
     first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
     size = np.sqrt((np.square(inner).sum(axis=1) + first**2) / values.frames.volumes)
-    weight = np.where(ends, values.l2_weight, np.minimum(values.l2_weight, values.gradient_weight))
-    return np.asarray(weight * size)
+    return np.asarray(np.where(ends, values.l2_weight, 0.0) * size)
 
 
 def _ends(comm: MPI.Comm, values: CellValues, exits: Marks) -> Marks:
@@ -187,7 +186,8 @@ def _without_defects(
         if force <= 0.0 or factor < 0.0:
             return moments, "the contact flux is too small to take up the residual"
         moments[contact] *= factor
-        wanted, ends[:1] = -_defects(data, moments), comm.rank == 0  # the sum is 0 now
+        wanted, first = -_defects(data, moments), np.flatnonzero(comm.allgather(len(ends)))[0]
+        ends[:1] = comm.rank == first  # the sum is 0 now
     change, found = transported(comm, data.facets, wanted, exits, ends)
     moments[:, :, 0] += change
     return moments, "" if found else "a residual has no way out of a part without a reaction"
@@ -254,17 +254,15 @@ def _bound(
 
     free = constant * root(stray**2)
     eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
-    both = comm.allreduce(float(np.sqrt(square) @ parts.lifting)) + free * lifting
-    both, size = min(both, contact**2), eta**2 + lifting**2
-    total = math.sqrt(size + 2.0 * both) + math.sqrt(size - 2.0 * both + 4.0 * contact**2)
+    total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
     return EnergyBound(
         flux=root(parts.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
         mean=root(parts.mean**2),
         lifting=lifting,
-        total=math.inf if missing else 0.5 * total,
-        cells=np.sqrt(square + (constant * stray) ** 2 + parts.contact + parts.lifting**2),
+        total=math.inf if missing else total,
+        cells=np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact),
         sampled=bool(notes),
         notes=(missing, *notes) if missing else tuple(notes),
     )

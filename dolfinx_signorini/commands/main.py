@@ -1,17 +1,20 @@
 """The command line: one command per job.
 
 Exit codes: 0 done, 2 the input is refused, 3 a solver did not converge or the accuracy was not
-reached, whose best solution is written, 130 interrupted. Only rank 0 speaks; an unexpected error on
-one rank ends all of them.
+reached, whose best solution is written, 130 interrupted, 143 terminated. Only rank 0 speaks; an
+unexpected error on one rank ends all of them.
 """
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from mpi4py import MPI
@@ -33,10 +36,33 @@ JOBS = {
 }
 
 
+NEGATIVE = re.compile(r"-[\d.(]")  # how -1e-3, -0.1*x and -(1 + x) begin
+STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are InputErrors, so that one rank reports them for all."""
+    """A parser whose errors are InputErrors, so that one rank reports them for all.
+
+    Attributes:
+        negative: Whether the positional arguments may begin as a negative number does.
+    """
+
+    negative = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse arguments; see `argparse.ArgumentParser`."""
+        if self.negative:
+            # No option begins as a number does, and none has a space in front.
+            pairs = pairwise(["", *args])
+            args = [
+                f" {text}" if NEGATIVE.match(text) and not before.startswith("--") else text
+                for before, text in pairs
+            ]
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
+        if re.search(r"VALUE|unrecognized.* -\w", message):
+            message += "; a value that begins with a minus goes behind --"
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
@@ -71,6 +97,7 @@ def make_parser() -> argparse.ArgumentParser:
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
     for name, (module, summary) in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)
+        job.negative = module is sweep
         module.configure(job)
         add_talk(job)
     return parser
@@ -95,10 +122,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     handler = None
     level = log.level
     try:
-        args = make_parser().parse_args(argv)
-        handler = listen(LEVELS[args.quiet])
-        code = int(JOBS[args.job][0].run(args))
-        guarded.flush()
+        with _stoppable():
+            args = make_parser().parse_args(argv)
+            handler = listen(LEVELS[args.quiet])
+            code = int(JOBS[args.job][0].run(args))
+            guarded.flush()
         if guarded.failure:
             raise InputError(f"cannot be written: {guarded.failure}", "standard output")
         return code
@@ -106,8 +134,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(comm, error, 2)
     except NotConvergedError as error:
         return _fail(comm, error, 3)
-    except KeyboardInterrupt:
-        return 130
+    except KeyboardInterrupt as stop:
+        code = 128 + (stop.args[0] if stop.args else signal.SIGINT)
+        if stop.args and comm.size > 1:
+            comm.Abort(code)  # the others may have had no signal, and wait
+        return code
     except Exception:
         traceback.print_exc()
         if comm.size == 1:
@@ -120,6 +151,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         if handler is not None:
             log.removeHandler(handler)
         log.setLevel(level)
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Raise a KeyboardInterrupt where a signal stops the block, so that unfinished files go."""
+
+    def stop(number: int, frame: Any) -> NoReturn:
+        for each in before:  # a shell may send a signal twice: nothing disturbs the cleaning up
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt(number)
+
+    alone = threading.current_thread() is threading.main_thread()
+    before = {number: signal.getsignal(number) for number in STOPS if alone}
+    before = {number: old for number, old in before.items() if old not in (None, signal.SIG_IGN)}
+    try:
+        for number in before:
+            signal.signal(number, stop)
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
 
 
 def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:

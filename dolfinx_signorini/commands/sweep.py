@@ -1,6 +1,11 @@
-"""The job `sweep`: one key of a scene file over several values, as a table and a plot."""
+"""The job `sweep`: one key of a scene file over several values, as a table and a plot.
+
+A value that is refused, or whose problem cannot be solved, costs its own row only: the table says
+why the row has no numbers, and the command ends with the exit code of the failure.
+"""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +13,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from dolfinx_signorini.commands.options import add_out, add_scene
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, NotConvergedError
 from dolfinx_signorini.logs import log
 from dolfinx_signorini.palette import COLOURS, MARKERS
 from dolfinx_signorini.picture import typeset_norm
@@ -17,10 +22,12 @@ from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first, wr
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.scenes.solving import solve_scene
 from dolfinx_signorini.tables import csv_table, text_table
 
 PICTURE, TABLE = "sweep", "sweep.csv"
+FAILED = "not solved"  # the column that says why a row has no numbers
 Row = dict[str, Any]
 
 
@@ -32,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "values",
         nargs="+",
         metavar="VALUE",
-        help="its values; one with a minus in front goes behind --, but for numbers such as -0.3",
+        help="its values; those such as -x go behind --, unlike -0.3 or -1-x",
     )
     add_out(parser, "results/sweep", "rows, table and plot")
 
@@ -40,15 +47,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve the scene for each value, and write the table and the plot on rank 0.
 
+    Returns:
+        0, or 2 if a value was refused, or else 3 if some problem could not be solved.
+
     Raises:
-        InputError: A value is refused, or the folder cannot be used.
-        NotConvergedError: Some problem could not be solved.
+        InputError: All values are refused by the scene file, or the folder cannot be used.
     """
     comm, values = MPI.COMM_WORLD, list(dict.fromkeys(value.strip() for value in args.values))
-    overrides = {value: [*args.overrides, f"{args.key}={value}"] for value in values}
-    scenes = {value: load_scene(args.scene, comm, overrides[value]) for value in values}
+    scenes, failures = _scenes(args, comm, values)
     check_outputs(comm, args.out, (TABLE, *picture_files([PICTURE])))
-    text = scenes[values[0]].text
+    text = next(iter(scenes.values())).text
     settings = {"scene": text, "set": args.overrides, "key": args.key}
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
     done = {row["value"]: row for row in records.rows}
@@ -56,17 +64,40 @@ def run(args: argparse.Namespace) -> int:
         if value in done:
             log.info("%s = %s: already done", args.key, value)
             continue
-        with naming_the_file(args.scene, scenes[value]):
-            records.append({"value": value} | _row(scenes[value], comm))
-        done[value] = records.rows[-1]
-        told = done[value]
-        log.info("%s = %s: %d unknowns, %.2f s", args.key, value, told["unknowns"], told["seconds"])
-    rows = [done[value] for value in values]
+        if value in scenes:
+            try:
+                with naming_the_file(args.scene, scenes[value]):
+                    row = _row(scenes[value], comm)
+            except (InputError, NotConvergedError) as error:
+                failures[value] = error
+        if value in failures:
+            log.warning("%s = %s: %s: %s", args.key, value, FAILED, failures[value])
+            continue
+        records.append({"value": value} | row)
+        done[value] = row = records.rows[-1]
+        log.info("%s = %s: %d unknowns, %.2f s", args.key, value, row["unknowns"], row["seconds"])
+    rows = [done.get(v) or {"value": v, FAILED: str(failures[v])} for v in values]
     on_first(comm, args.out, lambda: _write(args.out, args.key, rows))
-    return 0
+    return min((2 if isinstance(e, InputError) else 3 for e in failures.values()), default=0)
 
 
-def _row(scene: Any, comm: MPI.Comm) -> Row:
+def _scenes(
+    args: argparse.Namespace, comm: MPI.Comm, values: Sequence[str]
+) -> tuple[dict[str, Scene], dict[str, InputError | NotConvergedError]]:
+    """Return the scene for each value, and why other values are refused, by value."""
+    scenes: dict[str, Scene] = {}
+    failures: dict[str, InputError | NotConvergedError] = {}
+    for value in values:
+        try:
+            scenes[value] = load_scene(args.scene, comm, [*args.overrides, f"{args.key}={value}"])
+        except InputError as error:
+            failures[value] = error
+    if not scenes:  # the file or the key is wrong rather than the values
+        raise failures[values[0]]
+    return scenes, failures
+
+
+def _row(scene: Scene, comm: MPI.Comm) -> Row:
     """Solve one scene; return its numbers, the same on all ranks."""
     result = solve_scene(scene, comm)
     try:
@@ -88,13 +119,25 @@ def _row(scene: Any, comm: MPI.Comm) -> Row:
 
 def _write(folder: Path, key: str, rows: list[Row]) -> None:
     """Print the table, and write table and plot; rank 0 only."""
-    columns = list(dict.fromkeys(name for row in rows for name in row if name != "value"))
-    cells = [[row["value"], *(row.get(name, "") for name in columns)] for row in rows]
-    print(text_table([key, *columns], cells), end="", flush=True)
-    write_file(folder / TABLE, csv_table([key, *columns], cells))
-    if len(rows) > 1:
-        save(draw_sweep(key, rows), folder / PICTURE)
-    log.info("table%s: %s/", " and plot" if len(rows) > 1 else "", folder)
+    solved = [row for row in rows if FAILED not in row]
+    numbers = list(dict.fromkeys(name for row in solved for name in row if name != "value"))
+    columns = ["value", *numbers, *([FAILED] if len(solved) < len(rows) else [])]
+    cells = [[row.get(name, "") for name in columns] for row in rows]
+    print(_text([key, *numbers], rows, cells), end="", flush=True)
+    write_file(folder / TABLE, csv_table([key, *columns[1:]], cells))
+    if len(solved) > 1:
+        save(draw_sweep(key, solved), folder / PICTURE)
+    log.info("table%s: %s/", " and plot" if len(solved) > 1 else "", folder)
+
+
+def _text(heads: list[str], rows: list[Row], cells: list[list[Any]]) -> str:
+    """Return the table for a terminal, where a row without numbers says why."""
+    table = text_table(heads, [line[: len(heads)] for line in cells]).splitlines()
+    width = max(len(text) for text in (heads[0], *(row["value"] for row in rows)))
+    for k, row in enumerate(rows, start=len(table) - len(rows)):
+        if FAILED in row:
+            table[k] = f"{table[k]:<{width}}  {FAILED}: {row[FAILED]}"
+    return "\n".join(table) + "\n"
 
 
 def draw_sweep(key: str, rows: list[Row]) -> Figure:

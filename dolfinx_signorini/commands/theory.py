@@ -1,6 +1,7 @@
 """The job `theory`: the paper's statements as experiments, and the document about them."""
 
 import argparse
+import shlex
 from collections.abc import Mapping
 
 from mpi4py import MPI
@@ -99,5 +100,5 @@ def _statements(args: argparse.Namespace) -> list[Statement]:
 
 
 def _command(args: argparse.Namespace) -> str:
-    chosen = "".join(f" --statement {key}" for key in args.statement or ())
-    return f"dolfinx-signorini theory{chosen} --max-n {args.max_n}"
+    chosen = [word for key in args.statement or () for word in ("--statement", key)]
+    return shlex.join(["dolfinx-signorini", "theory", *chosen, "--max-n", str(args.max_n)])

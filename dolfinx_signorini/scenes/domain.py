@@ -6,11 +6,13 @@ follows from the dimension of the domain.
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from mpi4py import MPI
 
+from dolfinx_signorini.curved_sides import CurvedSides, Projection
 from dolfinx_signorini.meshes import SidedMesh
 from dolfinx_signorini.refinement import refined
 from dolfinx_signorini.scenes.toml_table import TomlTable
@@ -83,6 +85,11 @@ class Domain(ABC):
         """The side of a square, or cube, of about the size of the domain."""
         return 1.0
 
+    @property
+    def geometry(self) -> Mapping[str, Projection]:
+        """For curved sides the projection onto the curve, see `CurvedSides`."""
+        return {}
+
     def levels(self) -> list["Domain"]:
         """Return the domain with each mesh of the cascade, coarsest first; the last is this one."""
         coarse = coarse_levels(self.cells_across, self.dimension)
@@ -121,11 +128,17 @@ class RefinedDomain(Domain):
         """Make the mesh before refinement."""
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
-        return _refined(self.make_coarsest(comm), self.refinements)
+        return self._refined(self.make_coarsest(comm), self.refinements)
 
     def make_after(self, coarser: Domain, sided: SidedMesh) -> SidedMesh:
         assert isinstance(coarser, RefinedDomain)
-        return _refined(sided, self.refinements - coarser.refinements)
+        return self._refined(sided, self.refinements - coarser.refinements)
+
+    def _refined(self, sided: SidedMesh, times: int) -> SidedMesh:
+        for _ in range(times):
+            sided = refined(sided).sided
+            CurvedSides(self.geometry).fit(sided)
+        return sided
 
     def levels(self) -> list[Domain]:
         level, levels = self, [self]
@@ -134,9 +147,3 @@ class RefinedDomain(Domain):
             level = level.refined_less(min(step, level.refinements))
             levels.insert(0, level)
         return [*levels]
-
-
-def _refined(sided: SidedMesh, times: int) -> SidedMesh:
-    for _ in range(times):
-        sided = refined(sided).sided
-    return sided

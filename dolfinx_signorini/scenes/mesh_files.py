@@ -13,11 +13,15 @@ import numpy as np
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
+from dolfinx_signorini.curved_sides import Projection
 from dolfinx_signorini.errors import InputError, require
 from dolfinx_signorini.meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.scenes.curves import projections
 from dolfinx_signorini.scenes.domain import RefinedDomain
+from dolfinx_signorini.scenes.formulas import Formula
 from dolfinx_signorini.scenes.gmsh_meshes import read_msh, with_gmsh, with_tags
 from dolfinx_signorini.scenes.mesh_defects import all_cells, cell_defect
+from dolfinx_signorini.scenes.parsing import suggestion
 from dolfinx_signorini.scenes.toml_table import TomlTable
 
 MAX_XDMF = 1_000_000  # bytes of the XML part
@@ -41,6 +45,7 @@ class MeshFile(RefinedDomain):
         vertices: The number of vertices, which is an estimate where the mesh is refined.
         grid, tags: For XDMF: the names of the mesh and of its facet tags.
         refinements: How often all cells are divided.
+        curves: For curved sides a formula whose zeros are the side; new vertices go there.
     """
 
     path: Path
@@ -50,6 +55,7 @@ class MeshFile(RefinedDomain):
     grid: str = "mesh"
     tags: str = "facet_tags"
     refinements: int = 0
+    curves: tuple[tuple[str, Formula], ...] = ()
     shape = "file"
 
     @classmethod
@@ -80,9 +86,14 @@ class MeshFile(RefinedDomain):
             found = cls.open(comm, path, **names)
             times = table.integer("refinements", 0, MOST) if table.has("refinements") else 0
             vertices = found.vertices << found.dimension * times
-            return replace(found, refinements=times, vertices=vertices)
+            found = replace(found, refinements=times, vertices=vertices)
         except InputError as error:
             raise table.error("file", error.message) from None
+        return replace(found, curves=_read_curves(table, found))
+
+    @property
+    def geometry(self) -> dict[str, Projection]:
+        return projections(dict(self.curves), self.dimension)
 
     def at(self, n: int) -> "MeshFile":
         """Raise an error: the file has one mesh."""
@@ -103,6 +114,15 @@ class MeshFile(RefinedDomain):
         """Return the name of the file and a digest of its bytes."""
         digest = hashlib.sha256(self.path.read_bytes()).hexdigest()
         return {"mesh_file": {"name": self.path.name, "sha256": digest}}
+
+
+def _read_curves(table: TomlTable, domain: MeshFile) -> tuple[tuple[str, Formula], ...]:
+    """Return the formulas for the curved sides of a domain."""
+    curves, table.file.dimension = table.table("curves"), domain.dimension
+    for name in curves.data:
+        if name not in domain.side_names:
+            raise curves.error(name, f"unknown side{suggestion(name, domain.side_names)}")
+    return tuple((name, curves.formula(name)) for name in curves.data)
 
 
 def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:

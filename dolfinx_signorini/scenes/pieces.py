@@ -9,28 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.bounds.reference_flux import barycentric
+from dolfinx_signorini.parts import CHILDREN
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 
 MOST_PIECES = 20_000  # on all ranks that are divided once more
-
-# The children of a segment, a triangle and a tetrahedron: vertex 10 i + j is the middle of
-# vertices i and j.
-CHILDREN = {
-    1: [[0, 1], [11, 1]],
-    2: [[0, 1, 2], [11, 1, 12], [22, 2, 12], [1, 12, 2]],
-    3: [
-        [0, 1, 2, 3],
-        [11, 1, 12, 13],
-        [22, 2, 12, 23],
-        [33, 3, 13, 23],
-        [1, 2, 3, 13],
-        [1, 2, 12, 13],
-        [2, 3, 13, 23],
-        [2, 12, 13, 23],
-    ],
-}
 
 
 def inside(pieces: Array, points: Array) -> Array:

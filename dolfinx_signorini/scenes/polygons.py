@@ -99,7 +99,8 @@ class Polygon(RefinedDomain):
 
     @property
     def size(self) -> float:
-        return math.sqrt(self.area)
+        # By rounding, the root of the area of a square may be longer than the side.
+        return min(math.sqrt(self.area), _size(self.corners))
 
     @property
     def cells_across(self) -> int:
@@ -127,8 +128,9 @@ def _shortest(corners: Corners) -> float:
 
 
 def _area(corners: Corners) -> float:
-    """Return the area of a polygon."""
-    (x, y), (x1, y1) = np.array(corners).T, np.roll(corners, -1, axis=0).T
+    """Return the area of a polygon; far from the origin, products of coordinates would cancel."""
+    points = np.array(corners) - np.array(corners[0])
+    (x, y), (x1, y1) = points.T, np.roll(points, -1, axis=0).T
     return 0.5 * abs(float(x @ y1 - x1 @ y))
 
 

@@ -228,6 +228,7 @@ def _solve_on_adapted_meshes(
             cut_errors(posed[0], target), bend_errors(posed[0], target)
         ),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
+        geometry=scene.domain.geometry,
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))

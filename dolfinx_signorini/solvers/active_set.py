@@ -21,13 +21,12 @@ from petsc4py import PETSc
 from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.solvers.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
-from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
 
-ACCEPTED = 0.9  # of rtol: the lift of x to the obstacle, which follows, may raise the residual
 LINEAR_FRACTION = 0.1  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
 PROBE = 1e-4  # how far a solve with a predicted set goes before the set is looked at
@@ -62,7 +61,8 @@ def solve_active_set(
         system: The system.
         solver: The linear solver.
         measure: Measures the natural residual.
-        x: The start of the linear solver, overwritten by the solution.
+        x: The start of the linear solver, overwritten by a feasible solution without a gap where
+            there is pressure.
         held: The guess of the active set, one entry per contact dof.
         rtol: The relative natural residual to reach.
         trust: The relative residual of x up to which the guess is solved for to the end at once.
@@ -73,8 +73,8 @@ def solve_active_set(
         The relative natural residual reached; larger than rtol where the set does not settle or
         where there was an earlier stop.
     """
-    residual, best, stalled, local = measure(x), np.inf, 0, 0
-    if residual <= ACCEPTED * rtol:
+    residual, best, stalled, local = _measured(measure, x, rtol), np.inf, 0, 0
+    if residual <= rtol:
         return residual
     trusted = residual <= trust
     probing = math.isinf(trust) and not solver.exact
@@ -84,6 +84,10 @@ def solve_active_set(
         careful = solver.exact or stalled == STALL
         if careful and _any_equal(system, exact, held):
             break
+        if ROUNDING * residual > rtol:  # of A x: x cannot be corrected, and zero is a better start
+            x.set(0.0)
+            system.project(x)
+            residual, known = measure(x), True
         if system.singular:
             held = _hold_loose(system, measure, x, held)
         target = rtol * fraction
@@ -95,9 +99,9 @@ def solve_active_set(
             stop.allowed = LOOSEST * measure.scale
         multiplier = measure.multiplier if known else None
         solver.solve(system, x, held, target * measure.scale, multiplier, stop)
-        residual = measure(x)
+        residual = _measured(measure, x, rtol)
         known = True
-        if residual <= ACCEPTED * rtol:
+        if residual <= rtol:
             break
         if stop is not None and stop.reached:
             if stop.settle(x, _any_equal(system, [held], measure.defect(x) > 0.0)):
@@ -120,7 +124,15 @@ def solve_active_set(
         before, held = held, measure.defect(x) > 0.0 if update is None else update
         settled = local > 0 or _any_equal(system, [before], held)
         trusted = settled and (trusted or residual < TRUST)
-    return residual
+    if not known:
+        measure(x)
+    return measure.close_gaps(x)
+
+
+def _measured(measure: NaturalResidual, x: PETSc.Vec, rtol: float) -> float:
+    """Return the residual of x; where the residual is small enough, x gets its contact exactly."""
+    residual = measure(x)
+    return measure.close_gaps(x) if residual <= rtol else residual
 
 
 def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Mask) -> Mask:

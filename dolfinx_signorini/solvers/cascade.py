@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
 from dolfinx import fem
+from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import InputError, together
 from dolfinx_signorini.kinds import callable_, check, integer, optional, sequence
 from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -21,6 +22,10 @@ RATIO = {2: 8, 3: 4}  # between levels; patch problems bridge a ratio of 8, but 
 
 class Solvable(Protocol):
     """What the cascade needs of a problem, for example of a `SignoriniProblem`."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the mesh."""
 
     def solve(
         self, method: str = ..., *, coarse: ContactState | None = ..., rtol: float | None = ...
@@ -165,5 +170,6 @@ def solve_cascade(
     steps: list[tuple[Level, dict[str, Any]]] = [(level, loose) for level in levels[:-1]]
     steps.append((levels[-1], {"method": method, "rtol": rtol}))
     for problem in ascend(make_problem, steps, coarse):
-        on_level(problem)
+        with together(problem.comm, "on_level"):
+            on_level(problem)
     return problem

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.active_set import ACCEPTED, LINEAR_FRACTION, solve_active_set
+from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION, solve_active_set
 from dolfinx_signorini.solvers.direct import linear_solver
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.patch import active_in_patch
@@ -93,8 +93,6 @@ class ActiveSetSolver:
             predicted = time.perf_counter()
             args = measure, x, held, rtol, trust, fraction
             residual = solve_active_set(system, linear, *args, stop)
-            if system.project(x):
-                residual = measure(x)
             if stop is not None and stop.settled:
                 rtol = max(rtol, residual)
             solved = time.perf_counter()
@@ -185,7 +183,7 @@ def _guessed(system: System, measure: NaturalResidual, history: History, x: PETS
     x.array_w[:] = guess.values
     system.project(x)
     x.array_w[system.contact_dofs[guess.held]] = system.obstacle[guess.held]
-    if measure(x) <= ACCEPTED * measure.rtol:
+    if measure(x) <= measure.rtol:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
     if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.errors import INDEFINITE, InputError
 from dolfinx_signorini.solvers.corrections import place, set_residual
 from dolfinx_signorini.solvers.multigrid import multigrid_for
-from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.solvers.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.projected import Projected
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.system import System
@@ -96,10 +96,11 @@ class HeldSolver:
         self.ledger.add("vector", "correction with held dofs", self._correction)
         self._ksp = PETSc.KSP().create(self.comm)
         self._ksp.setOptionsPrefix(prefix)
-        with options_set(prefix, options or {}, DEFAULT_OPTIONS, others=("tao_",)):
+        self._prefix, self._options = prefix, dict(options or {})
+        with options_set(prefix, self._options, DEFAULT_OPTIONS) as self._unread:
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
-        self._multigrid = multigrid_for(system, prefix, options or {}, BOOMERAMG)
+        self._multigrid = multigrid_for(system, prefix, self._options, BOOMERAMG)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
@@ -213,6 +214,14 @@ class HeldSolver:
             self._multigrid, self._projected.pc = None, self._pc
 
     def _set_up(self, system: System, held: Mask) -> None:
+        """Set the preconditioner up, whose parts read their options each time they are made."""
+        with options_set(self._prefix, self._options, DEFAULT_OPTIONS) as unread:
+            self._make_preconditioner(system, held)
+        if self.setups == 1:
+            known = {*self._options, *DEFAULT_OPTIONS}
+            warn_of_unread(self._unread & unread, known, ("tao_",))
+
+    def _make_preconditioner(self, system: System, held: Mask) -> None:
         if self._matrix is None:
             self._matrix = self.A.copy()
             self.ledger.add("matrix", "A with held dofs", self._matrix)
@@ -273,7 +282,7 @@ class HeldSolver:
         # A small residual or a form that vanishes on constants looks indefinite through rounding.
         final = self._multigrid is None
         if indefinite and final and not system.singular and end > ROUNDED:
-            raise InputError("not positive definite, found by conjugate gradients", "form a")
+            raise InputError(f"{INDEFINITE}, found by conjugate gradients", "form a")
         return bool(reason > 0)
 
     def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:

@@ -2,12 +2,11 @@
 
 In a loop over time steps or loads the solution moves steadily. The guess is the last solution plus
 the multiples of its backward differences whose residual and obstacle are nearest to what is asked
-for: with unchanged data the last solution, and in steady motion an extrapolation of third order. At
-an end of the contact set the pressure is like the root of the distance to the end. So the square of
-the pressure moves linearly with the end, and tells which dofs are released.
+for: with unchanged data the last solution, and in steady motion an extrapolation of third order.
+The guess holds the dofs where the combined forces exceed the combined gaps.
 
-Sources: Christof and Haubner, Section 2.2, for the singularity; Fischer, Comput. Methods Appl.
-Mech. Eng. 163 (1998) 193-204, for starts of linear solvers from earlier solutions.
+Source: Fischer, Comput. Methods Appl. Mech. Eng. 163 (1998) 193-204, for starts of linear solvers
+from earlier solutions.
 """
 
 from collections.abc import Sequence
@@ -18,7 +17,6 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.shared_places import highest
 from dolfinx_signorini.system import System
 
 Array = npt.NDArray[np.float64]
@@ -59,9 +57,7 @@ class History:
         self._inner: list[Array] = []  # A times the values, zero at contact dofs
         self._contact: list[Array] = []  # A times the values at contact dofs
         self._obstacle: list[Array] = []
-        self._squares: list[Array] = []  # of the force, in the unit of the first force
         self._held: list[Mask] = []
-        self._unit = 0.0
         self._assembled = 0  # how often the matrix of the products had been assembled
 
     def add(self, system: System, x: PETSc.Vec, multiplier: PETSc.Vec) -> None:
@@ -73,18 +69,12 @@ class History:
             multiplier: A x - b.
         """
         self._renew(system)
-        held, dofs = system.touching(x), system.contact_dofs
-        force = np.where(held, np.maximum(multiplier.array_r[dofs], 0.0), 0.0)
-        if self._unit == 0.0:
-            largest = highest(system.comm, force)
-            self._unit = largest if largest > 0.0 else 1.0
         inner, contact = _split(system, multiplier.array_r + system.b.array_r)
         self._values = _differences(x.array_r.copy(), self._values)
         self._inner = _differences(inner, self._inner)
         self._contact = _differences(contact, self._contact)
         self._obstacle = _differences(system.obstacle.copy(), self._obstacle)
-        self._squares = _differences(np.square(force / self._unit), self._squares)
-        self._held = [held, *self._held[: KEPT - 1]]
+        self._held = [system.touching(x), *self._held[: KEPT - 1]]
 
     def guess(self, system: System) -> Guess | None:
         """Return a guess of the solution of a system, or None before the first solution.
@@ -97,8 +87,9 @@ class History:
         self._renew(system)
         steps = self._steps(system)
         values = _combined(self._values, steps)
-        pressed = self._held[0] & (_combined(self._squares, steps) >= 0.0)
-        held = pressed | (values[system.contact_dofs] < system.obstacle)
+        dofs = system.contact_dofs
+        force = _combined(self._contact, steps) - system.b.array_r[dofs]
+        held = force > system.scaled_gap(values[dofs])
         doubtful = np.any([other != held for other in self._held], axis=0)
         return Guess(values, held, doubtful)
 

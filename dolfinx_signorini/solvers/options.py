@@ -2,23 +2,24 @@
 
 import ctypes
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from petsc4py import PETSc
 
 from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.logs import log
 
 
 @contextmanager
 def options_set(
-    prefix: str,
-    options: Mapping[str, Any],
-    defaults: Mapping[str, Any] | None = None,
-    others: tuple[str, ...] = (),
-) -> Iterator[None]:
-    """Put options into PETSc's database while an object reads them with `setFromOptions`.
+    prefix: str, options: Mapping[str, Any], defaults: Mapping[str, Any] | None = None
+) -> Iterator[set[str]]:
+    """Put options into PETSc's database while an object reads them.
+
+    An object reads its options with `setFromOptions`, and those of its parts, such as the levels of
+    a multigrid preconditioner, in its set-up.
 
     An option that a user has set under the same prefix, on the command line for example, wins, and
     the database is afterwards as it was before.
@@ -26,20 +27,23 @@ def options_set(
     Args:
         prefix: The prefix of the object, "" or with an underscore at its end.
         options: Values by the names of the options, without the prefix; None for a flag.
-        defaults: Further options, which the object need not read.
-        others: Beginnings of the names of those `options` that another object reads.
+        defaults: Further options.
+
+    Returns:
+        A set that has, behind the context, the names of those `options` that were not read.
 
     Raises:
-        InputError: The object does not read one of the options, or does not take its value.
+        InputError: The object does not take the value of an option.
     """
     database = PETSc.Options()
     together = dict(defaults or {}) | dict(options)
     added = [key for key in together if not database.hasName(prefix + key)]
     for key in added:
         database[prefix + key] = together[key]
+    unread: set[str] = set()
     try:
-        yield
-        unread = [k for k in added if k in options and not _read(prefix + k)]
+        yield unread
+        unread.update(k for k in added if k in options and not _read(prefix + k))
     except PETSc.Error as error:
         names = ", ".join(options)
         if not names:
@@ -49,12 +53,23 @@ def options_set(
     finally:
         for key in added:
             database.delValue(prefix + key)
-    for key in unread:
+
+
+def warn_of_unread(
+    unread: Collection[str], known: Collection[str], others: tuple[str, ...]
+) -> None:
+    """Warn of options that no object has read by the end of the first set-up.
+
+    Args:
+        unread: The names of the options.
+        known: Names that may have been meant.
+        others: Beginnings of the names of options that another object reads.
+    """
+    for key in sorted(unread):
         if not key.startswith(others):
-            near = difflib.get_close_matches(key, together.keys() - {key}, n=1)
+            near = difflib.get_close_matches(key, set(known) - {key}, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            message = f"{key!r} is no option that the solver reads{hint}"
-            raise InputError(message, "petsc_options")
+            log.warning("petsc_options: %r is no option that the solver reads%s", key, hint)
 
 
 def _read(name: str) -> bool:

@@ -48,8 +48,5 @@ def contact_state(system: System, x: PETSc.Vec) -> ContactState:
     """
     u = fem.Function(system.space, name="u")
     u.x.array[: x.getLocalSize()] = x.array_r
-    density = fem.Function(system.space, name="pressure")
-    density.x.array[system.contact_dofs] = system.multiplier(x) / system.layout.weights
-    for function in (u, density):
-        function.x.scatter_forward()
-    return ContactState(u=u, density=density)
+    u.x.scatter_forward()
+    return ContactState(u=u, density=system.layout.density(system.multiplier(x)))

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.solvers.options import options_set
+from dolfinx_signorini.errors import INDEFINITE, InputError, NotConvergedError
+from dolfinx_signorini.solvers.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
+from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, starts_in_infinity
 from dolfinx_signorini.system import System
 
 FIRST_ORDER = ("bncg", "bqnls", "blmvm")
@@ -34,6 +35,7 @@ MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
 STOP = 0.5  # of the residual asked for: where TAO's own tolerance is
 ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
+NOT_FINITE = 83  # PETSc's error where an energy or a gradient is not a finite number
 
 REASONS = {
     PETSc.TAO.Reason.CONVERGED_GATOL: "the projected gradient is small enough",
@@ -116,10 +118,11 @@ class TaoRounds:
         self.system = system
         self.iterations = self.evaluations = self.linear_iterations = 0
         self.reason = ""
-        self.indefinite = False
+        self._flaw = ""  # of the form, found by a solver
         if system.assembled != self._assembled:
             diagonal = system.A.getDiagonal()
             self.size = power_of_two(diagonal.norm(PETSc.NormType.INFINITY))
+            self._diagonal = diagonal.array_r / self.size  # of the matrix that TAO sees
             diagonal.destroy()
         self._assembled = system.assembled
 
@@ -128,6 +131,8 @@ class TaoRounds:
     ) -> float:
         """Run rounds from a feasible vector, and return the relative natural residual reached.
 
+        No gap is left where there is pressure.
+
         Args:
             x: The start, overwritten by the solution.
             measure: Measures the natural residual.
@@ -135,13 +140,15 @@ class TaoRounds:
             residual: The residual of x, if x is the vector that was measured last.
 
         Raises:
-            InputError: The form is found to be indefinite.
+            InputError: The form is found to be indefinite, or the energy to be unbounded.
         """
         residual = measure(x) if residual is None else residual
         while True:
             previous = measure.norm
             if self._round(x, measure, max(rtol, ROUND_REDUCTION * residual)):
                 residual = measure(x)
+            if residual <= rtol:
+                residual = measure.close_gaps(x)
             if residual <= rtol or not measure.norm < 0.5 * previous or self.exhausted:
                 return residual
 
@@ -167,9 +174,10 @@ class TaoRounds:
         )
         return NotConvergedError(
             f"{name} stopped at a relative natural residual of {residual:.3g}, not "
-            f"{rtol:.3g}: {self.reason}; {advice}",
+            f"{rtol:.3g}: {self.reason}",
             residual,
             self.reason,
+            advice,
         )
 
     def destroy(self) -> None:
@@ -198,6 +206,8 @@ class TaoRounds:
             Whether TAO took a step.
         """
         unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
+        if starts_in_infinity(self.system, x, measure.multiplier, self.size * self._diagonal):
+            raise InputError(UNBOUNDED, "form a")
         try:
             tao = self._made(x) if self._tao is None else self._tao
             self._pose(x, measure.multiplier, unit)
@@ -205,8 +215,10 @@ class TaoRounds:
             tao.setTolerances(gatol=gatol, grtol=0.0, gttol=0.0)
             tao.setMaximumIterations(self.max_iterations - self.iterations)
             tao.setMaximumFunctionEvaluations(self.max_evaluations - self.evaluations)
-            with options_set(self.prefix, self.options, others=self._others()):
+            with options_set(self.prefix, self.options) as unread:
                 tao.setFromOptions()
+            if not self.iterations:
+                warn_of_unread(unread, self.options, self._others())
             tao.solve()
             self.iterations += tao.getIterationNumber()
             self.reason = REASONS.get(tao.getConvergedReason(), "the reason has no name")
@@ -216,13 +228,15 @@ class TaoRounds:
                 x.axpy(unit, step)
                 self.system.project(x)
                 self._forget()
-        except PETSc.Error:
+        except PETSc.Error as error:
             moved = False
             self._forget()
-            if not self.indefinite:  # else energies may have left the range of numbers
+            if error.ierr == NOT_FINITE and not self._flaw:
+                self._flaw = f"{UNBOUNDED}, or energies leave the range of numbers"
+            if not self._flaw:
                 raise
-        if self.indefinite:
-            raise InputError(f"not positive definite, found by TAO {self.method}", "form a")
+        if self._flaw:
+            raise InputError(self._flaw, "form a")
         return moved
 
     def _pose(self, x: PETSc.Vec, multiplier: PETSc.Vec, unit: float) -> None:
@@ -266,13 +280,15 @@ class TaoRounds:
             curvature = v.dot(gradient)
             # An exception from here would leave PETSc's line search half-way.
             if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
-                self.indefinite = True
+                self._flaw = f"{INDEFINITE}, found by TAO {self.method}"
+            elif falls_for_ever(self.system, v, curvature, v.dot(rhs), self._diagonal):
+                self._flaw = UNBOUNDED
             value = 0.5 * curvature - v.dot(rhs)
             gradient.axpy(-1.0, rhs)
             return float(value)
 
         def stop(tao: PETSc.TAO) -> None:
-            if self.indefinite:
+            if self._flaw:
                 tao.setConvergedReason(PETSc.TAO.Reason.DIVERGED_USER)
 
         tao.setType(self.method)

@@ -256,12 +256,13 @@ def test_an_estimate_with_a_dual_solution_falls_no_more_than_the_solution_moves(
 ):
     coarse, fine, parents = two_solutions
     estimator = Estimator(coarse.u.function_space, target(name), None)
-    before = estimator.estimate(coarse, fine, parents, None)
+    before = estimator.settled(estimator.compared(coarse, fine, parents, None), fine, parents, None)
     # The same solutions again, of which rates by chance make too much.
     owners = np.arange(len(owned_cells(coarse.u.function_space.mesh)), dtype=np.int32)
     estimator.rates.values[:] = estimator.rates.order
     estimator.rates.measure = lambda cells: None
-    after = estimator.estimate(coarse, fine, parents, owners)
+    found = estimator.compared(coarse, fine, parents, owners)
+    after = estimator.settled(found, fine, parents, owners)
     assert after <= before * (1.0 + 1e-9)
     assert (after >= before * (1.0 - 1e-9)) == kept
 
@@ -360,6 +361,34 @@ def test_problems_on_other_meshes_and_wrong_degrees_are_refused(comm):
 def test_a_functional_that_is_not_linear_is_refused(comm):
     with pytest.raises(InputError, match="linear") as refusal:
         solve_adaptively(poser(), square(comm), norm=lambda u: u**2 * ufl.dx, accuracy=1e-3)
+    assert refusal.value.subject == "norm"
+
+
+def place(v):
+    return ufl.SpatialCoordinate(extract_unique_domain(v))
+
+
+def half(v):
+    domain, cells = v.ufl_function_space().mesh, np.arange(1, dtype=np.int32)
+    tags = mesh.meshtags(domain, 2, cells, np.ones_like(cells))
+    return v * ufl.dx + v * ufl.dx(1, domain=domain, subdomain_data=tags)
+
+
+@pytest.mark.parametrize(
+    ("functional", "word"),
+    [
+        (lambda v: 0 * v * ufl.dx, "no form: ValueError"),
+        (lambda v: 0.0 * v**2 * ufl.dx, "no form: ValueError"),
+        (lambda v: ufl.Form([]), "0 for all"),
+        (lambda v: v * ufl.dx(7), "0 for all"),
+        (lambda v: ufl.sqrt(-1.0 - place(v)[0] ** 2) * v * ufl.dx, "finite"),
+        (half, "subdomain_data"),
+        (lambda v: v.no_such_thing, "no form: AttributeError"),
+    ],
+)
+def test_a_functional_that_tells_nothing_is_refused(comm, functional, word):
+    with pytest.raises(InputError, match=word) as refusal:
+        solve_adaptively(poser(), square(comm), norm=functional, accuracy=1e-3)
     assert refusal.value.subject == "norm"
 
 

@@ -63,7 +63,7 @@ def test_a_gap_between_the_dofs_of_coarse_meshes_is_found(comm, norm, accuracy):
     assert true_error(result.u, known, norm) <= accuracy
 
 
-def held(comm, dim, pull, degree=3):
+def held(comm, dim, pull, centre=CENTRE, degree=3):
     """A solution with contact on the whole bottom: a polynomial with the pressure 3 X^2 - pull."""
     if dim == 2:
         domain = mesh.create_unit_square(comm, 4, 4)
@@ -74,7 +74,7 @@ def held(comm, dim, pull, degree=3):
     division = refined(SidedMesh(domain, {"bottom": np.intersect1d(facets, rest)}))
     space = bernstein_space(division.sided.mesh, degree)
     x = ufl.SpatialCoordinate(space.mesh)
-    X, z = x[0] - CENTRE, x[dim - 1]
+    X, z = x[0] - centre, x[dim - 1]
     exact = z**3 - 3 * X**2 * z + pull * z
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     flux = ufl.dot(ufl.grad(exact), ufl.FacetNormal(space.mesh))
@@ -104,10 +104,11 @@ def test_the_density_of_the_pressure_is_that_of_the_flux(comm, dim):
     problem.destroy()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_pull_is_measured(comm, dim):
+@pytest.mark.parametrize(("dim", "centre"), [(2, CENTRE), (3, CENTRE), (2, 0.5)])
+def test_a_pull_is_measured(comm, dim, centre):
+    """In the middle of a facet, and on both sides of a vertex."""
     pull = PULLS[dim]
-    problem, transfer = held(comm, dim, pull)
+    problem, transfer = held(comm, dim, pull, centre)
     assert len(problem.active) == len(problem.contact_dofs)
     largest = {}
     for norm in ("W1_inf", "Linf"):

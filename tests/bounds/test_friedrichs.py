@@ -77,6 +77,13 @@ def test_a_reaction_takes_up_what_is_left(comm):
     assert ratio(domain, none, lambda x: ufl.conditional(x[0] < 0.5, 4.0, 0.0)) <= found < 10.0
 
 
+def test_a_weak_reaction_at_the_end_of_the_domain_leaves_its_constant(comm):
+    """The function 1 is as large as that: only the last column of cells has its energy."""
+    domain, c = mesh.create_unit_square(comm, 8, 8), 1e-4
+    found, _ = constant(domain, lambda x: x[0] > 2.0, lambda x: np.where(x[0] > 0.875, c, 0.0))
+    assert 1.0 <= found / math.sqrt(0.875 / (0.125 * c)) <= 1.7
+
+
 def test_there_is_none_for_neumann_sides_alone(comm):
     domain = mesh.create_unit_square(comm, 4, 4)
     assert math.isinf(constant(domain, lambda x: x[0] > 2.0)[0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh
 from dolfinx.io import XDMFFile
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mpi4py import MPI
 
@@ -93,6 +93,16 @@ def test_a_fine_polygon_is_refined_from_coarse_levels_with_its_width_and_sides(c
     mean = comm.allreduce(float(edges.sum())) / counts[1]
     assert 0.9 * 0.025 < mean < 1.2 * 0.025 and longest < 1.7 * 0.025
     assert Polygon((*PENTAGON, (0.0, 0.999)), 0.025).refinements == 0  # gmsh resolves the edge
+
+
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1e-3, 1e3))
+@example(0.7182, 0.7182, 1.0)
+def test_a_square_anywhere_has_its_area_and_meshes_of_all_widths(x, y, side):
+    corners = ((x, y), (x + side, y), (x + side, y + side), (x, y + side))
+    polygon = Polygon(corners, 0.5 * side)
+    assert polygon.size == pytest.approx(side, abs=1e-12)  # rounding of the coordinates alone
+    for n in (1, 3, 20):
+        assert polygon.at(n).cells_across == n
 
 
 @given(st.lists(st.floats(0.3, 1.0), min_size=4, max_size=9), st.booleans())
@@ -446,6 +456,26 @@ def test_what_gmsh_writes_is_read_and_missing_groups_are_named(
     assert "ground" in MeshFile.open(comm, folder / "whole.msh").side_names
     with pytest.raises(InputError, match="physical group, as the sides have"):
         MeshFile.open(comm, folder / "groupless.msh")
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_second_order_mesh_in_a_file_is_refused(dimension, comm, folder):
+    gmsh = pytest.importorskip("gmsh")
+    if comm.rank == 0:
+        gmsh.initialize(readConfigFiles=False)
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+        occ.addDisk(0, 0, 0, 1, 1) if dimension == 2 else occ.addSphere(0, 0, 0, 1)
+        occ.synchronize()
+        for d in (dimension - 1, dimension):
+            gmsh.model.addPhysicalGroup(d, [tag for _, tag in gmsh.model.getEntities(d)], 1)
+        gmsh.model.mesh.generate(dimension)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(folder / "curved.msh"))
+        gmsh.finalize()
+    comm.barrier()
+    with pytest.raises(InputError, match="only straight-sided"):
+        MeshFile.open(comm, folder / "curved.msh")
 
 
 def test_a_mesh_file_has_one_level(demos):

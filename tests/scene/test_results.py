@@ -9,6 +9,8 @@ from html.parser import HTMLParser
 import dolfinx
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
 
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.contact_boundary import gather_contact_boundary
@@ -121,6 +123,42 @@ def test_forces_are_named_as_forces_and_points_have_an_uncertainty(run, comm):
     if comm.rank == 0:
         assert re.search(r"force of contact +-\d", printed) and "pressure" not in printed
         assert re.search(r"detachment +\([-\d.]+, [-\d.]+\) \+- \d", printed)
+
+
+WAVE = """
+title = "A wave and a ceiling"
+[domain]
+shape = "square"
+cells = 48
+[equation]
+load = 2
+[contact]
+sides = ["right"]
+bound = "upper"
+obstacle = "0.56 + 0.1*cos(4*pi*y)"
+[[dirichlet]]
+sides = "left"
+value = 0
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_contact_summary_agrees_with_itself(degree, comm, parse):
+    # Contact in the middle of the wave, twice: four ends, in order on any number of ranks.
+    result = solve_scene(parse(f"degree = {degree}\n{WAVE}"), comm)
+    summary = summarise(result, gather_contact_boundary(result.posed.problem))
+    force = result.posed.problem.force
+    pressure, x = result.pressure, ufl.SpatialCoordinate(result.pressure.function_space.mesh)
+    right = ufl.conditional(ufl.gt(x[0], 1.0 - 1e-9), pressure, 0.0) * ufl.ds
+    total = comm.allreduce(fem.assemble_scalar(fem.form(right)))
+    result.destroy()
+    places = np.array(summary.detachment_points)
+    assert places[:, 0] == pytest.approx(1.0, abs=1e-12) and len(places) == 4
+    a, b, c, d = places[:, 1]
+    assert 0.0 < a < b < 0.5 < c < d < 1.0
+    assert summary.contact_size == pytest.approx(b - a + d - c, abs=1e-9)
+    assert summary.forces["contact"] == force == pytest.approx(-total, rel=1e-9)
+    assert force < 0.0
 
 
 @pytest.mark.skipif(not dolfinx.has_adios2, reason="ADIOS2 is missing")

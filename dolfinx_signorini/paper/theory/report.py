@@ -1,5 +1,6 @@
 """The document: each statement with its measurements, and those without with the reason."""
 
+import shlex
 import textwrap
 from collections.abc import Sequence
 
@@ -71,7 +72,7 @@ class Document:
         parts = [
             f"### {statement.name}",
             _wrapped(statement.claim, "> "),
-            _wrapped(f"{statement.comment} `dolfinx-signorini theory --statement {statement.key}`"),
+            _wrapped(f"{statement.comment} `{_command(statement)}`"),
         ]
         listed = [pair for pair in pairs if not pair[0].column]
         if listed:
@@ -144,6 +145,11 @@ def _equations() -> str:
 
 def _answer(verdict: Verdict) -> str:
     return "yes" if verdict.holds else "NO"
+
+
+def _command(statement: Statement) -> str:
+    """The command for one statement, as a shell takes it."""
+    return shlex.join(("dolfinx-signorini", "theory", "--statement", statement.key))
 
 
 def _wrapped(text: str, prefix: str = "") -> str:

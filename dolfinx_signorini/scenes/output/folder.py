@@ -1,8 +1,9 @@
 """The output folder of a scene: results appear there when all of them are complete.
 
 All files are written to a temporary folder inside the output folder first, and moved when the last
-one is complete, so that no run leaves half a result behind. The record lists the files of its run:
-a later run replaces these files, and no others.
+one is complete, so that no run leaves half a result behind. A run that is interrupted deletes its
+temporary folder; that of a run that was killed is deleted by the next run. The record lists the
+files of its run: a later run replaces these files, and no others.
 """
 
 import errno
@@ -11,13 +12,13 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.records import on_first, refuse_foreign
+from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.records import in_use, on_first, refuse_foreign
 
 RECORD = "record.json"
 # The files of each of the `OUTPUTS`, of which a run writes some; the record comes with all of them.
@@ -27,6 +28,7 @@ FILES = {
     "pictures": ("solution.png", "contact.png", "accuracy.png"),
     "report": ("report.html",),
 }
+PART = ".part-"  # how the names of temporary folders begin; eight characters follow
 PROBE = 65_536  # bytes that must fit before a run begins
 
 
@@ -43,18 +45,11 @@ def output_folder(comm: MPI.Comm, folder: Path, outputs: Sequence[str]) -> Itera
     Raises:
         InputError: The folder cannot be written, or has other files of the same names.
     """
-    part, made = on_first(comm, folder, lambda: _prepare(folder, outputs))
-    try:
+    with ExitStack() as stack:
+        part = on_first(comm, folder, lambda: _prepare(folder, outputs, stack))
         yield part
         comm.barrier()
         on_first(comm, folder, lambda: _move(part, folder))
-    except (InputError, NotConvergedError):  # raised on all ranks
-        on_first(comm, folder, lambda: _discard(part, folder, made))
-        raise
-    except BaseException:
-        if comm.rank == 0:
-            _discard(part, folder, made)
-        raise
 
 
 def reserve(folder: Path, size: int) -> None:
@@ -72,8 +67,8 @@ def reserve(folder: Path, size: int) -> None:
                 raise
 
 
-def _prepare(folder: Path, outputs: Sequence[str]) -> tuple[Path, bool]:
-    """Return a new temporary folder, and whether the folder around it is new, too."""
+def _prepare(folder: Path, outputs: Sequence[str], stack: ExitStack) -> Path:
+    """Return a new temporary folder, which is deleted when the stack is closed."""
     subject = f"output folder {folder}"
     made = not folder.exists()
     if not made and not folder.is_dir():
@@ -81,14 +76,13 @@ def _prepare(folder: Path, outputs: Sequence[str]) -> tuple[Path, bool]:
     own = _own_files(folder)
     refuse_foreign(folder, (RECORD, *(name for output in outputs for name in FILES[output])), own)
     folder.mkdir(exist_ok=True)
-    part = folder
-    try:
-        part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
-        reserve(part, PROBE)
-    except OSError:
-        _discard(part, folder, made)
-        raise
-    return part, made
+    if made:
+        stack.callback(_remove_empty, folder)
+    stack.enter_context(in_use(folder, PART + 8 * "?"))
+    part = Path(tempfile.mkdtemp(prefix=PART, dir=folder))
+    stack.callback(shutil.rmtree, part, ignore_errors=True)
+    reserve(part, PROBE)
+    return part
 
 
 def _own_files(folder: Path) -> set[str]:
@@ -116,10 +110,7 @@ def _move(part: Path, folder: Path) -> None:
     part.rmdir()
 
 
-def _discard(part: Path, folder: Path, made: bool) -> None:
-    """Delete the temporary folder, and the folder around it if this folder is new and empty."""
-    if part != folder:
-        shutil.rmtree(part, ignore_errors=True)
-    if made:
-        with suppress(OSError):
-            folder.rmdir()
+def _remove_empty(folder: Path) -> None:
+    """Delete a folder unless files are in the folder."""
+    with suppress(OSError):
+        folder.rmdir()

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -12,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.contact_boundary import ContactBoundary
-from dolfinx_signorini.detachment import detachment_points
+from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.norms import error_norms
 from dolfinx_signorini.references import Reference
 from dolfinx_signorini.scenes.bounds import bound_of_scene
@@ -22,6 +21,7 @@ from dolfinx_signorini.scenes.solving import SceneResult
 ROUNDING = 1e-12  # of coordinates
 MAX_DIGITS = 8  # of a coordinate
 MAX_POINTS = 8  # detachment points that are listed
+ALIKE = 3  # digits of a coordinate: what differs by less does not change the order of points
 SHORT = 0.005  # seconds of a phase that is not listed
 
 
@@ -36,13 +36,14 @@ class Summary:
 
     Attributes:
         cells, unknowns: The number of cells of the finest mesh, and of the dofs of its problem.
-        contact_size: The length or area of the contact set, where the gap is zero.
+        contact_size: The length or area of the contact set, where the gap is zero; in the plane up
+            to the detachment points.
         undecided_size: The length or area of what is not in contact, but has a gap that is too
-            small for the mesh to tell.
+            small for the mesh to tell; the piece that has a detachment point is decided.
         boundary_size: The length or area of the whole contact boundary.
         detachment_points: In the plane, the points where contact ends.
         uncertainties: How far off each of these points may be.
-        forces: What acts on u, by name; the sum is zero.
+        forces: What acts on u, by name, positive upwards; the sum is zero.
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
         algebraic_share: The estimate of the algebraic over the discretisation error, where the
@@ -84,10 +85,12 @@ def summarise(
     """
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
-    sizes = None if boundary is None else _contact_sizes(boundary)
+    found = detachment_points(problem) if scene.domain.dimension == 2 else []
+    points = _by_place(found)
+    sizes = None
+    if boundary is not None:  # rank 0
+        sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
-    points = detachment_points(problem) if scene.domain.dimension == 2 else []
-    points.sort(key=lambda point: point.position)
     forces = _forces(result)
     total = sum(abs(force) for force in forces.values())
     proven = _bound(result) if bound else {}
@@ -151,11 +154,11 @@ def listing(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _place(point: Sequence[float], uncertainty: float) -> str:
-    """Return coordinates with as many digits as are known, without digits of rounding."""
+    """Return coordinates with one digit more than is known, without digits of rounding."""
     size = max(map(abs, point))
     digits = 4
     if 0.0 < uncertainty < size:
-        digits = min(max(2, math.ceil(math.log10(size / uncertainty))), MAX_DIGITS)
+        digits = min(1 + math.ceil(math.log10(size / uncertainty)), MAX_DIGITS)
     numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
     return f"({', '.join(f'{c:.{digits}g}' for c in numbers)}) +- {uncertainty:.1g}"
 
@@ -184,12 +187,10 @@ def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str
     return errors
 
 
-def _contact_sizes(boundary: ContactBoundary) -> tuple[float, float, float]:
-    """Return the size of the contact set, of what is undecided, and of the whole boundary."""
-    sizes = boundary.sizes
-    sets = boundary.in_contact, boundary.undecided, np.ones(len(sizes), dtype=bool)
-    contact, undecided, whole = (float(sizes[pieces].sum()) for pieces in sets)
-    return contact, undecided, whole
+def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
+    """Return points in the order of their coordinates, whatever the error of the solve."""
+    size = max((abs(c) for point in points for c in point.position), default=1.0)
+    return sorted(points, key=lambda point: [round(c / size, ALIKE) for c in point.position])
 
 
 def _forces(result: SceneResult) -> dict[str, float]:

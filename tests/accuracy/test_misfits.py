@@ -1,0 +1,73 @@
+"""Errors that the obstacle alone shows, and no comparison of two solutions."""
+
+import math
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.indicators import Solution
+from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.refinement import refined
+
+CELLS = {2: 6, 3: 2}  # on each side of the undivided mesh, by dimension
+HEIGHT = 1e-3
+
+
+def solved(sided, degree, waves):
+    """The solution -z on a mesh whose nodes are the zeros of the waves of the obstacle."""
+    domain = sided.mesh
+    space, dim = fem.functionspace(domain, ("Lagrange", degree)), domain.topology.dim
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    x, data = ufl.SpatialCoordinate(domain), fem.Function(space)
+    data.interpolate(lambda x: -x[dim - 1])
+    held = np.setdiff1d(boundary_facets(domain), sided.sides["bottom"])
+    dofs = fem.locate_dofs_topological(space, dim - 1, held)
+    obstacle = HEIGHT * math.prod(ufl.sin(waves * math.pi * x[k]) for k in range(dim - 1))
+    problem = SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        fem.Constant(domain, 0.0) * v * ufl.dx,
+        contact=sided.sides["bottom"],
+        obstacle=obstacle,
+        bcs=[fem.dirichletbc(data, dofs)],
+    )
+    problem.solve(rtol=1e-10)
+    return problem
+
+
+def wave_error(norm, dim, waves):
+    """The norm of HEIGHT sin(w x) ... exp(-k z) on the cube, without what k z = k leaves."""
+    w, rest, p = waves * math.pi, dim - 1, norm.p
+    k = w * math.sqrt(rest)
+    if math.isinf(p):
+        return HEIGHT * (k if norm.derivatives else 1.0)
+    mean = np.mean(np.sin(np.arange(1000) * math.pi / 1000) ** p)
+    parts, size = (2.0, w) if norm.derivatives else (1.0, 1.0)
+    return HEIGHT * size * (parts * mean**rest / (p * k)) ** (1.0 / p)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("dim", "name"),
+    [(2, name) for name in ("L2", "L4", "Linf", "H1", "W1_4", "W1_inf")] + [(3, "L2"), (3, "Linf")],
+)
+def test_waves_of_the_obstacle_between_the_nodes(dim, name, degree, comm):
+    """Both solutions are the same; the error is a wave that vanishes at the nodes of both."""
+    n, wanted = CELLS[dim], target(name)
+    domain = (mesh.create_unit_square if dim == 2 else mesh.create_unit_cube)(comm, *dim * [n])
+    bottom = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[dim - 1], 0.0))
+    sided = SidedMesh(domain, {"bottom": bottom})
+    division, waves = refined(sided), 2 * n * degree
+    coarse, fine = (solved(part, degree, waves) for part in (sided, division.sided))
+    estimator = Estimator(coarse.space, wanted, None)
+    solution = Solution(coarse.u, coarse.forces)
+    value = estimator.compared(solution, fine, division.parents, None)
+    estimate = estimator.settled(value, fine, division.parents, None)
+    error = wave_error(wanted.norm, dim, waves)
+    assert estimator.found.difference <= 1e-5 * error <= error <= estimate <= 4.0 * error
+    for problem in (coarse, fine):
+        problem.destroy()
