@@ -8,7 +8,7 @@ next to a singular point again and again, until what is left no longer matters.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import basix
 import numpy as np
@@ -119,7 +119,8 @@ class ControlledSum:
         self.norm, self._comm, self._p = norm, comm, norm.p
         self.total, self.estimate, self.resolved = 0.0, 0.0, True
         # Of the parts that are kept: the norms, the norm over all, and the sums of differences.
-        self._values, self._kept, self._sums = [np.zeros(0)], 0.0, np.zeros((3, 1))
+        self._values: list[Array] = [np.zeros(0)]
+        self._kept, self._sums = 0.0, cast(Array, np.zeros((3, 1)))
 
     def unsure(self, fine: Array, coarse: Array) -> Marks:
         """Return which parts are to be divided.

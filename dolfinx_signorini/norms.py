@@ -232,7 +232,7 @@ def _integrated(
 
 def _blocks(
     domain: mesh.Mesh, places: Indices, parts: Parts, rule: QuadratureRule
-) -> Iterator[tuple[npt.NDArray[np.int64], Points, Array]]:
+) -> Iterator[tuple[npt.NDArray[np.integer], Points, Array]]:
     """Yield numbers of parts, with the points of a rule and the weights of the points."""
     cell = _kind(domain, places)
     turned: npt.NDArray[np.bool_] = np.zeros(len(parts.rows), dtype=bool)

@@ -120,7 +120,7 @@ def _cli() -> str:
     page += (
         "\n## Exit codes\n\n"
         "0 done; 2 the input is refused; 3 a solver did not converge, or the accuracy was not "
-        "reached (the best solution is written); 130 interrupted.\n\n"
+        "reached (the best solution is written); 130 interrupted; 143 terminated.\n\n"
         "Results go to the standard output, progress and errors to the standard error stream. "
         "Under `mpirun` only rank 0 speaks.\n"
     )
