@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from dolfinx_signorini.elements import control_points, subtriangles, values_at_control_points
 from dolfinx_signorini.meshes import facet_nodes
 from dolfinx_signorini.palette import COLOUR_MAP
-from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.picture import Picture, add_triangles
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -95,14 +95,7 @@ def draw_plane_field(
     size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
     figure = Picture(figsize=size, layout="constrained")
     axes: Any = figure.add_subplot()
-    drawn = axes.tripcolor(
-        *field.points.T,
-        field.values,
-        triangles=field.triangles,
-        shading="gouraud",
-        cmap=COLOUR_MAP,
-        rasterized=True,
-    )
+    drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
     figure.colorbar(drawn, ax=axes, label="solution $u$", fraction=0.06, pad=0.03)
     for name, edges in field.parts.items():
         if len(edges):

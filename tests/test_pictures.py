@@ -1,17 +1,21 @@
 """Pictures: the names of sides, the facets in contact, peaks that are cut off, and solids."""
 
+import io
 from itertools import product
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from matplotlib import colormaps
+from matplotlib.collections import TriMesh
+from matplotlib.image import imread
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, SignoriniProblem, solid_pictures
 from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.contact_pictures import draw_contact
-from dolfinx_signorini.picture import Picture, typeset_norm
+from dolfinx_signorini.picture import Picture, add_triangles, typeset_norm
 from dolfinx_signorini.plane_field import gather_plane_field
 
 COMM = MPI.COMM_WORLD
@@ -194,6 +198,25 @@ def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path,
             f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
         )
         assert (solid_pictures._render(surface, np.ones(3)) is not None) == shown
+
+
+def test_triangles_have_the_colours_of_their_values_and_are_no_objects(monkeypatch):
+    def objects(*_):
+        raise AssertionError("an object of each triangle")
+
+    monkeypatch.setattr(TriMesh, "convert_mesh_to_paths", objects)
+    picture = Picture(figsize=(2.0, 2.0), dpi=50)
+    axes = picture.add_axes((0.0, 0.0, 1.0, 1.0))
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    add_triangles(axes, points, triangles, points @ [0.25, 0.0], cmap="viridis")
+    axes.margins(0.0)
+    assert axes.get_xlim() == (0.0, 4.0) and axes.get_ylim() == (0.0, 2.0)
+    row = imread(io.BytesIO(picture.png()))[50, 10:90, :3]
+    # Gouraud's colours are linear in red, green and blue between the vertices.
+    ends = colormaps["viridis"]([0.0, 1.0])[:, :3]
+    wanted = ends[0] + (ends[1] - ends[0]) * ((np.arange(10, 90) + 0.5) / 100.0)[:, None]
+    np.testing.assert_allclose(row, wanted, atol=0.02)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
 from dolfinx_signorini.meshes import owned_cells
 from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
-from dolfinx_signorini.picture import Picture, typeset_norm
+from dolfinx_signorini.picture import Picture, add_triangles, typeset_norm
 
 DECADES = 5  # of indicators that colours tell apart
 MAX_LINES = 20_000  # cells: the edges of more are not drawn
@@ -45,21 +44,17 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
 
 def _draw_mesh(figure: Figure, axis: Axes, polygons: np.ndarray, cells: np.ndarray) -> None:
     largest = float(cells.max(initial=0.0)) or 1.0
-    collection = PolyCollection(
-        list(polygons),
-        array=np.maximum(cells, largest * 10.0**-DECADES),
-        cmap=COLOUR_MAP,
-        norm=LogNorm(largest * 10.0**-DECADES, largest),
-        edgecolors="black" if len(cells) <= MAX_LINES else "face",
-        linewidths=0.15,
-    )
-    axis.add_collection(collection)
-    axis.autoscale_view()
+    points, triangles = polygons.reshape(-1, 2), np.arange(3 * len(cells)).reshape(-1, 3)
+    colours = np.repeat(np.maximum(cells, largest * 10.0**-DECADES), 3)
+    norm = LogNorm(largest * 10.0**-DECADES, largest)
+    drawn = add_triangles(axis, points, triangles, colours, cmap=COLOUR_MAP, norm=norm)
+    if len(cells) <= MAX_LINES:
+        axis.triplot(*points.T, triangles, color="black", linewidth=0.15)
     axis.set_aspect("equal")
     axis.set_xlabel("$x$")
     axis.set_ylabel("$y$")
     axis.set_title(f"{len(cells)} cells")
-    figure.colorbar(collection, ax=axis, label="estimated error of a cell", shrink=0.8)
+    figure.colorbar(drawn, ax=axis, label="estimated error of a cell", shrink=0.8)
 
 
 def _draw_steps(axis: Axes, found: AdaptiveSolution) -> None:
