@@ -31,8 +31,8 @@ from dolfinx_signorini import SignoriniProblem  # noqa: E402
 from dolfinx_signorini.accuracy import loop  # noqa: E402
 from dolfinx_signorini.accuracy.estimates import Estimator  # noqa: E402
 from dolfinx_signorini.scenes import solve_scene  # noqa: E402
+from dolfinx_signorini.scenes.files.reading import parse_scene  # noqa: E402
 from dolfinx_signorini.scenes.posing import pose  # noqa: E402
-from dolfinx_signorini.scenes.reading import parse_scene  # noqa: E402
 from dolfinx_signorini.scenes.solving import SceneResult  # noqa: E402
 
 COMM = MPI.COMM_WORLD

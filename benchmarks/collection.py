@@ -17,8 +17,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import SceneResult, load_scene, solve_scene
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.tables import text_table
+from dolfinx_signorini.base.tables import text_table
+from dolfinx_signorini.norms.error_norms import error_norms
 
 FOLDER = Path(__file__).parent / "collection"
 NORMS = "L2", "Linf", "H1"

@@ -28,14 +28,14 @@ from dolfinx_signorini import (
     friedrichs_keller,
     solve_cascade,
 )
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.problem import DEFAULT_RTOL
-from dolfinx_signorini.records import versions
+from dolfinx_signorini.base.records import versions
+from dolfinx_signorini.base.tables import markdown_table, text_table
+from dolfinx_signorini.base.timing import Phases
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.held import DEFAULT_OPTIONS
-from dolfinx_signorini.solvers.options import options_set
-from dolfinx_signorini.tables import markdown_table, text_table
-from dolfinx_signorini.timing import Phases
+from dolfinx_signorini.solvers.linear.held import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 RESULTS = Path(__file__).parent / "results"
 

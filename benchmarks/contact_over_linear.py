@@ -14,7 +14,7 @@ from typing import Any
 from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 
 COLUMNS = (
     *("scene", "N", "/ linear", "range", "/ tuned", "contact s", "linear s", "tuned s"),

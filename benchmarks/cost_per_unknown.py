@@ -11,7 +11,7 @@ from functools import partial
 from common import SCENES, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 
 MICRO = 1e6
 

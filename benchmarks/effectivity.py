@@ -20,9 +20,9 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "accuracy")]
 from known import SCENES, bent_by_chance, true_error  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 
+from dolfinx_signorini.base.tables import markdown_table  # noqa: E402
 from dolfinx_signorini.scenes import solve_scene  # noqa: E402
-from dolfinx_signorini.scenes.reading import parse_scene  # noqa: E402
-from dolfinx_signorini.tables import markdown_table  # noqa: E402
+from dolfinx_signorini.scenes.files.reading import parse_scene  # noqa: E402
 
 COLUMNS = ("scene", "norm", "asked", "unknowns", "estimate", "true error", "effectivity", "s")
 

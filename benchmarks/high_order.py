@@ -27,7 +27,7 @@ from dolfinx_signorini import (
     solve_adaptively,
     solve_cascade,
 )
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 COMM = MPI.COMM_WORLD
 FIRST = 4  # squares per side of the first mesh of the adaptive loop

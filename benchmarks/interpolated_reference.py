@@ -12,8 +12,8 @@ from common import paper, parser, report
 from mpi4py import MPI
 
 from dolfinx_signorini import QuadratureRule, christof_haubner, error_norms, interpolated
-from dolfinx_signorini.paper.sampling import PAPER_NAMES
-from dolfinx_signorini.paper.study import PAPER_NORMS
+from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
+from dolfinx_signorini.studies.paper.study import PAPER_NORMS
 
 # On cells and on facets, for the exact solution and its interpolants alike.
 RULES = QuadratureRule("Gauss-Jacobi", 15), QuadratureRule("Gauss-Jacobi", 31)

@@ -21,8 +21,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, boundary_facets, box_mesh, coarse_levels
-from dolfinx_signorini.problem import DEFAULT_RTOL
-from dolfinx_signorini.timing import Phases
+from dolfinx_signorini.base.timing import Phases
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 
 COMM, MICRO = MPI.COMM_WORLD, 1e6
 COLUMNS = ("N", "dim", "unknowns", "coarse", "mesh", "assembly", "solve", "us/unknown", "solves")

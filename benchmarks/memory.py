@@ -16,7 +16,7 @@ from typing import Any
 from common import child, contact_solve, linear_solve, paper, parser, report, spread
 from mpi4py import MPI
 
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 
 
 def measure(what: str, n: int) -> None:

@@ -26,11 +26,11 @@ from common import child, report
 from mpi4py import MPI
 
 from dolfinx_signorini import EnergyTerms, ManufacturedSolution, energy_bound, error_norms
-from dolfinx_signorini.paper.solution import paper_family
 from dolfinx_signorini.scenes import load_scene
-from dolfinx_signorini.tradeoff.family import Family, scene_family
-from dolfinx_signorini.tradeoff.kinds import UNIFORM_P1, Kind
-from dolfinx_signorini.tradeoff.runs import Configuration, Run, solve_configuration
+from dolfinx_signorini.studies.paper.solution import paper_family
+from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
+from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1, Kind
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run, solve_configuration
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = 512  # bytes per rank: shorter calls are not shown

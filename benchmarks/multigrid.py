@@ -24,12 +24,12 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, boundary_facets, box_mesh, friedrichs_keller
-from dolfinx_signorini.elements import bernstein_space, nodal_space
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
-from dolfinx_signorini.problem import DEFAULT_RTOL
-from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.meshes.elements import bernstein_space, nodal_space
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.held import BOOMERAMG, HeldSolver
+from dolfinx_signorini.solvers.linear.held import BOOMERAMG, HeldSolver
 
 COMM = MPI.COMM_WORLD
 # PETSc's own settings, where those of this package differ.

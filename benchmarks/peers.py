@@ -40,9 +40,9 @@ from dolfinx_signorini import (
     error_norms,
     friedrichs_keller,
 )
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 NORM = "L4"  # of the error beside the exact solution
 Peer = Callable[[SignoriniProblem, float], "np.ndarray[Any, Any]"]

@@ -17,7 +17,7 @@ from typing import Any
 from common import SCENES, child, contact_solve, linear_solve, parser, report, spread, timed
 from mpi4py import MPI
 
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 
 WHAT = ("linear", "tuned", "contact")
 TURNS = 3

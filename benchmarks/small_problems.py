@@ -16,7 +16,7 @@ from common import parser, report
 from mpi4py import MPI
 
 from dolfinx_signorini import ContactState, christof_haubner, friedrichs_keller
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 COMM = MPI.COMM_WORLD
 MILLI = 1e3

@@ -19,11 +19,11 @@ from common import linear_solve, report, spread, timed
 from mpi4py import MPI
 
 from dolfinx_signorini import christof_haubner, friedrichs_keller
+from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.reproduce import FIRST, STEP
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.problem import DEFAULT_RTOL
-from dolfinx_signorini.timing import Phases
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 PHASES = ("coarse", "mesh", "assembly", "solve", "errors")
 

@@ -13,9 +13,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import METHODS, christof_haubner, coarse_levels, error_norms
-from dolfinx_signorini.paper.sampling import PAPER_NAMES
-from dolfinx_signorini.paper.study import PAPER_NORMS
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
+from dolfinx_signorini.studies.paper.study import PAPER_NORMS
 
 TIGHT = 1e-11
 

@@ -23,11 +23,11 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
+from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands import main as cli
-from dolfinx_signorini.problem import DEFAULT_RTOL
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.scenes.files.reading import load_scene
 from dolfinx_signorini.scenes.posing import pose
-from dolfinx_signorini.scenes.reading import load_scene
-from dolfinx_signorini.timing import Phases
 
 SCENES_FOLDER = Path(__file__).parents[1] / "demos" / "scenes"
 # For each scene: what makes the mesh fine, and a coarser mesh with the same forms.

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.orders import eoc, expected_order
-from dolfinx_signorini.picture import Picture
-from dolfinx_signorini.references import interpolant
+from dolfinx_signorini.norms.orders import eoc, expected_order
+from dolfinx_signorini.norms.references import interpolant
+from dolfinx_signorini.pictures.picture import Picture
 
 comm = MPI.COMM_WORLD
 NORMS = ["L2", "Linf", "H1", "W1_4", "W1_inf"]
@@ -99,7 +99,7 @@ draw()
 # here none for u, and the sign of the pressure for -u.
 
 # %%
-from dolfinx_signorini.manufactured import contact_violations
+from dolfinx_signorini.norms.manufactured import contact_violations
 
 domain = ds.friedrichs_keller(comm, 16)
 bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))

@@ -11,7 +11,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 comm = MPI.COMM_WORLD
 TEXT = """
@@ -42,7 +42,7 @@ norms = ["L2", "Linf", "H1"]
 # A scene is a problem as text. Any key can be overridden, here `degree` and `domain.cells`.
 
 # %%
-from dolfinx_signorini.norms import error_norms
+from dolfinx_signorini.norms.error_norms import error_norms
 
 
 def solved(*overrides: str) -> tuple[int, dict[str, float]]:

@@ -21,10 +21,14 @@ from dolfinx_signorini import (
     friedrichs_keller,
     solve_cascade,
 )
-from dolfinx_signorini.orders import eoc, expected_order
-from dolfinx_signorini.paper.pictures import draw_bottom_edge, draw_convergence, paper_picture
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.plotting import save
+from dolfinx_signorini.norms.orders import eoc, expected_order
+from dolfinx_signorini.pictures.plotting import save
+from dolfinx_signorini.studies.paper.pictures import (
+    draw_bottom_edge,
+    draw_convergence,
+    paper_picture,
+)
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 comm = MPI.COMM_WORLD
 CELLS = (25, 51, 101, 201)  # squares per side, each cut into two triangles

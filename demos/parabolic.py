@@ -22,7 +22,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.pictures.picture import Picture
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--cells", type=int, default=64, help="cells per side of the unit square")

@@ -74,7 +74,7 @@ problem.plot()
 # `costs` lists forms, matrices and vectors with their bytes and seconds.
 
 # %%
-from dolfinx_signorini.costs import cost_text
+from dolfinx_signorini.base.costs import cost_text
 
 costs = problem.costs()
 if comm.rank == 0:
@@ -89,7 +89,7 @@ if comm.rank == 0:
 # %%
 from pathlib import Path
 
-from dolfinx_signorini.checkpoints import read_checkpoint, write_checkpoint
+from dolfinx_signorini.meshes.checkpoints import read_checkpoint, write_checkpoint
 
 path = Path("checkpoint.npz")
 write_checkpoint(path, {"u": problem.u})

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.picture import Picture
+from dolfinx_signorini.pictures.picture import Picture
 
 comm = MPI.COMM_WORLD
 mesh = ds.friedrichs_keller(comm, 64)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.contact_boundary import gather_contact_boundary
+from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.output.summary import lines, listing, summarise
 

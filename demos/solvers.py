@@ -28,8 +28,8 @@ from dolfinx_signorini import (
     error_norms,
     friedrichs_keller,
 )
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.tables import text_table
+from dolfinx_signorini.base.tables import text_table
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 comm = MPI.COMM_WORLD
 RTOL = 1e-8

@@ -13,8 +13,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.paper.theory.mixed import UnknownProblem
-from dolfinx_signorini.tables import markdown_table
+from dolfinx_signorini.base.tables import markdown_table
+from dolfinx_signorini.studies.paper.theory.mixed import UnknownProblem
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

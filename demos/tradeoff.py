@@ -10,10 +10,10 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.report import found_lines, step_line
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.solution import paper_family
-from dolfinx_signorini.tradeoff.kinds import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2
-from dolfinx_signorini.tradeoff.runs import Configuration, levels, solve_configuration
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.studies.paper.solution import paper_family
+from dolfinx_signorini.studies.tradeoff.kinds import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, levels, solve_configuration
 
 comm = MPI.COMM_WORLD
 problem = paper_family(detachment=(0.47123, 0.0))

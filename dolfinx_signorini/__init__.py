@@ -5,28 +5,28 @@ system, solvers and problem; norms, orders and detachment; then what is built on
 accuracy, scenes, tradeoff, paper, and commands.
 """
 
-from dolfinx_signorini import requirements  # isort: skip  # before what needs dolfinx
+from dolfinx_signorini.base import requirements  # isort: skip  # before what needs dolfinx
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.stress_intensity import StressIntensity, stress_intensity
+from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.box_meshes import box_mesh, friedrichs_keller
-from dolfinx_signorini.curved_sides import gmsh_projection
-from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.elements import bernstein_space
-from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.manufactured import ManufacturedSolution, manufacture
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, gmsh_mesh
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.paper.solution import christof_haubner
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.references import Reference, interpolated
+from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
+from dolfinx_signorini.meshes.curved_sides import gmsh_projection
+from dolfinx_signorini.meshes.elements import bernstein_space
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, gmsh_mesh
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
+from dolfinx_signorini.norms.references import Reference, interpolated
+from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import Scene, SceneResult, load_scene, solve_scene
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.stress_intensity import StressIntensity, stress_intensity
+from dolfinx_signorini.studies.paper.solution import christof_haubner
 
 del requirements
 

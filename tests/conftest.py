@@ -17,7 +17,7 @@ from hypothesis import settings
 from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 

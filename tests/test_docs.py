@@ -17,8 +17,8 @@ from mpi4py import MPI
 
 import dolfinx_signorini
 from dolfinx_signorini.commands import theory
-from dolfinx_signorini.paper.theory.report import Document
-from dolfinx_signorini.paper.theory.statements import STATEMENTS
+from dolfinx_signorini.studies.paper.theory.report import Document
+from dolfinx_signorini.studies.paper.theory.statements import STATEMENTS
 
 COMM = MPI.COMM_WORLD
 ROOT = Path(__file__).parent.parent

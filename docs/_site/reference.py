@@ -6,10 +6,10 @@ from pathlib import Path
 
 import dolfinx_signorini
 from dolfinx_signorini.commands.main import make_parser
-from dolfinx_signorini.scenes.conditions import CONDITIONS
-from dolfinx_signorini.scenes.domains import DOMAINS
-from dolfinx_signorini.scenes.formulas import CONSTANTS, COORDINATES, FUNCTIONS
-from dolfinx_signorini.scenes.scene import OUTPUTS
+from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES, FUNCTIONS
+from dolfinx_signorini.scenes.domains.kinds import DOMAINS
+from dolfinx_signorini.scenes.files.conditions import CONDITIONS
+from dolfinx_signorini.scenes.files.scene import OUTPUTS
 
 GROUPS = {
     "Problems and their solution": (

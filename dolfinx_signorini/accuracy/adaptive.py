@@ -10,9 +10,8 @@ from dolfinx_signorini.accuracy.estimates import Hidden
 from dolfinx_signorini.accuracy.loop import Loop, Pose
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
-from dolfinx_signorini.curved_sides import CurvedSides, Projection, arcs
-from dolfinx_signorini.errors import InputError, together
-from dolfinx_signorini.kinds import (
+from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.kinds import (
     by_text,
     callable_,
     check,
@@ -23,9 +22,10 @@ from dolfinx_signorini.kinds import (
     sequence,
     simplices,
 )
-from dolfinx_signorini.logs import log
-from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import ascend
 
 POLYGON = "the polygon is taken as the domain"

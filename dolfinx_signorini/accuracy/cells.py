@@ -9,12 +9,12 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.jacobians import determinants, inverses
-from dolfinx_signorini.meshes import cell_edges, owned_cells
-from dolfinx_signorini.norm_names import Norm
-from dolfinx_signorini.power_sums import power
-from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.shared_places import highest, summed
+from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.norms.power_sums import power
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]

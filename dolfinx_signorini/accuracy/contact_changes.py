@@ -17,8 +17,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.shared_places import summed
+from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 
 def contact_changes(

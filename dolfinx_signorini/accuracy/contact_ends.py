@@ -15,10 +15,10 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.elements import facet_dofs
-from dolfinx_signorini.meshes import cells_with_dofs
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.shared_places import marked
+from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.meshes.elements import facet_dofs
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 EXPONENT = 1.5  # of the distance
 CODIMENSION = 2  # of the ends: points in the plane, curves in space

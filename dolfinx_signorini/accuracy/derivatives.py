@@ -22,8 +22,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import BLOCK, Array
-from dolfinx_signorini.jacobians import inverses
-from dolfinx_signorini.meshes import cell_edges, owned_cells
+from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
 

@@ -27,10 +27,10 @@ from dolfinx_signorini.accuracy.misfits import obstacle_misfits
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_functional
-from dolfinx_signorini.errors import together
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.refinement import carried_across
+from dolfinx_signorini.base.errors import together
+from dolfinx_signorini.meshes.refinement import carried_across
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 SAFETY = 1.3  # the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal

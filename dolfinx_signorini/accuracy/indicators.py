@@ -22,19 +22,19 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.accuracy.pulls import pulls
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.elements import coefficients_of, constants, values_at_control_points
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import FACET_RULE, QuadratureRule
-from dolfinx_signorini.refinement import Transfer
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.elements import coefficients_of, constants, values_at_control_points
+from dolfinx_signorini.meshes.quadrature import FACET_RULE, QuadratureRule
+from dolfinx_signorini.meshes.refinement import Transfer
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 HIGHEST_POWER = 1000.0  # of an error in a load: larger ones are loads at a point as well
 

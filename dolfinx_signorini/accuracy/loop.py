@@ -20,12 +20,12 @@ from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
-from dolfinx_signorini.curved_sides import CurvedSides
-from dolfinx_signorini.errors import InputError, NotConvergedError, together
-from dolfinx_signorini.meshes import SidedMesh, longest_side
-from dolfinx_signorini.problem import DEFAULT_RTOL, SignoriniProblem
-from dolfinx_signorini.refinement import Refinement, refined
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.curved_sides import CurvedSides
+from dolfinx_signorini.meshes.refinement import Refinement, refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers.pressure import ContactState
 
 AIM = 0.9  # estimate aimed at, over the accuracy

@@ -15,9 +15,9 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
-from dolfinx_signorini.refinement import refined
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
 DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere

@@ -15,11 +15,11 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.contact_ends import SAMPLES, contact_on_facets, facet_lattice
-from dolfinx_signorini.assembly import called
-from dolfinx_signorini.meshes import facet_scale, owned_cells
-from dolfinx_signorini.norm_names import Norm
-from dolfinx_signorini.points import FormulaAtPoints, Points
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
+from dolfinx_signorini.meshes.sided_meshes import facet_scale, owned_cells
+from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.problem.assembly import called
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 
 def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:

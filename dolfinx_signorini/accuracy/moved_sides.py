@@ -14,14 +14,14 @@ import math
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.indicators import difference, size
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.curved_sides import CurvedSides
-from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norm_names import parse_norm
-from dolfinx_signorini.refinement import Refinement, with_nodes_moved
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.meshes.curved_sides import CurvedSides
+from dolfinx_signorini.meshes.refinement import Refinement, with_nodes_moved
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.names import parse_norm
 
 LEAST, MOST = 0.25, 0.9  # of what is between facets and curves: what halved facets leave of that
 

@@ -6,9 +6,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.palette import COLOUR_MAP, COLOURS
-from dolfinx_signorini.picture import Picture, add_triangles, typeset_norm
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
+from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
 
 DECADES = 5  # of indicators that colours tell apart
 MAX_LINES = 20_000  # cells: the edges of more are not drawn

@@ -25,13 +25,13 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
-from dolfinx_signorini.meshes import facet_scale, facet_vertices, owned_cells
-from dolfinx_signorini.norm_names import Norm
-from dolfinx_signorini.points import Points
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.refinement import Transfer
-from dolfinx_signorini.shared_places import marked, summed
+from dolfinx_signorini.base.ranks import marked, summed
+from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.refinement import Transfer
+from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices, owned_cells
+from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 DOUBT = 2.0  # times the difference to the interpolation: more than the error of the density
 TOLERANCE = 1e-8  # of the density: what the iteration may leave

@@ -26,8 +26,8 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
 UNKNOWN = 0.35  # of the rate for smooth solutions: before any measurement

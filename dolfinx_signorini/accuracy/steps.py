@@ -6,7 +6,7 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.refinement import Refinement
+from dolfinx_signorini.meshes.refinement import Refinement
 
 MAX_UNKNOWNS = 1_000_000
 

@@ -9,10 +9,10 @@ import ufl
 from dolfinx import fem, la
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compiled
-from dolfinx_signorini.errors import InputError, together
-from dolfinx_signorini.norm_names import Norm, parse_norm
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.norms.names import Norm, parse_norm
 
 Functional = Callable[[Expr], ufl.Form]
 

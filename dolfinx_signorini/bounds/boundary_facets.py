@@ -10,16 +10,16 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.assembly import Data, called
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
-from dolfinx_signorini.elements import facet_dofs
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.shared_places import highest, marked, summed
+from dolfinx_signorini.meshes.elements import facet_dofs
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.assembly import Data, called
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.assembly import Data
+from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_frames
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import polynomials
@@ -14,9 +14,9 @@ from dolfinx_signorini.bounds.strong_form import (
     Facets,
     polynomial_degree,
 )
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.assembly import Data
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 

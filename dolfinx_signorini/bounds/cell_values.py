@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.condensation import CellData
 from dolfinx_signorini.bounds.diffusion import Diffusion, diffusion_at
 from dolfinx_signorini.bounds.frames import Frames, values_at
@@ -19,8 +20,7 @@ from dolfinx_signorini.bounds.reference_flux import (
 )
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

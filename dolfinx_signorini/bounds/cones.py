@@ -23,7 +23,7 @@ from dolfinx_signorini.bounds.reference_flux import (
     rule,
 )
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes, robin_energy
 from dolfinx_signorini.bounds.cell_values import (
@@ -32,10 +34,8 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flu
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.kinds import check, instance
-from dolfinx_signorini.meshes import longest_side
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.meshes.sided_meshes import longest_side
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
 from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
-from dolfinx_signorini.shared_places import summed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

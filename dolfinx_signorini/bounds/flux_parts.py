@@ -19,7 +19,7 @@ from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from dolfinx import mesh
 from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
 
-from dolfinx_signorini import compat, compiled
+from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

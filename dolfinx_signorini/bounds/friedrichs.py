@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.transport import spread, transported
-from dolfinx_signorini.shared_places import highest
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

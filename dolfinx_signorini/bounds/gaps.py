@@ -10,7 +10,7 @@ from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, 
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.lifting import Feasible
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

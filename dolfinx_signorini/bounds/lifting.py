@@ -21,7 +21,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.assembly import dofs_on_facets, evaluator
+from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.bounds.boundary_facets import contact_closures
 from dolfinx_signorini.bounds.cell_values import FILLING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
@@ -38,8 +38,8 @@ from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.shared_places import highest, marked, summed
+from dolfinx_signorini.problem.assembly import dofs_on_facets, evaluator
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -26,10 +26,10 @@ from ufl.classes import (
 )
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.assembly import Data
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.kinds import check, data, indices, on_mesh, optional, sequence
-from dolfinx_signorini.meshes import boundary_facets, facet_count
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.kinds import check, data, indices, on_mesh, optional, sequence
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
+from dolfinx_signorini.problem.assembly import Data
 
 Scalar: TypeAlias = Expr | float
 Facets = npt.NDArray[np.int32]

@@ -4,8 +4,8 @@ import argparse
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.logs import telling
 from dolfinx_signorini.commands.options import add_scene
-from dolfinx_signorini.logs import telling
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
     check_norms,
@@ -15,10 +15,10 @@ from dolfinx_signorini.scenes.expectations import (
     terms,
     unknowns,
 )
+from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.output.summary import listing
 from dolfinx_signorini.scenes.posing import pose
-from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
-from dolfinx_signorini.scenes.scene import Scene
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -19,12 +19,12 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError, NotConvergedError
+from dolfinx_signorini.base.logs import listen, log
+from dolfinx_signorini.base.records import versions
 from dolfinx_signorini.commands import check, reproduce, solve, sweep, theory, tradeoff
 from dolfinx_signorini.commands.options import LEVELS, add_talk, completion
 from dolfinx_signorini.commands.printing import Guarded
-from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.logs import listen, log
-from dolfinx_signorini.records import versions
 
 JOBS = {
     "solve": (solve, "solve a scene file and write its results"),

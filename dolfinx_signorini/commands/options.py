@@ -4,8 +4,8 @@ import argparse
 import logging
 from pathlib import Path
 
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.records import folder_name
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.records import folder_name
 
 LEVELS = {True: logging.WARNING, None: logging.INFO, False: logging.DEBUG}
 

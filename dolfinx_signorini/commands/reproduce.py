@@ -7,18 +7,18 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.costs import Cost, cost_text
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.records import check_outputs, on_first, versions, write_file
 from dolfinx_signorini.commands.options import add_out
-from dolfinx_signorini.costs import Cost, cost_text
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.logs import log
-from dolfinx_signorini.norm_names import listed_norms
-from dolfinx_signorini.paper import pictures
-from dolfinx_signorini.paper.sampling import PAPER_NAMES
-from dolfinx_signorini.paper.study import PAPER_NORMS, StudySettings, run_study
-from dolfinx_signorini.paper.tables import error_table, order_table
-from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import check_outputs, on_first, versions, write_file
+from dolfinx_signorini.norms.names import listed_norms
+from dolfinx_signorini.pictures.plotting import picture_files, save
 from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.studies.paper import pictures
+from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
+from dolfinx_signorini.studies.paper.study import PAPER_NORMS, StudySettings, run_study
+from dolfinx_signorini.studies.paper.tables import error_table, order_table
 
 FIRST, STEP, LARGEST = 101, 100, 5001
 PICTURE_CELLS = 101

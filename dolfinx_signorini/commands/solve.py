@@ -10,20 +10,20 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
+from dolfinx_signorini.base.costs import cost_text
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.records import folder_name
+from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands.options import add_scene
-from dolfinx_signorini.costs import cost_text
-from dolfinx_signorini.elements import HIGHEST_DEGREE
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.logs import log
-from dolfinx_signorini.records import folder_name
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
-from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
-from dolfinx_signorini.scenes.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
-from dolfinx_signorini.timing import Phases
 
 NOT_REACHED = 3  # exit code: the accuracy was not reached; the best solution is written
 

@@ -12,19 +12,19 @@ from typing import Any
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError, NotConvergedError
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first, write_file
+from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.commands.options import add_out, add_scene
-from dolfinx_signorini.errors import InputError, NotConvergedError
-from dolfinx_signorini.logs import log
-from dolfinx_signorini.palette import COLOURS, MARKERS
-from dolfinx_signorini.picture import typeset_norm
-from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first, write_file
+from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.picture import typeset_norm
+from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
-from dolfinx_signorini.scenes.reading import load_scene, naming_the_file
-from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.scenes.solving import solve_scene
-from dolfinx_signorini.tables import csv_table, text_table
 
 PICTURE, TABLE = "sweep", "sweep.csv"
 FAILED = "not solved"  # the column that says why a row has no numbers

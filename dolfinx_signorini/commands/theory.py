@@ -6,17 +6,22 @@ from collections.abc import Mapping
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.records import check_outputs, on_first, write_file
 from dolfinx_signorini.commands.options import add_out
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.logs import log
-from dolfinx_signorini.paper.theory.examples import paper_example
-from dolfinx_signorini.paper.theory.families import Row, discretise, experiments, run_experiments
-from dolfinx_signorini.paper.theory.figures import FIGURES, draw_one_sided
-from dolfinx_signorini.paper.theory.one_sided import OneSided, one_sided_approximation
-from dolfinx_signorini.paper.theory.report import PICTURES, Document
-from dolfinx_signorini.paper.theory.statements import MEASURED, Statement, select
-from dolfinx_signorini.plotting import picture_files, save
-from dolfinx_signorini.records import check_outputs, on_first, write_file
+from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.studies.paper.theory.examples import paper_example
+from dolfinx_signorini.studies.paper.theory.families import (
+    Row,
+    discretise,
+    experiments,
+    run_experiments,
+)
+from dolfinx_signorini.studies.paper.theory.figures import FIGURES, draw_one_sided
+from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, one_sided_approximation
+from dolfinx_signorini.studies.paper.theory.report import PICTURES, Document
+from dolfinx_signorini.studies.paper.theory.statements import MEASURED, Statement, select
 
 SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
 PICTURE_CELLS = 31

@@ -6,20 +6,20 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first
 from dolfinx_signorini.commands.options import add_out
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.norm_names import listed_norms
-from dolfinx_signorini.paper.solution import PAPER_RULE, paper_family
-from dolfinx_signorini.quadrature import QuadratureRule
-from dolfinx_signorini.records import ROWS, Records, check_outputs, on_first
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
-from dolfinx_signorini.tradeoff.comparing import Row, accuracies, compared
-from dolfinx_signorini.tradeoff.family import Family, scene_family
-from dolfinx_signorini.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
-from dolfinx_signorini.tradeoff.measuring import Meter
-from dolfinx_signorini.tradeoff.page import write_page
-from dolfinx_signorini.tradeoff.results import result_files, write_results
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
+from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compared
+from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
+from dolfinx_signorini.studies.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
+from dolfinx_signorini.studies.tradeoff.measuring import Meter
+from dolfinx_signorini.studies.tradeoff.page import write_page
+from dolfinx_signorini.studies.tradeoff.results import result_files, write_results
 
 NORMS = "L4,Linf,W1_4,W1_inf"
 

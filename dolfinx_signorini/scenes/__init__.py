@@ -6,9 +6,9 @@ mesh_files, polygons and domains; conditions; scene (the data) and reading (from
 output (summary, pictures, files).
 """
 
+from dolfinx_signorini.scenes.files.reading import load_scene
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, pose
-from dolfinx_signorini.scenes.reading import load_scene
-from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 
 __all__ = ["PosedScene", "Scene", "SceneResult", "load_scene", "pose", "solve_scene"]

@@ -21,16 +21,16 @@ import numpy.typing as npt
 
 from dolfinx_signorini.accuracy.cells import Array, norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.jacobians import inverses
-from dolfinx_signorini.meshes import cell_edges, owned_cells
-from dolfinx_signorini.norm_names import Norm
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import interior_rule
-from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated
-from dolfinx_signorini.scenes.jumps import broken_cells
-from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.interfaces.jumps import broken_cells
+from dolfinx_signorini.data.interfaces.pieces import inside
+from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.quadrature import interior_rule
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.posing import PosedScene, load_of
-from dolfinx_signorini.scenes.roughness import slopes, switches
 
 Indices = npt.NDArray[np.int32]
 

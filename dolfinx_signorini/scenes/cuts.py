@@ -23,13 +23,13 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.cells import Array, summed_at_vertices, total
 from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.meshes import cell_edges, owned_cells
-from dolfinx_signorini.quadrature import QuadratureRule, interior_rule
-from dolfinx_signorini.scenes.formulas import Node, evaluated
-from dolfinx_signorini.scenes.jumps import cut_cells
-from dolfinx_signorini.scenes.pieces import inside
+from dolfinx_signorini.data.formulas import Node, evaluated
+from dolfinx_signorini.data.interfaces.jumps import cut_cells
+from dolfinx_signorini.data.interfaces.pieces import inside
+from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.scenes.posing import PosedScene
-from dolfinx_signorini.scenes.roughness import slopes, switches
 
 Indices = npt.NDArray[np.int64]
 

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norm_names import parse_norm
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
-from dolfinx_signorini.scenes.conditions import CONDITIONS
-from dolfinx_signorini.scenes.formulas import Formula, evaluated
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.roughness import jumps, poles
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.norms.names import parse_norm
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
+from dolfinx_signorini.scenes.files.conditions import CONDITIONS
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
 from dolfinx_signorini.scenes.regularity import (
     Corner,
@@ -20,8 +22,6 @@ from dolfinx_signorini.scenes.regularity import (
     largest_angle,
     singular_corners,
 )
-from dolfinx_signorini.scenes.roughness import jumps, poles
-from dolfinx_signorini.scenes.scene import Scene
 
 # Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
 BYTES = {2: (1.3e3, 1.4e3, 1.6e3, 2.1e3), 3: (2.8e3, 4.1e3, 7.0e3, 1.1e4)}

@@ -15,7 +15,12 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.meshes import (
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.data.features import Datum, Samples, look_at
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated, number
+from dolfinx_signorini.data.interfaces.pieces import inside, widths
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     facet_cells,
@@ -23,12 +28,7 @@ from dolfinx_signorini.meshes import (
     longest_side,
     owned_cells,
 )
-from dolfinx_signorini.refinement import refined
-from dolfinx_signorini.scenes.features import Datum, Samples, look_at
-from dolfinx_signorini.scenes.formulas import Formula, Node, evaluated, number
-from dolfinx_signorini.scenes.pieces import inside, widths
-from dolfinx_signorini.scenes.scene import Scene
-from dolfinx_signorini.shared_places import highest
+from dolfinx_signorini.scenes.files.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]

@@ -11,25 +11,29 @@ from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.elements import bernstein_space
-from dolfinx_signorini.errors import InputError, require
-from dolfinx_signorini.manufactured import ManufacturedSolution, contact_violations, manufacture
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, facet_cells
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
-from dolfinx_signorini.scenes.conditions import (
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.data.derivatives import load_and_current
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.jumps import integrable, integrable_on_facets
+from dolfinx_signorini.data.interfaces.roughness import jumps
+from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for, measure_for_load
+from dolfinx_signorini.meshes.elements import bernstein_space
+from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
+from dolfinx_signorini.norms.manufactured import (
+    ManufacturedSolution,
+    contact_violations,
+    manufacture,
+)
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes.files.conditions import (
     CONDITIONS,
     BoundaryCondition,
     Contact,
     Neumann,
     Setting,
 )
-from dolfinx_signorini.scenes.derivatives import load_and_current
-from dolfinx_signorini.scenes.formulas import Formula
-from dolfinx_signorini.scenes.jumps import integrable, integrable_on_facets
-from dolfinx_signorini.scenes.roughness import jumps
-from dolfinx_signorini.scenes.rules import CellMeasure, measure_for, measure_for_load
-from dolfinx_signorini.scenes.scene import Scene
+from dolfinx_signorini.scenes.files.scene import Scene
 
 Indices = npt.NDArray[np.int32]
 Terms = dict[str, tuple[Expr, CellMeasure]]

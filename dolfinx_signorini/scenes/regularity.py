@@ -23,10 +23,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.elements import control_points
-from dolfinx_signorini.meshes import facet_cells, owned_cells
-from dolfinx_signorini.scenes.formulas import Formula
-from dolfinx_signorini.shared_places import highest, summed
+from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]

@@ -14,8 +14,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
-from dolfinx_signorini.elements import HIGHEST_DEGREE
-from dolfinx_signorini.kinds import (
+from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
     TEXT,
     callable_,
@@ -25,25 +24,26 @@ from dolfinx_signorini.kinds import (
     optional,
     positive,
 )
-from dolfinx_signorini.logs import tell_duration
-from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.norm_names import parse_norm
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.base.logs import tell_duration
+from dolfinx_signorini.base.timing import Phases
+from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
+from dolfinx_signorini.data.interfaces.following import follow
+from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.names import parse_norm
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.bends import bend_errors
 from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
-from dolfinx_signorini.scenes.fitting import fitted_mesh
-from dolfinx_signorini.scenes.following import follow
-from dolfinx_signorini.scenes.jumps import integrable
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
-from dolfinx_signorini.scenes.scene import Scene
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.timing import Phases
 
 if TYPE_CHECKING:
-    from dolfinx_signorini.picture import Picture
+    from dolfinx_signorini.pictures.picture import Picture
 
 CUT = "the diffusion jumps or has a kink inside cells, which converges slowly"
 DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1

@@ -18,12 +18,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.shared_places import highest
-from dolfinx_signorini.solvers.direct import LinearSolver
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.solvers.linear.direct import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
-from dolfinx_signorini.system import System
+from dolfinx_signorini.solvers.system import System
 
 Mask = npt.NDArray[np.bool_]
 

@@ -11,8 +11,8 @@ from typing import Any, Protocol, TypeVar
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError, together
-from dolfinx_signorini.kinds import callable_, check, integer, optional, sequence
+from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.kinds import callable_, check, integer, optional, sequence
 from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState
 

@@ -12,16 +12,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION, solve_active_set
-from dolfinx_signorini.solvers.direct import linear_solver
 from dolfinx_signorini.solvers.history import History
+from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
-from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
 

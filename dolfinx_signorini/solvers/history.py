@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.system import System
+from dolfinx_signorini.solvers.system import System
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.solvers.tao import METHODS as TAO_METHODS
 
 METHODS = ("cascade", *TAO_METHODS)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.residual import power_of_two
-from dolfinx_signorini.system import System
+from dolfinx_signorini.solvers.system import System
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.shared_places import marked
-from dolfinx_signorini.solvers.direct import is_small
+from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.transfer import Carrier
-from dolfinx_signorini.system import System
 
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]

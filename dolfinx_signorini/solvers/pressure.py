@@ -7,9 +7,9 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.kinds import FUNCTION, check
-from dolfinx_signorini.system import System
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import FUNCTION, check
+from dolfinx_signorini.solvers.system import System
 
 Array = npt.NDArray[np.float64]
 

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_signorini.errors import INDEFINITE, InputError, NotConvergedError
-from dolfinx_signorini.solvers.options import options_set, warn_of_unread
+from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
+from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
+from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, starts_in_infinity
-from dolfinx_signorini.system import System
 
 FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")

@@ -13,10 +13,10 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.meshes import cells_with_dofs, covering_cells
-from dolfinx_signorini.refinement import parent_mesh, prolong_on_cells
-from dolfinx_signorini.solvers.hierarchy import is_straight, nodes_of
-from dolfinx_signorini.solvers.lattice import find_lattice, surrounding
+from dolfinx_signorini.meshes.refinement import parent_mesh, prolong_on_cells
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
+from dolfinx_signorini.solvers.linear.hierarchy import is_straight, nodes_of
+from dolfinx_signorini.solvers.linear.lattice import find_lattice, surrounding
 
 Indices = npt.NDArray[np.int32]
 Pairs = Sequence[tuple[fem.Function, fem.Function]]

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.solvers.residual import power_of_two
-from dolfinx_signorini.system import System
+from dolfinx_signorini.solvers.system import System
 
 VANISHING = 1e-15  # of the sum of A_ii v_i^2: a smaller v.A v is rounding
 SMALLEST = 1e-300  # of a start that is looked at: products of smaller values lose digits

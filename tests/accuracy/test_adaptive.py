@@ -12,12 +12,12 @@ from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import Solution, difference, indicators
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets, owned_cells
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.references import Reference
-from dolfinx_signorini.refinement import Transfer, refined
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.refinement import Transfer, refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.norms.references import Reference
 
 POINT = 0.41337
 

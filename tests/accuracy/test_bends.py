@@ -11,12 +11,12 @@ from known import Known, bent, true_error
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.compat import interpolation_points
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.base.compat import interpolation_points
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.bends import NEARER, bend_errors
+from dolfinx_signorini.scenes.files.reading import parse_scene
 from dolfinx_signorini.scenes.posing import pose
-from dolfinx_signorini.scenes.reading import parse_scene
 
 NORMAL = {2: np.array([0.6, 0.8]), 3: np.array([2.0, -1.0, 2.0]) / 3.0}
 PLACE = 0.531  # of the jump along the normal

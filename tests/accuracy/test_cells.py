@@ -7,9 +7,9 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.accuracy.cells import cell_norms, collected, total, volumes
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import owned_cells
-from dolfinx_signorini.norm_names import parse_norm
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.names import parse_norm
 
 
 def function(domain, degree, values):

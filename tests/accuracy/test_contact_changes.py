@@ -5,8 +5,8 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
-from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 
 def waves(space, *numbers):

@@ -8,10 +8,10 @@ from dolfinx_signorini import christof_haubner
 from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
-from dolfinx_signorini.paper.solution import paper_problem
-from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 
 def error_at_the_origin(comm, n, norm):

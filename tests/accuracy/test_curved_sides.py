@@ -24,19 +24,19 @@ from dolfinx_signorini.accuracy.cells import total, volumes
 from dolfinx_signorini.accuracy.marking import Marks
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.curved_sides import CurvedSides, arcs
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import (
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.meshes.curved_sides import CurvedSides, arcs
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     facet_cells,
     facet_nodes,
     owned_cells,
 )
-from dolfinx_signorini.references import Reference
-from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.mesh_files import MeshFile
+from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 
 RADIUS = 0.3
 

@@ -12,10 +12,10 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes import pose
 from dolfinx_signorini.scenes.cuts import cut_errors
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 TEXT = """
 degree = {degree}

@@ -7,11 +7,11 @@ import pytest
 from known import SCENES, true_error
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import SidedMesh
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 
 def degree_of(u):

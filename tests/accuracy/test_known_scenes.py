@@ -8,7 +8,7 @@ import pytest
 from known import SCENES, Known, true_error
 
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 LIMIT = 300_000
 REQUESTS = [

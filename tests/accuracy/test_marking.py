@@ -8,8 +8,8 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy import marking
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.marking import Marks, Outlook, mark, mark_worst
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 N = 8
 

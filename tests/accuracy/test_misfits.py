@@ -11,8 +11,8 @@ from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import Solution
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets
-from dolfinx_signorini.refinement import refined
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 
 CELLS = {2: 6, 3: 2}  # on each side of the undivided mesh, by dimension
 HEIGHT = 1e-3

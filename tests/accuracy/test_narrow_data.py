@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from known import SCENES, Known, bump, true_error
 from mpi4py import MPI
 
-from dolfinx_signorini.elements import control_points, values_at_control_points
-from dolfinx_signorini.errors import InputError
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.enclosures import enclosed_on_boxes, enclosed_on_simplices
+from dolfinx_signorini.data.formulas import FUNCTIONS
+from dolfinx_signorini.data.parsing import parse
+from dolfinx_signorini.meshes.elements import control_points, values_at_control_points
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.enclosures import enclosed_on_boxes, enclosed_on_simplices
-from dolfinx_signorini.scenes.formulas import FUNCTIONS
+from dolfinx_signorini.scenes.files.reading import load_scene, parse_scene
 from dolfinx_signorini.scenes.looking import resolved_mesh
-from dolfinx_signorini.scenes.parsing import parse
-from dolfinx_signorini.scenes.reading import load_scene, parse_scene
 
 NUMBERS = st.floats(0.01, 9.0).map(lambda v: f"{v:.4g}")
 UNARY = [name for name, (count, *_) in FUNCTIONS.items() if count == 1]

@@ -13,13 +13,14 @@ from known import bump, circle
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds.energy_bound import energy_bound
-from dolfinx_signorini.scenes import known_data, pose
-from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
-from dolfinx_signorini.scenes.fitting import fitted_mesh
-from dolfinx_signorini.scenes.formulas import evaluated
-from dolfinx_signorini.scenes.known_data import KnownData
-from dolfinx_signorini.scenes.parsing import parse
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
+from dolfinx_signorini.data.parsing import parse
+from dolfinx_signorini.scenes import pose
+from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.scenes.proven import known_data
+from dolfinx_signorini.scenes.proven.bounds import bound_of_scene, energy_terms
+from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 PLANE = """
 degree = {degree}

@@ -10,12 +10,12 @@ from known import Known, true_error
 
 from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.pulls import pressure_density, pulls
-from dolfinx_signorini.elements import bernstein_space, control_points
-from dolfinx_signorini.meshes import SidedMesh, boundary_facets
-from dolfinx_signorini.norm_names import parse_norm
-from dolfinx_signorini.refinement import Transfer, refined
+from dolfinx_signorini.meshes.elements import bernstein_space, control_points
+from dolfinx_signorini.meshes.refinement import Transfer, refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 CENTRE, HALF = 0.5531, 0.02
 PULLS = {2: 6e-4, 3: 2.4e-3}  # by dimension, so small that all forces on dofs are positive

@@ -6,8 +6,8 @@ import pytest
 from dolfinx_signorini.accuracy.marking import Marks, mark_worst
 from dolfinx_signorini.accuracy.rates import NEARLY, SLOWEST, Rates
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import SidedMesh, owned_cells
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 ORDER = 3  # of the derivatives of smooth solutions, with elements of this degree
 

@@ -8,7 +8,7 @@ import pytest
 from known import Known, bent, true_error
 
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.reading import parse_scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 
 def wedge(degrees, exponent, size=1.0, tip=(0.0, 0.0), turned=0.0):

@@ -6,10 +6,10 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini import compat
+from dolfinx_signorini.base import compat
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.meshes import facet_cells
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.meshes.sided_meshes import facet_cells
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 KAPPA = 2.0  # of Robin conditions
 

@@ -22,6 +22,7 @@ from energy_cases import (
     top,
 )
 
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds import flux_parts as module
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
@@ -37,12 +38,11 @@ from dolfinx_signorini.bounds.reference_flux import (
     reference_flux,
 )
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.meshes import boundary_facets, facet_count
-from dolfinx_signorini.paper.solution import christof_haubner, paper_problem
-from dolfinx_signorini.problem import SignoriniProblem
-from dolfinx_signorini.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 
 PLANE = {
     "full contact": (polynomial, {}),

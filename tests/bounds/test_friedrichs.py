@@ -13,7 +13,7 @@ from dolfinx_signorini.bounds.boundary_facets import on_frames
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, NEUMANN
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 
 
 def constant(domain, fixed, c=None):

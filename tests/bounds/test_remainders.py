@@ -22,8 +22,8 @@ from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.problem import SignoriniProblem
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 NEEDS_PREFIX = "petsc_options_prefix" in signature(LinearProblem.__init__).parameters
 FINER = 6  # the degree of the space of the Galerkin solution

@@ -14,8 +14,8 @@ from mpi4py import MPI
 from mpmath import mpf
 
 from dolfinx_signorini import InputError, NotConvergedError, SignoriniProblem
-from dolfinx_signorini.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 
 Array = npt.NDArray[np.float64]
 Data = Callable[[Array], Array]

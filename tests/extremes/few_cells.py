@@ -14,7 +14,7 @@ from dolfinx import fem  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 
 from dolfinx_signorini import error_norms  # noqa: E402
-from dolfinx_signorini.meshes import owned_cells  # noqa: E402
+from dolfinx_signorini.meshes.sided_meshes import owned_cells  # noqa: E402
 
 KNOWN = {"L4": 1.0, "Linf": 1.0, "W1_4": 1.0, "L2_boundary": 2.0, "H1_2_boundary_spectral": 2.0}
 

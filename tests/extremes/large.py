@@ -13,7 +13,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.meshes import boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 
 Array = npt.NDArray[np.float64]
 Where = Callable[[Array], npt.NDArray[np.bool_]]

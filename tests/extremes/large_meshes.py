@@ -10,7 +10,7 @@ from large import Array
 from mpi4py import MPI
 from scipy.spatial import Delaunay
 
-from dolfinx_signorini.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 
 Cells = npt.NDArray[np.int64]
 

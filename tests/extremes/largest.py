@@ -19,8 +19,8 @@ from dolfinx_signorini import (  # noqa: E402
     friedrichs_keller,
     solve_cascade,
 )
-from dolfinx_signorini.paper.sampling import LINF, paper_errors  # noqa: E402
-from dolfinx_signorini.paper.solution import PAPER_RULE, paper_problem  # noqa: E402
+from dolfinx_signorini.studies.paper.sampling import LINF, paper_errors  # noqa: E402
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_problem  # noqa: E402
 
 N = 2001
 RTOL = 1e-7  # with the default, the solve would stop where the discretisation error hides the rest

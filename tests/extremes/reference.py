@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpmath import mp, mpf
 
-from dolfinx_signorini.meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 DIGITS = 50
 ROUNDING = mpf(10) ** -40  # signs below it are zero

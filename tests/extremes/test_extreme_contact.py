@@ -14,8 +14,8 @@ from dolfinx_signorini import (
     error_norms,
     friedrichs_keller,
 )
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.paper.solution import paper_problem
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.studies.paper.solution import paper_problem
 
 TIGHT = 1e-13
 

@@ -25,8 +25,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, SignoriniProblem
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.paper.sampling import LINF
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.studies.paper.sampling import LINF
 
 TIGHT = 1e-13
 

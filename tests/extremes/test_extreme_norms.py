@@ -18,8 +18,8 @@ from dolfinx_signorini import (
     error_norms,
     friedrichs_keller,
 )
-from dolfinx_signorini.meshes import boundary_facets
-from dolfinx_signorini.paper.solution import AMPLITUDE, SUPPORT_RADIUS
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.studies.paper.solution import AMPLITUDE, SUPPORT_RADIUS
 
 TIGHT = 1e-13
 FINE = QuadratureRule("default", 20)

@@ -10,12 +10,12 @@ from dolfinx import fem
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
-from dolfinx_signorini.elements import nodal_space, values_at_control_points
-from dolfinx_signorini.errors import require
-from dolfinx_signorini.records import on_first
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.ranks import largest
+from dolfinx_signorini.base.records import on_first
+from dolfinx_signorini.meshes.elements import nodal_space, values_at_control_points
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
-from dolfinx_signorini.shared_places import largest
 
 BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 

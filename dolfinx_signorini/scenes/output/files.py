@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_signorini.contact_boundary import ContactBoundary
-from dolfinx_signorini.picture import Picture
-from dolfinx_signorini.records import on_first, versions, write_file
+from dolfinx_signorini.base.records import on_first, versions, write_file
+from dolfinx_signorini.base.tables import csv_table
+from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
+from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
 from dolfinx_signorini.scenes.output.pictures import draw_scene
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
 from dolfinx_signorini.scenes.solving import SceneResult
-from dolfinx_signorini.tables import csv_table
 
 
 def write_results(

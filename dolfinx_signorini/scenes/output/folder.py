@@ -17,8 +17,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.records import in_use, on_first, refuse_foreign
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.records import in_use, on_first, refuse_foreign
 
 RECORD = "record.json"
 # The files of each of the `OUTPUTS`, of which a run writes some; the record comes with all of them.

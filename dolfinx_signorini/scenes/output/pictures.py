@@ -1,14 +1,14 @@
 """The pictures of a solved scene: the solution, the contact boundary, the way to an accuracy."""
 
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
-from dolfinx_signorini.contact_boundary import ContactBoundary, gather_contact_boundary
-from dolfinx_signorini.contact_pictures import draw_contact
-from dolfinx_signorini.errors import InputError
-from dolfinx_signorini.picture import Picture
-from dolfinx_signorini.problem_pictures import PICTURES, draw_solution
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
+from dolfinx_signorini.pictures.contact_pictures import draw_contact
+from dolfinx_signorini.pictures.picture import Picture
+from dolfinx_signorini.pictures.problem_pictures import PICTURES, draw_solution
+from dolfinx_signorini.scenes.files.toml_table import ALL
 from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
-from dolfinx_signorini.scenes.toml_table import ALL
 
 
 def scene_boundary(result: SceneResult) -> ContactBoundary | None:

@@ -8,14 +8,14 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini import compiled
 from dolfinx_signorini.accuracy.report import found_lines
-from dolfinx_signorini.contact_boundary import ContactBoundary
-from dolfinx_signorini.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.norms import error_norms
-from dolfinx_signorini.references import Reference
-from dolfinx_signorini.scenes.bounds import bound_of_scene
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.norms.references import Reference
+from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
+from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.scenes.posing import LOAD
+from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
 
 ROUNDING = 1e-12  # of coordinates

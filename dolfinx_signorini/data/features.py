@@ -1,0 +1,197 @@
+"""The search for narrow features of data: samples close enough that nothing is between them.
+
+Cells or facets are divided into pieces. The values of a formula at points of a piece and an
+enclosure of all values on the piece tell what may be hidden between the points. The pieces that may
+hide most are divided again and again, until no piece may hide anything that matters.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.data.enclosures import enclosed_on_simplices
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.pieces import divided, inside, widths
+from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+MOST_PIECES = 20_000  # of one datum, on all ranks
+FIRST_PIECES = 1_500  # before the search; no cell is divided into more than 2^DEEPEST of them
+DEEPEST = 6
+HIDDEN = {"mass": 1e-4, "height": 0.05}  # what a piece may hide, of the norm of the datum
+SMALLEST = 1e-9  # of the domain: smaller pieces are not divided
+
+
+@dataclass(frozen=True)
+class Datum:
+    """A formula with the part of the domain or of its boundary where the formula is a datum:
+
+        Datum("load", scene.load, "mass", 4, corners, np.arange(len(corners)))
+
+    Attributes:
+        name: What the datum is called in notes.
+        formula: The formula.
+        measure: What counts: "mass" for data that are integrated, "height" for data whose values
+            the solution takes.
+        degree: The degree of the polynomials that are to follow the datum.
+        corners: The vertices of the owned cells or facets, shape (parts, vertices, dimension).
+        owners: The cells of these parts.
+    """
+
+    name: str
+    formula: Formula
+    measure: str
+    degree: int
+    corners: Array
+    owners: Indices
+
+
+@dataclass
+class Samples:
+    """The values of a datum at points that no feature is between:
+
+        samples = look_at(datum, domain.comm, size=1.0)
+
+    Attributes:
+        points: The points, shape (points, dimension).
+        values: The values of the datum.
+        weights: The weights of the points in integrals.
+        owners: The cells around the points.
+        unclear: Whether the datum is not known from its values in the piece around the point, as
+            where the datum jumps.
+        norm: The integral of the size of the datum; for the measure "height" its range.
+        hidden: The largest part of the norm that one piece may hide, where the search was ended
+            before all pieces were clear; else 0.
+    """
+
+    points: Array
+    values: Array
+    weights: Array
+    owners: Indices
+    unclear: npt.NDArray[np.bool_]
+    norm: float
+    hidden: float
+
+
+def look_at(datum: Datum, comm: MPI.Comm, size: float) -> Samples:
+    """Sample a datum so closely that nothing that matters is between the samples.
+
+    Args:
+        datum: The datum.
+        comm: The communicator of the mesh; the call is collective.
+        size: The width of the domain.
+    """
+    search = _Search(datum, comm, size)
+    while search.divide():
+        pass
+    return search.samples()
+
+
+class _Search:
+    """The pieces of a datum.
+
+    Attributes:
+        pieces: The vertices of the pieces, shape (pieces, vertices, dimension).
+        owners: The cells around the pieces.
+        volumes: The volumes of the pieces.
+        values: The values at the points of the pieces, shape (pieces, points).
+        hidden: What the pieces may hide, in the measure of the datum.
+    """
+
+    def __init__(self, datum: Datum, comm: MPI.Comm, size: float):
+        self.datum, self.comm, self.size = datum, comm, size
+        vertices = datum.corners.shape[1]
+        self.dimension = vertices - 1
+        unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
+        b = (1.0 - 1.0 / math.sqrt(self.dimension + 2.0)) / vertices  # exact for degree 2
+        self.lattice = np.concatenate((unit, b + (1.0 - vertices * b) * unit))
+        pieces, owners = datum.corners, datum.owners
+        count, parts = max(self._sum(len(pieces)), 1.0), 2**self.dimension
+        depth = int(math.log(max(FIRST_PIECES / count, 1.0), parts))
+        for _ in range(min(depth, DEEPEST // self.dimension)):
+            pieces, owners = divided(pieces, owners)
+        self.pieces, self.owners = pieces, owners
+        self.volumes, self.values, self.hidden = self._looked(pieces)
+        self.stopped = False
+
+    def divide(self) -> bool:
+        """Divide the pieces that may hide most; whether a piece was divided."""
+        threshold = HIDDEN[self.datum.measure] * self._reference()
+        divisible = widths(self.pieces) > SMALLEST * self.size
+        parts = 2**self.dimension
+        room = (MOST_PIECES - self._sum(len(self.pieces))) / (parts - 1)
+        for _ in range(100):
+            chosen = divisible & (self.hidden > threshold)
+            count = self._sum(chosen.sum())
+            if count <= room:
+                break
+            self.stopped, threshold = True, 4.0 * threshold
+        if count == 0 or count > room:
+            return False
+        new, owners = divided(self.pieces[chosen], self.owners[chosen])
+        volumes, values, hidden = self._looked(new)
+        self.volumes = np.concatenate((self.volumes[~chosen], volumes))
+        self.pieces = np.concatenate((self.pieces[~chosen], new))
+        self.owners = np.concatenate((self.owners[~chosen], owners))
+        self.values = np.concatenate((self.values[~chosen], values))
+        self.hidden = np.concatenate((self.hidden[~chosen], hidden))
+        return True
+
+    def samples(self) -> Samples:
+        """Return the values at the points of the pieces."""
+        points = inside(self.pieces, self.lattice).transpose(1, 0, 2)
+        count, known = len(self.lattice), np.isfinite(self.values)
+        norm, unclear = self._norm(), self.hidden > HIDDEN[self.datum.measure] * self._norm()
+        divisible = widths(self.pieces) > SMALLEST * self.size
+        largest = highest(self.comm, np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
+        return Samples(
+            points=points.reshape(-1, points.shape[2]),
+            values=np.where(known, self.values, 0.0).ravel(),
+            weights=(known * self._weights()).ravel(),
+            owners=np.repeat(self.owners, count),
+            unclear=np.repeat(unclear, count),
+            norm=norm,
+            hidden=largest / norm if norm > 0.0 else float(largest > 0.0),
+        )
+
+    def _looked(self, pieces: Array) -> tuple[Array, Array, Array]:
+        """Return volumes, values at the points of pieces, and what is hidden between the points."""
+        formula, volumes = self.datum.formula, simplex_sizes(pieces)
+        values = evaluated(formula.root, inside(pieces, self.lattice)).T
+        known = np.isfinite(values)
+        low, high = enclosed_on_simplices(formula, pieces)
+        above = high - np.where(known, values, -np.inf).max(axis=1, initial=-np.inf)
+        below = np.where(known, values, np.inf).min(axis=1, initial=np.inf) - low
+        hidden = np.nan_to_num(np.maximum(np.maximum(above, below), 0.0), nan=np.inf, posinf=np.inf)
+        if self.datum.measure == "mass":
+            hidden = hidden * volumes
+        return volumes, values, hidden
+
+    def _norm(self) -> float:
+        known = np.isfinite(self.values)
+        if self.datum.measure == "mass":
+            return self._sum((np.abs(np.where(known, self.values, 0.0)) * self._weights()).sum())
+        top = np.where(known, self.values, -np.inf).max(initial=-np.inf)
+        bottom = np.where(known, self.values, np.inf).min(initial=np.inf)
+        top, bottom = np.max(self.comm.allgather((top, -bottom)), axis=0)
+        return max(float(top + bottom), 0.0)
+
+    def _reference(self) -> float:
+        """The norm, or what a piece may hide, where that is finite and more."""
+        finite = np.where(np.isfinite(self.hidden), self.hidden, 0.0)
+        return max(self._norm(), highest(self.comm, finite))
+
+    def _weights(self) -> Array:
+        vertices = self.dimension + 1
+        shares = np.repeat((0.0, 1.0 / vertices), vertices)
+        return np.asarray(self.volumes[:, None] * shares)
+
+    def _sum(self, value: Any) -> float:
+        return float(self.comm.allreduce(float(value)))

@@ -1,0 +1,276 @@
+"""Polynomials in place of formulas on simplices, with proven bounds of what the polynomials miss.
+
+A formula is known at the points of a quadrature rule. What a rule cannot see is bounded on each
+piece of a simplex: by `discs` where the formula is analytic, or else by an interval around all
+values. Simplices are divided into pieces where these bounds are not small enough: near jumps, kinks
+and singular points, and where the formula varies faster than the mesh.
+
+Let t(n) bound what polynomials of degree n miss of f on a piece. By a rule with positive weights
+that is exact for polynomials of degree q, the mean of f p over the piece, with a polynomial p of
+degree n, is wrong by at most 2 t(q - n) max |p|, and the root of the mean of (f - p)^2 is wrong by
+at most 2 t(q / 2). A projection on polynomials of degree n that has the norm L in the maximum norm
+misses at most (1 + L) t(n) of f at every point.
+"""
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
+from dolfinx_signorini.data.discs import discs
+from dolfinx_signorini.data.enclosures import enclosed_on_simplices
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided, inside
+from dolfinx_signorini.data.names import operations
+from dolfinx_signorini.data.singular import root_mean_squares
+from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
+ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
+DEEPEST = 30  # divisions of a simplex
+MOST_WORK = 1_000_000  # the same, times the number of operations of a formula
+KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
+DIVISIONS = 4  # of a simplex into such parts
+ROUNDING = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Polynomials in place of a formula on simplices:
+
+        found = fit(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
+
+    Attributes:
+        coefficients: Each polynomial Q in terms of `reference_flux.polynomials`.
+        missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
+        mean: A bound of the mean of (f - Q) p on each simplex, for polynomials p of the same degree
+            with values of at most 1.
+        hidden: The L2 norm over all simplices of weights times those parts of both bounds that come
+            from between the points.
+    """
+
+    coefficients: Array
+    missed: Array
+    mean: Array
+    hidden: float
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Pieces of simplices with the formula at points; vertices have reference coordinates first."""
+
+    pieces: Array
+    owners: Indices
+    share: float  # of a piece in its simplex
+    values: Array
+    tails: Array  # of what points do not tell: of the root of mean squares, and of means
+
+
+def fit(
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
+) -> Fit:
+    """Return polynomials in place of a formula; the call is collective.
+
+    Args:
+        formula: The formula f.
+        comm: The communicator.
+        corners: The vertices of the simplices of this rank, shape (simplices, vertices, dimension).
+        degree: The degree of the polynomials, at most half of `ORDERS`.
+        weights: What the two attributes `missed` and `mean` count, shape (2, simplices).
+        tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
+            for what is hidden between the points.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _fit(formula, comm, corners, degree, weights, tolerance)
+
+
+def _fit(
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
+) -> Fit:
+    dimension = corners.shape[1] - 1
+    points, rule_weights = rule(dimension, ORDERS[dimension])
+    parts = _parts(formula, comm, corners, degree, weights, tolerance)
+    tables = [_table(part, points, degree) for part in parts]
+    count, terms = len(corners), comb(degree + dimension, dimension)
+    moments, squares, mean = np.zeros((count, terms)), np.zeros(count), np.zeros(count)
+    for part, table in zip(parts, tables, strict=True):
+        own = part.share * np.einsum("nq,niq->ni", part.values * rule_weights, table)
+        np.add.at(moments, part.owners, own)
+    between = np.zeros((2, count))
+    for part, table in zip(parts, tables, strict=True):
+        rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
+        root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
+        squares += part.share * np.bincount(part.owners, root**2, count)
+        mean += part.share * np.bincount(part.owners, part.tails[1], count)
+        between[0] += part.share * np.bincount(part.owners, part.tails[0] ** 2, count)
+    between[1] = mean**2
+    sums = (weights**2 * between) @ simplex_sizes(corners)
+    hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
+    return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING, hidden)
+
+
+def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
+    """Return polynomials that follow a formula at every point, with bounds of the differences.
+
+    Args:
+        formula: The formula.
+        corners: The vertices of simplices, shape (simplices, vertices, dimension).
+        degree: The degree of the polynomials.
+
+    Returns:
+        The coefficients of the polynomials, see `Fit`, and the bounds, shape (simplices,).
+    """
+    dimension = corners.shape[1] - 1
+    order = ORDERS[dimension] // 2
+    points, weights = rule(dimension, 2 * order)
+    values = evaluated(formula.root, inside(corners, points)).T
+    full = (values * weights) @ polynomials(dimension, order, points).T
+    tails = _tails(formula, corners, (order,))[0]
+    norm = comb(order + dimension, dimension)
+    terms = comb(degree + dimension, dimension)  # the basis goes from degree to degree
+    cut = full.copy()
+    cut[:, :terms] = 0.0
+    bounds = ((1 + norm) * tails + largest(dimension, order, cut)) * ROUNDING
+    coefficients = full[:, :terms]
+    low, high = enclosed_on_simplices(formula, corners)
+    flat = ~(bounds <= 0.5 * (high - low))
+    coefficients[flat] = 0.0
+    bounds[flat] = np.inf
+    finite = flat & np.isfinite(low) & np.isfinite(high)
+    coefficients[finite, 0] = 0.5 * (low[finite] + high[finite])
+    bounds[finite] = 0.5 * (high[finite] - low[finite]) * ROUNDING
+    return coefficients, bounds
+
+
+def followed_in_parts(
+    formula: Formula, corners: Array, degree: int, divisions: int = DIVISIONS
+) -> tuple[Array, Array]:
+    """Return the same as `followed`, with less beside polynomials where a formula has kinks.
+
+    On simplices with kinks the polynomials follow the formula in the mean. Bernstein coefficients
+    bound the differences from polynomials that follow the formula on small parts of the simplices.
+
+    Args:
+        formula, corners, degree: See `followed`.
+        divisions: How often the simplices are divided into parts.
+    """
+    dimension = corners.shape[1] - 1
+    coefficients, bounds = followed(formula, corners, degree)
+    height = np.abs(coefficients).max(axis=1, initial=0.0)
+    rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
+    ones = np.ones((2, len(rough)))
+    whole = fit(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
+    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    reference = np.broadcast_to(unit, (len(rough), *unit.shape))
+    parts: Array = np.concatenate((reference, corners[rough]), axis=2)
+    owners: Indices = np.arange(len(rough))
+    for _ in range(divisions):
+        parts, owners = divided(parts, owners)
+    own, apart = followed(formula, parts[..., dimension:], degree)
+    points, weights = rule(dimension, 2 * degree)
+    places = inside(parts[..., :dimension], points).transpose(1, 0, 2)
+    table = polynomials(dimension, degree, places.reshape(-1, dimension))
+    table = table.reshape(len(table), len(parts), len(points)).transpose(1, 0, 2)
+    values = np.einsum("ni,niq->nq", whole[owners], table)
+    there = (values * weights) @ polynomials(dimension, degree, points).T
+    apart += largest(dimension, degree, own - there) * ROUNDING
+    found = np.zeros(len(rough))
+    np.maximum.at(found, owners, apart)
+    better = found < bounds[rough]
+    coefficients[rough[better]], bounds[rough[better]] = whole[better], found[better]
+    return coefficients, bounds
+
+
+def _parts(
+    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
+) -> list[_Part]:
+    """Divide simplices into pieces on which the formula is known well enough."""
+    dimension, count = corners.shape[1] - 1, len(corners)
+    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    reference = np.broadcast_to(unit, (count, *unit.shape))
+    pieces: Array = np.concatenate((reference, corners), axis=2)
+    owners: Indices = np.arange(count)
+    sizes, parts = simplex_sizes(corners), []
+    # Ranks may have different formulas, and all leave the loop at the same level.
+    most = comm.allreduce(min(MOST_PIECES, MOST_WORK // operations(formula.root)), op=MPI.MIN)
+    allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
+    for level in range(DEEPEST + 1):
+        share = 0.5 ** (dimension * level)
+        limits = allowed / weights[:, owners]
+        tails, levels = _looked_at(formula, pieces[..., dimension:], degree, limits)
+        good = (tails * weights[:, owners] <= allowed).all(axis=0)
+        rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
+        mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
+        sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
+        pending = int((~good).sum())
+        *squares, pending = np.sum(comm.allgather((*sums, pending)), axis=0)
+        enough = max(squares) <= tolerance**2 or pending > most or level == DEEPEST
+        chosen = good | enough
+        tails = tails[:, chosen]
+        values = _values(formula, pieces[chosen, :, dimension:], levels[chosen])
+        tails[:, ~np.isfinite(values).all(axis=1)] = np.inf
+        parts.append(_Part(pieces[chosen], owners[chosen], share, np.nan_to_num(values), tails))
+        if enough:
+            break
+        pieces, owners = divided(pieces[~chosen], owners[~chosen])
+    return parts
+
+
+def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> tuple[Array, Array]:
+    """What is hidden on pieces, and constants in place of the values at points, or NaN.
+
+    Args:
+        formula: The formula.
+        pieces: The vertices.
+        degree: The degree of the polynomials that the formula is tested with.
+        allowed: What may be hidden, shape (2, pieces).
+    """
+    order = ORDERS[pieces.shape[1] - 1]
+    levels = np.full(len(pieces), np.nan)
+    tails = 2.0 * _tails(formula, pieces, (order // 2, order - degree))
+    rough = np.flatnonzero((tails > allowed).any(axis=0))
+    low, high = enclosed_on_simplices(formula, pieces[rough])
+    with np.errstate(invalid="ignore"):
+        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
+    sizes = root_mean_squares(formula, pieces[rough])
+    for level, size in ((middle, radius), (np.zeros(len(rough)), sizes)):
+        better = size < tails[0, rough]
+        levels[rough[better]] = level[better]
+        tails[:, rough[better]] = size[better]
+    return tails, levels
+
+
+def _values(formula: Formula, pieces: Array, levels: Array) -> Array:
+    """The values at the points of pieces, or levels in their places, shape (pieces, points)."""
+    points, _ = rule(pieces.shape[1] - 1, ORDERS[pieces.shape[1] - 1])
+    values: Array = np.repeat(levels[:, None], len(points), axis=1)
+    known = np.flatnonzero(np.isnan(levels))
+    values[known] = evaluated(formula.root, inside(pieces[known], points)).T
+    return values
+
+
+def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
+    """What polynomials of some degrees miss of a formula, at most, shape (degrees, pieces)."""
+    result = np.full((len(degrees), len(pieces)), np.inf)
+    for reach in REACHES:
+        _, radii = discs(formula, pieces, reach)
+        powers = np.array([reach**-n / (reach - 1.0) for n in degrees])
+        result = np.minimum(result, powers[:, None] * radii)
+    return result
+
+
+def _table(part: _Part, points: Array, degree: int) -> Array:
+    """The polynomials on simplices at the points of pieces, shape (pieces, polynomials, points)."""
+    dimension, count = points.shape[1], len(part.owners)
+    if part.share == 1.0:
+        table = polynomials(dimension, degree, points)
+        return np.broadcast_to(table, (count, *table.shape))
+    places = inside(part.pieces[..., :dimension], points).transpose(1, 0, 2)
+    table = polynomials(dimension, degree, places.reshape(-1, dimension))
+    return table.reshape(len(table), count, len(points)).transpose(1, 0, 2)

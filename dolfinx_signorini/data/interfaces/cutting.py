@@ -1,0 +1,238 @@
+"""Triangles and tetrahedra fitted to the line or plane where a function changes its sign.
+
+Vertices near the zeros are moved onto them, and the edges that still cross the zeros are split
+there: every cell with such an edge into two, so that the cells conform at any time.
+
+Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM Trans. Graph. 26
+(2007) 57, who also move vertices first, and split afterwards.
+"""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import basix
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.data.formulas import Node, evaluated
+from dolfinx_signorini.data.interfaces.pieces import inside, widths
+from dolfinx_signorini.data.interfaces.sliding import FLAT, planes
+
+Array = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
+SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
+BISECTIONS = 60  # of an edge: to the last digit
+ON = 1e-9  # of an edge: zeros that are nearer to a vertex are at the vertex
+THIN = 0.1  # of a cell: what a curve may cut off
+SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
+ROUNDING = 1e-7  # of the largest value in a cell
+
+
+@dataclass(frozen=True)
+class Simplices:
+    """A whole mesh on one rank, to be fitted to the zeros of a function:
+
+        whole = fitted(Simplices(x, cells, facets, sides, np.zeros(len(x), dtype=bool)), node)
+
+    Attributes:
+        x: The vertices, shape (vertices, dimension).
+        cells: The numbers of the vertices of each cell.
+        facets: The numbers of the vertices of each facet of the boundary.
+        sides: For each of these facets a number that stands for its sides.
+        fixed: Whether a vertex is on zeros that the mesh has been fitted to.
+    """
+
+    x: Array
+    cells: Ids
+    facets: Ids
+    sides: Ids
+    fixed: Flags
+
+
+def fitted(whole: Simplices, node: Node) -> Simplices:
+    """Return a mesh in which a function changes its sign along facets, and next to them if curved.
+
+    Args:
+        whole: The mesh.
+        node: The root of the function's tree.
+
+    Returns:
+        The mesh itself where the function changes its sign in no cell, and where cells are so large
+        that the zeros are too curved for them.
+    """
+    if not depths(whole, node).any():
+        return whole
+    on = np.zeros(len(whole.x), dtype=bool)
+    edges, places = _cuts(whole, node, on)
+    moved, onto = _moved(whole, edges, places)
+    on = (on & (moved.x == whole.x).all(axis=1)) | onto
+    edges, places = _cuts(moved, node, on)
+    if not (onto.any() or len(edges)):
+        return whole
+    result = _split(moved, edges, places)
+    fixed = np.concatenate((moved.fixed | on, np.ones(len(edges), dtype=bool)))
+    thin = (depths(result, node) < THIN).all()
+    return replace(result, fixed=fixed) if thin else whole
+
+
+def depths(whole: Simplices, node: Node) -> Array:
+    """Return how far a function changes its sign inside of each cell.
+
+    Args:
+        whole: The mesh.
+        node: The root of the function's tree.
+
+    Returns:
+        The largest value of the sign that is less strong, over the largest value; 0 where rounding
+        may have made this sign.
+    """
+    kind = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}[whole.x.shape[1]]
+    kinds = basix.LatticeType.equispaced
+    lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
+    lattice = lattice + 1e-6 * (lattice.mean(axis=0) - lattice)  # signs on the facets are not known
+    values = evaluated(node, inside(whole.x[whole.cells], lattice))
+    low, high = -values.min(axis=0), values.max(axis=0)
+    with np.errstate(all="ignore"):
+        shares = np.minimum(low, high) / np.maximum(low, high)
+    return np.where(shares > ROUNDING, shares, 0.0)
+
+
+def _cuts(whole: Simplices, node: Node, on: Flags) -> tuple[Ids, Array]:
+    """Find the edges that cross the zeros of a function.
+
+    Args:
+        whole: The mesh.
+        node: The root of the function's tree.
+        on: Whether a vertex is known to be at a zero; vertices that turn out to be are added.
+
+    Returns:
+        The ends of the edges, shape (edges, 2), in the order of their numbers, and where the zeros
+        are, as shares of the edges from the first end.
+    """
+    corners = range(whole.cells.shape[1])
+    pairs = [whole.cells[:, pair] for pair in itertools.combinations(corners, 2)]
+    edges = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+    signs = np.sign(evaluated(node, whole.x))
+    on |= signs == 0.0
+    edges = edges[~on[edges].any(axis=1) & (signs[edges].prod(axis=1) < 0.0)]
+    low: Array = np.zeros(len(edges))
+    high: Array = np.ones(len(edges))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        before = np.sign(evaluated(node, _between(whole.x, edges, middle))) == signs[edges[:, 0]]
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    on[edges[high < ON, 0]] = on[edges[low > 1.0 - ON, 1]] = True
+    kept = ~on[edges].any(axis=1)
+    return edges[kept], (0.5 * (low + high))[kept]
+
+
+def _between(x: Array, edges: Ids, places: Array) -> Array:
+    """The points at shares of edges."""
+    return np.asarray(x[edges[:, 0]] + places[:, None] * (x[edges[:, 1]] - x[edges[:, 0]]))
+
+
+def _moved(whole: Simplices, edges: Ids, places: Array) -> tuple[Simplices, Flags]:
+    """Move vertices onto the zeros on their edges, and tell which vertices have been moved."""
+    ends = np.where(places[:, None] < 0.5, edges, edges[:, ::-1])
+    vertices, points = ends[:, 0], _between(whole.x, edges, places)
+    ways = points - whole.x[vertices]
+    near = (np.minimum(places, 1.0 - places) < NEAR) & ~whole.fixed[vertices]
+    order = np.flatnonzero(near & _slides(whole, vertices, ways))
+    order = order[np.argsort(-np.linalg.norm(ways[order], axis=1), kind="stable")]
+    points, onto = whole.x.copy(), points[order]
+    points[vertices[order]] = onto  # the last one is the nearest
+    chosen = np.zeros(len(points), dtype=bool)
+    chosen[vertices[order]] = True
+    before = _shapes(whole.x[whole.cells])
+    while True:
+        x = np.where(chosen[:, None], points, whole.x)
+        bad = _shapes(x[whole.cells]) / before < SHAPE
+        worse = np.unique(whole.cells[bad])
+        if not chosen[worse].any():
+            return replace(whole, x=x), chosen
+        chosen[worse] = False
+
+
+def _shapes(corners: Array) -> Array:
+    """The volumes of cells over cubes of their widths, with the sign of the numbering."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(np.linalg.det(edges) / widths(corners) ** edges.shape[1])
+
+
+def _slides(whole: Simplices, vertices: Ids, ways: Array) -> Flags:
+    """Whether moves of vertices change neither the boundary nor one of its sides.
+
+    Args:
+        whole: The mesh.
+        vertices: The vertices.
+        ways: Where each of them goes, from where the vertex is.
+    """
+    facets, count = whole.facets, len(whole.x)
+    numbers = np.bincount(facets.ravel(), minlength=count)
+
+    def mean(values: Array) -> Array:
+        sums = np.bincount(facets.ravel(), np.repeat(values, facets.shape[1]), count)
+        return np.asarray(sums / np.maximum(numbers, 1))
+
+    normal, free = planes(whole.x[facets], whole.sides, mean)
+    across = np.linalg.norm(np.einsum("vij,vj->vi", normal[vertices], ways), axis=1)
+    return free[vertices] & (across <= FLAT * np.linalg.norm(ways, axis=1))
+
+
+def _split(whole: Simplices, edges: Ids, places: Array) -> Simplices:
+    """Split edges with all cells and facets around them, the longest edge of a cell first."""
+    if not len(edges):
+        return whole
+    count = len(whole.x)
+    x = np.concatenate((whole.x, _between(whole.x, edges, places)))
+    lengths = np.linalg.norm(whole.x[edges[:, 0]] - whole.x[edges[:, 1]], axis=1)
+    ranks = np.empty(len(edges), dtype=np.int64)
+    ranks[np.lexsort((np.arange(len(edges)), lengths))] = np.arange(len(edges))
+    cells, facets, sides = whole.cells, whole.facets, whole.sides
+    while True:
+        found = _numbers(cells, edges, len(x))
+        best = np.where(found >= 0, ranks[found], -1).max(axis=1, initial=-1)
+        if (best < 0).all():
+            return Simplices(x, cells, facets, sides, whole.fixed)
+        ready = np.ones(len(edges), dtype=bool)
+        ready[found[(found >= 0) & (ranks[found] < best[:, None])]] = False
+        cells, _ = _halves(cells, edges, ready, count, len(x))
+        facets, parents = _halves(facets, edges, ready, count, len(x))
+        sides = sides[parents]
+
+
+def _numbers(simplices: Ids, edges: Ids, count: int) -> Ids:
+    """The numbers of the edges of simplices in a list of edges, or -1; `count` vertices."""
+    pairs = list(itertools.combinations(range(simplices.shape[1]), 2))
+    ends = np.sort(simplices[:, pairs], axis=2)
+    keys, known = ends @ (count, 1), edges @ (count, 1)
+    places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.where(known[places] == keys, places, -1)
+
+
+def _halves(simplices: Ids, edges: Ids, ready: Flags, first: int, count: int) -> tuple[Ids, Ids]:
+    """Split simplices at those of their edges that are ready, at most one of each simplex.
+
+    Args:
+        simplices: The simplices.
+        edges: The edges.
+        ready: Whether an edge is split.
+        first: The number of the vertex in the first edge, and so on.
+        count: The number of vertices.
+
+    Returns:
+        The simplices, and which one each of them comes from.
+    """
+    found = _numbers(simplices, edges, count)
+    chosen = np.where((found >= 0) & ready[found], found, -1).max(axis=1, initial=-1)
+    split = np.flatnonzero(chosen >= 0)
+    middles = first + chosen[split, None]
+    halves = [
+        np.where(simplices[split] == edges[chosen[split], k, None], middles, simplices[split])
+        for k in range(2)
+    ]
+    kept = np.flatnonzero(chosen < 0)
+    return np.concatenate((simplices[kept], *halves)), np.concatenate((kept, split, split))

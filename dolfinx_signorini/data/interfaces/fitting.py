@@ -1,0 +1,140 @@
+"""Meshes fitted to the straight lines and planes where a coefficient of a scene jumps.
+
+Where the diffusion jumps inside a cell, the solution has a kink which no polynomial follows,
+and cells of width h leave an error of h^(1/2) in H^1. With the jump on facets the solution is as
+smooth in each cell as without a jump. So vertices near the jump are moved onto the jump, and the
+edges that still cross the jump are split. Refinement keeps straight lines and planes on facets.
+
+Where the load jumps, second derivatives of the solution do, and the error depends on how near the
+jump is to a side of the cells. Along a mesh line all cells agree: divisions may help little for
+some steps, and no comparison of solutions shows that. Such jumps get facets where they are
+straight. Curves cut cells at all shares of their width, and comparisons tell.
+"""
+
+from collections.abc import Sequence
+
+import basix.ufl
+import numpy as np
+from dolfinx import mesh
+
+from dolfinx_signorini.data.formulas import Formula, Node
+from dolfinx_signorini.data.interfaces.cutting import (
+    THIN,
+    Array,
+    Flags,
+    Ids,
+    Simplices,
+    depths,
+    fitted,
+)
+from dolfinx_signorini.data.interfaces.roughness import factors, switches
+from dolfinx_signorini.meshes.mesh_defects import all_cells
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    facet_nodes,
+    owned_cells,
+)
+
+ROUNDS = 8  # of refinements along curves
+STRAIGHT = 0.01  # of a cell: what a line may cut off that counts as straight
+CHILDREN = 6  # about how many cells the refinement of a cell adds
+
+
+def fitted_mesh(
+    sided: SidedMesh,
+    formulas: Sequence[Formula],
+    max_cells: int,
+    straight: Sequence[Formula] = (),
+) -> SidedMesh:
+    """Return a mesh in which formulas jump across facets only, or next to them along curves.
+
+    Args:
+        sided: The mesh with its sides; the call is collective.
+        formulas: The formulas.
+        max_cells: The limit on the number of cells where the mesh is refined along curves, or
+            fitted to what follows.
+        straight: More formulas, whose jumps count along straight lines and planes only.
+
+    Returns:
+        The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
+        that the cells follow a curve, this curve is left inside of cells.
+    """
+    nodes = switches(*formulas)[::-1]
+    lines = [part for node in switches(*straight) for part in factors(node)]
+    comm, best = sided.mesh.comm, sided
+    for attempt in range(ROUNDS if nodes or lines else 0):
+        whole, marks = _fitted(_gathered(sided), nodes, lines, max_cells)
+        changed, marks = comm.bcast((whole is not None, marks))
+        if attempt == 0 or not marks.any():
+            best = _shared(sided, whole) if changed else sided
+        if not marks.any() or len(marks) + CHILDREN * marks.sum() > max_cells:
+            break
+        count = len(owned_cells(sided.mesh))
+        first = comm.exscan(count) or 0  # None on rank 0
+        mine = np.flatnonzero(marks[first : first + count])
+        sided = refined(sided, mine.astype(np.int32)).sided
+    return best
+
+
+def _fitted(
+    gathered: Simplices | None, nodes: list[Node], lines: list[Node], max_cells: int
+) -> tuple[Simplices | None, Flags]:
+    """Fit a mesh on rank 0: the mesh, None if unchanged, and the cells too large for a curve."""
+    if gathered is None:
+        return None, np.empty(0, dtype=bool)
+    whole = gathered
+    for node in nodes:  # what is inside of a formula comes first
+        whole = fitted(whole, node)
+    failing = [node for node in nodes if (depths(whole, node) >= THIN).any()]
+    marks = np.zeros(len(gathered.cells), dtype=bool)
+    for node in failing:
+        marks |= depths(gathered, node) > 0.0
+    for node in lines:
+        more = fitted(whole, node)
+        if len(more.cells) <= max_cells and (depths(more, node) < STRAIGHT).all():
+            whole = more
+    return (None if whole is gathered else whole), marks
+
+
+def _gathered(sided: SidedMesh) -> Simplices | None:
+    """The whole mesh on rank 0."""
+    domain = sided.mesh
+    dim, comm = domain.topology.dim, domain.comm
+    cells, corners = all_cells(domain)
+    facets = boundary_facets(domain)
+    _, sides = sided.combinations(facets)
+    nodes = facet_nodes(domain, facets)
+    ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
+    parts = comm.gather((ids.reshape(-1, dim), sides))
+    if parts is None:
+        return None
+    x = np.empty((cells.max() + 1, dim))
+    x[cells] = corners
+    all_facets, all_sides = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return Simplices(x, cells, all_facets, all_sides, np.zeros(len(x), dtype=bool))
+
+
+def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
+    """A mesh that is whole on rank 0 as a mesh that the ranks share."""
+    domain, comm = sided.mesh, sided.mesh.comm
+    dim = domain.topology.dim
+    x: Array = np.empty((0, dim))
+    cells: Ids = np.empty((0, dim + 1), dtype=np.int64)
+    if whole is not None:
+        x, cells = whole.x, whole.cells
+    element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))
+    new = mesh.create_mesh(comm, cells, x=x, e=element)
+    tagged, sides = comm.bcast(whole and (np.sort(whole.facets, axis=1), whole.sides))
+    order = np.lexsort(tagged.T)
+    facets = boundary_facets(new)
+    nodes = facet_nodes(new, facets)
+    mine = np.sort(new.geometry.input_global_indices[nodes], axis=1)
+    _, place = np.unique(np.concatenate((tagged[order], mine)), axis=0, return_inverse=True)
+    found = np.empty(place.max(initial=-1) + 1, dtype=np.int64)
+    found[place.ravel()[: len(order)]] = sides[order]
+    combinations, _ = sided.combinations(boundary_facets(domain))
+    on = combinations[found[place.ravel()[len(order) :]]]
+    named = {name: facets[on[:, k]] for k, name in enumerate(sided.sides)}
+    return SidedMesh(new, named)

@@ -1,0 +1,115 @@
+"""Refined meshes that go on following curves and curved surfaces where a coefficient jumps.
+
+A bisected facet on a curve has its new vertex on the chord. The vertex is moved onto the curve, by
+Newton's method along the gradient of the function whose zeros are the curve; on the boundary of the
+domain, along the boundary.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.data.interfaces.sliding import planes
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    facet_vertices,
+    owned_cells,
+)
+
+Array = npt.NDArray[np.float64]
+
+NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
+STEPS = 4  # of Newton's method
+STEP = 1e-5  # of the altitudes, in differences
+ON = 1e-9  # of the altitudes: vertices so near are on the curve
+SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
+
+
+def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
+    """Move vertices onto the curves next to them; the call is collective.
+
+    Args:
+        sided: The mesh with its sides, whose vertices are moved.
+        formulas: The formulas that jump at the curves.
+    """
+    nodes = switches(*formulas)
+    if not nodes:
+        return
+    vertices = _Vertices(sided)
+    for node in nodes:
+        vertices.move(node)
+    vertices.store()
+
+
+class _Vertices:
+    """The vertices of a mesh as dofs of the linear elements.
+
+    Attributes:
+        x: The coordinates of the vertices, shape (vertices, dimension).
+        altitudes: About the smallest altitude of the cells around each.
+        normals: The mean of n n^T over the boundary facets around, 0 inside.
+        free: Whether the boundary facets around a vertex are in a plane and on the same sides.
+    """
+
+    def __init__(self, sided: SidedMesh):
+        self.domain = sided.mesh
+        self.dimension = self.domain.topology.dim
+        self.space = fem.functionspace(self.domain, ("Lagrange", 1))
+        dofs, cells = self.space.dofmap.list, owned_cells(self.domain)
+        # Coordinates of dofs are rounded, which would move all vertices a little.
+        self._nodes = np.empty(dofs.max(initial=-1) + 1, dtype=np.int64)
+        self._nodes[dofs] = self.domain.geometry.dofmap
+        x: Array = np.asarray(self.domain.geometry.x, dtype=np.float64)
+        self.x = x[self._nodes, : self.dimension]
+        # The gradients of the barycentric coordinates are as long as altitudes are short.
+        inverse = np.linalg.inv(cell_edges(self.domain, cells))
+        steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
+        largest = highest(self.domain.comm, steep)
+        powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
+        self.altitudes = powers ** (-1.0 / SHARP) / largest
+        self._look_at_boundary(sided)
+
+    def _look_at_boundary(self, sided: SidedMesh) -> None:
+        facets = boundary_facets(self.domain)
+        pairs = facet_cells(self.domain, facets)
+        dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
+        numbers = self._summed(dofs, np.ones(dofs.shape))
+
+        def mean(values: Array) -> Array:
+            sums = self._summed(dofs, np.repeat(values[:, None], self.dimension, axis=1))
+            return np.asarray(sums / np.maximum(numbers, 1.0))
+
+        self.normals, self.free = planes(self.x[dofs], sided.combinations(facets)[1], mean)
+
+    def move(self, node: Node) -> None:
+        """Move the vertices near the zeros of a function onto the zeros."""
+        x = self.x.copy()
+        for _ in range(STEPS):
+            values, slope = evaluated(node, x), slopes(node, x, STEP * self.altitudes)
+            slope -= np.einsum("vij,vj->vi", self.normals, slope)
+            with np.errstate(all="ignore"):
+                x = x - (values / (slope**2).sum(axis=1))[:, None] * slope
+        with np.errstate(all="ignore"):
+            ways = np.linalg.norm(x - self.x, axis=1) / self.altitudes
+        chosen = self.free & (ways > ON) & (ways < NEAR)
+        self.x[chosen] = x[chosen]
+
+    def store(self) -> None:
+        """Give the mesh the vertices, those of the ranks that own them."""
+        for k in range(self.dimension):
+            f = fem.Function(self.space)
+            f.x.array[:] = self.x[:, k]
+            f.x.scatter_forward()
+            self.domain.geometry.x[self._nodes, k] = f.x.array
+
+    def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
+        """The sums of values at vertices over the cells or facets of all ranks."""
+        return summed(self.space.dofmap.index_map, dofs, values)

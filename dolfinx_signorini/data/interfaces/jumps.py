@@ -1,0 +1,370 @@
+"""Data that are not smooth inside cells: formulas with where, abs, sign, min, max, and with poles.
+
+A quadrature rule integrates a load that jumps inside a cell with an error of the size of the jump,
+and one like r^-0.8 still worse. In such cells the formula is replaced by its L2 projection on
+polynomials, cell by cell, which has the same integrals with the basis functions. The integrals of
+the projection are over pieces of the cell. The pieces are cut along the line or plane where the
+formula jumps or has a kink, after divisions that make curves flat, and are divided next to a pole
+until a piece is no larger than its distance from the pole. The same goes for facets.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.bounds.reference_flux import barycentric
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, cut, divided, inside
+from dolfinx_signorini.data.interfaces.roughness import jumps, poles, rough, switches
+from dolfinx_signorini.meshes.elements import constants
+from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
+from dolfinx_signorini.meshes.sided_meshes import (
+    facet_cells,
+    facet_vertices,
+    longest_side,
+    owned_cells,
+    sampled,
+)
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
+
+ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
+SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
+WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
+FLAT = 1e-3  # of the range of a switch in a piece: how far from linear the switch may be
+ON_ZERO = 1e-10  # of the values of a switch in a piece: smaller ones are zero
+MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
+AWAY = 0.5  # of the largest value of a denominator in a piece: smaller ones tell a pole
+DEEPEST = 40  # divisions towards a pole
+ROUNDING = 1e-12  # of the domain: in smaller pieces the distance to a pole is not known
+
+
+def integrable(
+    formula: Formula, domain: mesh.Mesh, degree: int, follows: Expr | None = None
+) -> Expr:
+    """Return a formula as an expression that quadrature rules integrate well.
+
+    Args:
+        formula: The formula.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        degree: The degree of the polynomials with which the formula is going to be integrated.
+        follows: For data that follow from a solution, the same data as an expression. The rules of
+            such data look for poles themselves, see `measure_for_load`.
+
+    Returns:
+        The formula itself, or where it is not smooth inside a cell, its projection on polynomials
+        of the degree.
+    """
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
+    if not (rough(formula) if follows is None else jumps(formula)):
+        return smooth
+    space = fem.functionspace(domain, ("DG", degree))
+    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    element = space.element.basix_element
+    projected = _Projection(formula, domain, element, corners)
+    if follows is not None:
+        projected.poles = []
+    cells, values = projected.coefficients()
+    if not domain.comm.allreduce(len(cells)):
+        return smooth
+    marks = fem.Function(constants(domain))
+    marks.x.array[marks.function_space.dofmap.list[cells, 0]] = 1.0
+    projection = fem.Function(space)
+    projection.x.array[space.dofmap.list[cells]] = values
+    for function in (marks, projection):
+        function.x.scatter_forward()
+    return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
+
+
+def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tuple[Array, Indices]:
+    """Return pieces of the cells inside of which formulas jump or have a kink.
+
+    Args:
+        formulas: The formulas.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        degree: The degree of polynomials on the mesh; the pieces are small enough for them.
+
+    Returns:
+        The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
+        the reference cell and in space side by side, and the cells of the pieces.
+    """
+    projection = _switching(formulas, domain, degree)
+    found = list(projection.pieces(projection.broken_cells()))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+
+
+def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
+    """Return the owned cells inside of which formulas jump or have a kink.
+
+    Args:
+        formulas, domain: See `cut_cells`.
+    """
+    return _switching(formulas, domain, 0).broken_cells()
+
+
+def _switching(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> "_Projection":
+    """The jumps and kinks of formulas, without their poles."""
+    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    element = fem.functionspace(domain, ("DG", degree)).element.basix_element
+    result = _Projection(formulas[0], domain, element, corners)
+    result.switches = switches(*formulas)
+    result.poles = []
+    return result
+
+
+def integrable_on_facets(
+    formula: Formula, domain: mesh.Mesh, facets: npt.NDArray[np.int32], degree: int
+) -> Expr:
+    """Return a formula as an expression that quadrature rules on boundary facets integrate well.
+
+    In the cell of a facet where the formula is not smooth, a function has the projection on the
+    facet as its trace, and another function is positive on this facet and 0 on the others.
+
+    Args:
+        formula: The formula.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        facets: The boundary facets that the expression is integrated on.
+        degree: The degree of the polynomials with which the formula is going to be integrated.
+    """
+    result = formula.ufl(ufl.SpatialCoordinate(domain))
+    if not rough(formula):
+        return result
+    dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
+    owned = facets < domain.topology.index_map(dimension - 1).size_local
+    pairs = facet_cells(domain, np.unique(facets[owned]).astype(np.int32))
+    vertices = facet_vertices(domain)
+    corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
+    kind = basix.cell.subentity_types(cell)[dimension - 1][0]
+    variant = basix.LagrangeVariant.gll_warped
+    element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
+    found, values = _Projection(formula, domain, element, corners).coefficients()
+    space = fem.functionspace(domain, ("DG", degree))
+    marks = fem.functionspace(domain, ("DG", dimension))
+    for local in range(len(vertices)):
+        chosen = pairs[found, 1] == local
+        if not domain.comm.allreduce(int(chosen.sum())):
+            continue
+        cells = pairs[found[chosen], 0]
+        trace, bubble = fem.Function(space), fem.Function(marks)
+        on, nodes = _on_facet(space.element.basix_element, vertices[local])
+        table = np.array(element.tabulate(0, nodes))[0, :, :, 0]
+        trace.x.array[space.dofmap.list[cells][:, on]] = values[chosen] @ table.T
+        shares = barycentric(marks.element.basix_element.points)
+        bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
+        for function in (trace, bubble):
+            function.x.scatter_forward()
+        result = ufl.conditional(ufl.gt(bubble, ON_FACET), trace, result)
+    return result
+
+
+def _on_facet(
+    element: basix.finite_element.FiniteElement, vertices: npt.NDArray[np.int32]
+) -> tuple[Indices, Array]:
+    """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
+    shares = barycentric(np.array(element.points))
+    on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
+    return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
+
+
+class _Projection:
+    """The projection of a formula on polynomials in the cells where the formula is not smooth.
+
+    A cell is a cell or a facet of the mesh, and has corners, shape (cells, vertices, 3). A piece
+    of a cell is given by its vertices, with the coordinates in the reference cell and in space side
+    by side, and by the number of the cell.
+    """
+
+    def __init__(
+        self,
+        formula: Formula,
+        domain: mesh.Mesh,
+        element: basix.finite_element.FiniteElement,
+        corners: npt.NDArray[np.floating],
+    ):
+        self.formula, self.comm = formula, domain.comm
+        self.switches, self.poles = switches(formula), poles(formula)
+        self.dimension, self.element = corners.shape[1] - 1, element
+        rule = interior_rule(element.cell_type, element.degree + 4)
+        self.points, self.weights = rule.points(element.cell_type)
+        # The vertices and the middles of the edges, and which of these points are the vertices.
+        halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
+        self.lattice = np.array(halves) / 2.0
+        self.corners = barycentric(self.lattice).argmax(axis=0)
+        x = domain.geometry.x[:, : domain.geometry.dim]
+        corners = corners[..., : domain.geometry.dim]
+        unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
+        reference = np.broadcast_to(unit, (len(corners), *unit.shape))
+        self.whole: Array = np.concatenate((reference, corners), axis=2, dtype=np.float64)
+        self.size = longest_side(domain.comm, x)
+
+    def coefficients(self) -> tuple[Indices, Array]:
+        """Return cells, and in each of them the values of the basis of the polynomials."""
+        cells = self.candidates()
+        whole, mean = self.whole[cells], self._mean()
+        polar = self.polar(whole)
+        chosen = self.broken(whole)[0] | polar
+        cells, polar = cells[chosen], polar[chosen]
+        coarse = self._moments(self.whole[cells], cells)
+        moments = np.zeros_like(coarse)
+        for pieces, owners in self.pieces(cells):
+            moments += self._moments(pieces, owners)
+        with np.errstate(invalid="ignore"):
+            defect = np.abs(moments - coarse)[cells].max(axis=1, initial=0.0)
+        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
+        points, weights = QuadratureRule("default", 2 * self.element.degree).points(
+            self.element.cell_type
+        )
+        basis = self._basis(points)
+        mass = basis.T @ (weights[:, None] * basis)
+        values = np.linalg.solve(mass, moments[cells].T).T
+        finite = np.isfinite(values).all(axis=1)
+        return cells[finite], values[finite]
+
+    def pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
+        """Divide cells into pieces in which the formula is smooth, and small ones; collective.
+
+        Pieces are cut where a switch is zero, as soon as the zeros are flat. What is left next to a
+        pole in the end is left out.
+
+        Args:
+            cells: The cells.
+        """
+        pieces = self.whole[cells]
+        edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
+        longest = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+        width = self.comm.allreduce(longest, op=MPI.MAX)
+        order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
+        target = self.size * min(WIDTH, (width / self.size) ** order)
+        least = ROUNDING * self.size
+        for _ in range(DEEPEST):
+            split = self.polar(pieces)
+            kept = ~split if width <= least else np.ones(len(split), dtype=bool)
+            if width <= least or self._count(split) > MOST_AT_POLES:
+                split[:] = False
+            broken, curved = self.broken(pieces)
+            if width > target and self._count(curved) <= MOST_PIECES:
+                split |= curved
+            done = kept & ~split
+            yield pieces[done & ~broken], cells[done & ~broken]
+            yield self._cut(pieces[done & broken], cells[done & broken])
+            if not self._count(split):
+                return
+            pieces, cells, width = *divided(pieces[split], cells[split]), 0.5 * width
+        split = self.polar(pieces)
+        yield pieces[~split], cells[~split]
+
+    def candidates(self) -> Indices:
+        """Cells that may be broken; of many cells those that are near a zero of a switch or a pole.
+
+        In the other cells the values of each switch at the vertices have the same sign, and are
+        larger than their differences.
+        """
+        rows = np.arange(len(self.whole))
+        if self.comm.allreduce(len(rows)) <= MANY:
+            return rows
+        near = self.polar(self.whole)
+        for switch in self.switches:
+            values = self._values(switch, self.whole.transpose(1, 0, 2))
+            low, high = values.min(axis=0), values.max(axis=0)
+            with np.errstate(invalid="ignore"):
+                near |= ~(np.maximum(low, -high) > high - low)
+        return rows[near]
+
+    def broken_cells(self) -> Indices:
+        """Cells in which a switch changes its sign, or may do so."""
+        cells = self.candidates()
+        return cells[self.broken(self.whole[cells])[0]]
+
+    def _mean(self) -> float:
+        """The mean size of the formula in all cells, or in a sample of many.
+
+        Of a cell the median of the values at the vertices is taken, for one may be at a pole.
+        """
+        some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
+        values = self._values(self.formula.root, self.whole[some].transpose(1, 0, 2))
+        medians = np.median(np.abs(values), axis=0)
+        sizes = medians[np.isfinite(medians)]
+        total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
+        return float(total / max(count, 1.0))
+
+    def _moments(self, pieces: Array, cells: Indices) -> Array:
+        """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
+        edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
+        points = inside(pieces, self.points)
+        values = self._values(self.formula.root, points)
+        weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
+        basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
+        owners, count = np.tile(cells, len(self.weights)), len(self.whole)
+        return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
+
+    def broken(self, pieces: Array) -> tuple[Marks, Marks]:
+        """Whether a switch changes its sign in a piece, or may do so between points of the lattice.
+
+        And whether such a switch is not nearly linear in the piece, so that its zeros are curved.
+        """
+        broken, curved = np.zeros((2, len(pieces)), dtype=bool)
+        for switch in self.switches:
+            values, apart = self._apart(switch, pieces)
+            low, high, bend = values.min(axis=0), values.max(axis=0), np.abs(apart).max(axis=0)
+            sizes = np.abs(values)
+            rounding = ON_ZERO * sizes.max(axis=0)
+            changes = (low < -rounding) & (high > rounding)
+            changes |= (bend > rounding) & (sizes.min(axis=0) <= bend)
+            with np.errstate(invalid="ignore"):
+                curved |= changes & ~(bend <= FLAT * (high - low))
+            broken |= changes
+        return broken, curved
+
+    def _cut(self, pieces: Array, cells: Indices) -> tuple[Array, Indices]:
+        """Cut pieces where switches are zero, as if the switches were linear in each piece."""
+        for switch in self.switches:
+            values, apart = self._apart(switch, pieces)
+            # The linear functions have the means of the switch, as far as that is quadratic.
+            shares = 4.0 / ((self.dimension + 1) * (self.dimension + 2))
+            at = values[self.corners] + shares * apart.sum(axis=0)
+            small = np.abs(at) <= ON_ZERO * np.abs(at).max(axis=0)
+            pieces, parents = cut(pieces, np.where(small | ~np.isfinite(at), 0.0, at).T)
+            cells = cells[parents]
+        return pieces, cells
+
+    def _apart(self, switch: Node, pieces: Array) -> tuple[Array, Array]:
+        """The values of a switch at the lattice of pieces, and how far from linear the values are.
+
+        Both have the shape (points, pieces).
+        """
+        values = self._values(switch, inside(pieces, self.lattice))
+        with np.errstate(invalid="ignore"):
+            return values, values - barycentric(self.lattice) @ values[self.corners]
+
+    def _count(self, marks: Marks) -> int:
+        """How many pieces of all ranks are marked."""
+        return int(self.comm.allreduce(int(marks.sum())))
+
+    def polar(self, pieces: Array) -> Marks:
+        """Whether a pole is in a piece, or nearer to the piece than about its width."""
+        found = np.zeros(len(pieces), dtype=bool)
+        if not self.poles:
+            return found
+        points = inside(pieces, np.concatenate((self.lattice, self.points)))
+        for pole in self.poles:
+            sizes = np.abs(self._values(pole, points))
+            found |= sizes.min(axis=0) < AWAY * sizes.max(axis=0)
+        return found
+
+    def _values(self, node: Node, points: Array) -> Array:
+        """The values of a formula at points of pieces, shape (points, pieces)."""
+        return evaluated(node, points[..., self.dimension :])
+
+    def _basis(self, points: Array) -> Array:
+        """The basis of the polynomials at points of the reference cell, shape (points, basis)."""
+        if not len(points):  # basix needs one
+            return np.zeros((0, self.element.dim))
+        return np.array(self.element.tabulate(0, np.ascontiguousarray(points)))[0, :, :, 0]

@@ -1,0 +1,79 @@
+"""Pieces of cells and facets: segments, triangles and tetrahedra that are divided into equal parts.
+
+Pieces are given by their vertices, shape (pieces, vertices, coordinates).
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.bounds.reference_flux import barycentric
+from dolfinx_signorini.meshes.parts import CHILDREN
+
+Array = npt.NDArray[np.float64]
+Numbers = npt.NDArray[Any]
+
+MOST_PIECES = 20_000  # on all ranks that are divided once more
+
+
+def inside(pieces: Array, points: Array) -> Array:
+    """Return points of the reference simplex in each piece, shape (points, pieces, coordinates).
+
+    Args:
+        pieces: The pieces.
+        points: The points, shape (points, dimension of the pieces).
+    """
+    return np.asarray(np.tensordot(barycentric(points), pieces, (1, 1)), dtype=np.float64)
+
+
+def widths(pieces: Array) -> Array:
+    """Return the lengths of the longest edges of pieces."""
+    edges = pieces[:, :, None] - pieces[:, None]
+    return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
+
+
+def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
+    """Divide each piece into 2 segments, 4 triangles or 8 tetrahedra.
+
+    Args:
+        pieces: The pieces.
+        owners: The number of the cell around each piece.
+
+    Returns:
+        The parts, and the numbers of their cells.
+    """
+    middles = 0.5 * (pieces[:, :, None] + pieces[:, None])
+    children = [middles[:, *np.divmod(c, 10)] for c in CHILDREN[pieces.shape[1] - 1]]
+    return np.concatenate(children), np.tile(owners, len(children))
+
+
+def cut(pieces: Array, values: Array) -> tuple[Array, Numbers]:
+    """Cut pieces where a function is zero that is linear in each of them.
+
+    An edge at a time is cut, with all that is around: the two parts are segments, triangles or
+    tetrahedra again, and have fewer edges that cross the zeros.
+
+    Args:
+        pieces: The pieces.
+        values: The values of the function at the vertices, shape (pieces, vertices).
+
+    Returns:
+        The parts, in none of which the function changes its sign, and the numbers of their pieces.
+    """
+    numbers = np.arange(len(pieces))
+    while True:
+        crossed = (values.min(axis=1) < 0.0) & (values.max(axis=1) > 0.0)
+        if not crossed.any():
+            return pieces, numbers
+        rows = np.arange(crossed.sum())
+        ends = values[crossed].argmin(axis=1), values[crossed].argmax(axis=1)
+        parts, at = (np.stack((array[crossed], array[crossed])) for array in (pieces, values))
+        low, high = (at[0][rows, end][:, None] for end in ends)
+        one, other = (parts[0][rows, end] for end in ends)
+        middle = one + low / (low - high) * (other - one)
+        for part, end in enumerate(ends):
+            parts[part, rows, end], at[part, rows, end] = middle, 0.0
+        pieces = np.concatenate((pieces[~crossed], *parts))
+        values = np.concatenate((values[~crossed], *at))
+        numbers = np.concatenate((numbers[~crossed], numbers[crossed], numbers[crossed]))

@@ -1,0 +1,103 @@
+"""Where formulas are not smooth: the zeros of the parts that choose, and of denominators."""
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated, nodes
+from dolfinx_signorini.data.names import Names
+
+Array = npt.NDArray[np.float64]
+
+POSITIVE = ("exp", "cosh")  # without a zero
+
+
+def jumps(formula: Formula) -> bool:
+    """Return whether a formula may jump or have a kink."""
+    return bool(switches(formula))
+
+
+def rough(formula: Formula) -> bool:
+    """Return whether a formula may jump, have a kink, or be infinite."""
+    return bool(switches(formula) or poles(formula))
+
+
+def switches(*formulas: Formula) -> list[Node]:
+    """Return the parts of formulas at whose zeros one of the formulas may jump or have a kink.
+
+    Parts that are equal are named once. What is inside of another part comes after that part.
+    """
+    names, found = Names(), dict[int, Node]()
+    for formula in formulas:
+        for part in map(switch, reversed(nodes(formula.root))):
+            if part is not None:
+                found.pop(names[part], None)
+                found[names[part]] = part
+    return list(found.values())
+
+
+def switch(node: Node) -> Node | None:
+    """Return what decides by its sign what an operation chooses; None for one without a choice."""
+    if node.op in ("abs", "sign"):
+        return node.args[0]
+    if node.op in ("min", "max"):
+        return Node("-", node.args)
+    return Node("-", node.args[0].args) if node.op == "where" else None
+
+
+def chosen(node: Node, positive: bool) -> Node:
+    """Return what an operation that chooses chooses where its switch is positive, or negative."""
+    if node.op == "abs":
+        return node.args[0] if positive else Node("negative", node.args)
+    if node.op == "sign":
+        return Node("number", value=1.0 if positive else -1.0)
+    if node.op == "where":
+        greater = node.args[0].op in (">", ">=")
+        return node.args[1 if positive == greater else 2]
+    return node.args[0 if positive == (node.op == "max") else 1]
+
+
+def slopes(node: Node, x: Array, step: Array) -> Array:
+    """Return the gradients of a part of a formula at points, from differences.
+
+    Args:
+        node: The part.
+        x: The points, shape (..., dimension).
+        step: How far each point is from the points of its differences.
+    """
+    result = np.empty_like(x)
+    for k, e in enumerate(np.eye(x.shape[-1])):
+        way = step[..., None] * e
+        result[..., k] = (evaluated(node, x + way) - evaluated(node, x - way)) / (2.0 * step)
+    return result
+
+
+def poles(formula: Formula) -> list[Node]:
+    """Return the parts of a formula at whose zeros the formula may be infinite.
+
+    These are factors of denominators, of arguments of logarithms, and of bases of negative powers:
+    r^-0.8 with r = hypot(x, y), for example, has the part r.
+    """
+    names, found = Names(), dict[int, Node]()
+    for node in nodes(formula.root):
+        base = None
+        if node.op == "/":
+            base = node.args[1]
+        elif node.op == "log" or (node.op == "^" and node.args[1].value < 0.0):
+            base = node.args[0]
+        for factor in factors(base) if base is not None else []:
+            found.setdefault(names[factor], factor)
+    return list(found.values())
+
+
+def factors(node: Node) -> list[Node]:
+    """Return the parts at whose zeros a part of a formula vanishes."""
+    if node.op in ("*", "/"):
+        return [f for a in node.args[: 2 if node.op == "*" else 1] for f in factors(a)]
+    if node.op in ("^", "sqrt", "negative", "abs"):
+        return factors(node.args[0])
+    if node.op == "-":  # a comparison with 0 is such a difference
+        others = [a for a in node.args if a.op != "number" or a.value != 0.0]
+        if len(others) == 1:
+            return factors(others[0])
+    constant = all(part.op != "coordinate" for part in nodes(node))
+    return [] if constant or node.op in POSITIVE else [node]

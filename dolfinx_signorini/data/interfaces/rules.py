@@ -1,0 +1,187 @@
+"""Quadrature rules that data ask for: as few points as integrate a formula well, cell by cell.
+
+A polynomial is integrated by the smallest rule that is exact. Other formulas get the rule of all
+data on small meshes. On many cells most of these are so small that the formula is nearly linear in
+each of them, and a smaller rule serves, with which the solution is as accurate as with exact
+integrals. The cells where the formula is not nearly linear keep the larger rule: around singular
+points and narrow features.
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.interfaces.roughness import jumps
+from dolfinx_signorini.meshes.points import FormulaAtPoints
+from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
+from dolfinx_signorini.meshes.sided_meshes import longest_side, owned_cells
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
+
+ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points
+# A load that follows from u is rounding where its mean and its largest value are at most so much of
+# u over the squared size of the domain: next to a singular point rounding is larger.
+ZERO, NOISE = 1e-10, 1e-6
+
+
+def polynomial_degree(node: Node) -> int | None:
+    """Return the degree of a formula that is a polynomial, or one on each side of its jumps.
+
+    Args:
+        node: The root of the formula's tree.
+
+    Returns:
+        The degree, which may be too large where terms cancel; None for other formulas.
+    """
+    if node.op in ("number", "coordinate"):
+        return int(node.op == "coordinate")
+    if node.op == "where":
+        parts = [polynomial_degree(a) for a in node.args[1:]]
+    else:
+        parts = [polynomial_degree(a) for a in node.args]
+    if node.op == "sign" or (None not in parts and max(known := _known(parts)) == 0):
+        return 0
+    if None in parts:
+        return None
+    if node.op in ("+", "-", "negative", "abs", "min", "max", "where"):
+        return max(known)
+    if node.op == "*":
+        return sum(known)
+    if node.op == "/" and known[1] == 0:
+        return known[0]
+    power = node.args[1].value if node.op == "^" and node.args[1].op == "number" else -1.0
+    return known[0] * int(power) if power >= 0.0 and power == int(power) else None
+
+
+def measure_for(
+    domain: mesh.Mesh, formulas: Sequence[Formula], factor: int, degree: int
+) -> CellMeasure:
+    """Return the measure of integrals over all cells of formulas times polynomials.
+
+    Args:
+        domain: The mesh; the call is collective.
+        formulas: The formulas. Where one of them jumps in a cell, a polynomial of the degree of the
+            factor stands in its place, see `jumps.integrable`.
+        factor: The degree of the polynomials that the formulas are multiplied with.
+        degree: The degree of the elements.
+    """
+    if 2 * factor > CELL_RULE.degree and any(jumps(formula) for formula in formulas):
+        # A projection that is integrated less well need not even be positive.
+        return _dx(domain, _interior(domain, 2 * factor))
+    degrees = [polynomial_degree(formula.root) for formula in formulas]
+    known = _known(degrees)
+    if len(known) == len(degrees):
+        data = max([*known, factor if any(jumps(formula) for formula in formulas) else 0])
+        if factor + data <= CELL_RULE.degree:
+            return _dx(domain, _interior(domain, factor + data))
+    if not _economical(domain, degree):
+        return _dx(domain, CELL_RULE)
+    middles, nodes = _places(domain)
+    curved = [f for f, d in zip(formulas, degrees, strict=True) if d is None or d > 1]
+    rough = np.zeros(len(middles), dtype=bool)
+    for f in curved:
+        rough |= _rough(domain, evaluated(f.root, middles), evaluated(f.root, nodes), 0.0)
+    return _split(domain, rough, degree)
+
+
+def measure_for_load(
+    domain: mesh.Mesh, load: Formula | ManufacturedSolution, degree: int
+) -> CellMeasure | None:
+    """Return the measure of the integrals of a load with the basis functions.
+
+    Args:
+        domain: The mesh; the call is collective.
+        load: The load, or the solution that the load follows from.
+        degree: The degree of the elements.
+
+    Returns:
+        The measure; None where the load is zero up to rounding.
+    """
+    if isinstance(load, Formula) and polynomial_degree(load.root) is not None:
+        return measure_for(domain, [load], degree, degree)
+    if not _economical(domain, degree):
+        # The projection that stands for a rough load has the degree of the elements.
+        exact = 2 * degree <= CELL_RULE.degree
+        return _dx(domain, CELL_RULE if exact else _interior(domain, 2 * degree))
+    points, reach = _places(domain), 0.0
+    if isinstance(load, Formula):
+        values = [evaluated(load.root, x) for x in points]
+    else:
+        formula = FormulaAtPoints(domain, [load.load, load.u])
+        both = [formula.at(list(x.T)) for x in points]
+        values = [f for f, _ in both]
+        size = longest_side(domain.comm, points[1])
+        reach = _largest(domain.comm, [u for _, u in both]) / size**2
+    finite = np.abs(values[0][np.isfinite(values[0])])
+    total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
+    mean = float(total / max(count, 1.0))
+    if mean <= ZERO * reach and _largest(domain.comm, values) <= NOISE * reach:
+        return None
+    return _split(domain, _rough(domain, values[0], values[1], ROUGH * mean), degree)
+
+
+def _economical(domain: mesh.Mesh, degree: int) -> bool:
+    """Whether a smaller rule than that of all data saves time."""
+    cells = domain.topology.index_map(domain.topology.dim).size_global
+    return bool(cells > MANY and 2 * degree < CELL_RULE.degree)
+
+
+def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
+    """The middles of the owned cells, and all nodes of this rank."""
+    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
+    nodes = domain.geometry.dofmap[: len(owned_cells(domain))]
+    middles = sum(x[corner] for corner in nodes.T) / nodes.shape[1]
+    return np.asarray(middles), x
+
+
+def _rough(domain: mesh.Mesh, middles: Array, nodes: Array, floor: float) -> Mask:
+    """Whether a function is not nearly linear in each of the owned cells.
+
+    Args:
+        domain: The mesh.
+        middles, nodes: The values of the function in the middles of the cells, and at all nodes.
+        floor: The size up to which deviations never matter.
+    """
+    corners = domain.geometry.dofmap[: len(middles)].T
+    with np.errstate(invalid="ignore"):
+        deviation = np.abs(middles - sum(nodes[corner] for corner in corners) / len(corners))
+        return np.asarray(~(deviation <= ROUGH * np.abs(middles) + floor))
+
+
+def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:
+    """The measure with the larger rule on rough cells, and the smaller one on the others."""
+    small = _interior(domain, 2 * degree)
+    if not domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
+        return _dx(domain, small)
+    parts = [(k, np.flatnonzero(rough == k).astype(np.int32)) for k in (False, True)]
+    dx = ufl.Measure("dx", domain, subdomain_data=[(int(k), cells) for k, cells in parts])
+    return dx(0, metadata=small.metadata) + dx(1, metadata=CELL_RULE.metadata)
+
+
+def _dx(domain: mesh.Mesh, rule: QuadratureRule) -> ufl.Measure:
+    return ufl.Measure("dx", domain, metadata=rule.metadata)
+
+
+def _interior(domain: mesh.Mesh, degree: int) -> QuadratureRule:
+    return interior_rule(basix.CellType[domain.topology.cell_name()], degree)
+
+
+def _known(degrees: Sequence[int | None]) -> list[int]:
+    return [degree for degree in degrees if degree is not None]
+
+
+def _largest(comm: MPI.Comm, values: Sequence[Array]) -> float:
+    """The largest finite size of some values on all ranks."""
+    sizes = [np.abs(part[np.isfinite(part)]).max(initial=0.0) for part in values]
+    return float(comm.allreduce(float(max(sizes)), op=MPI.MAX))

@@ -1,0 +1,118 @@
+"""What the interpolation of formulas on segments misses, of values and of derivatives.
+
+The Taylor polynomial of degree n misses E with |E| <= e and |E'| <= e' on the segment, see `discs`.
+The interpolation with the Lebesgue constant L misses at most (1 + L) e of the values and, by
+Markov's inequality, e' + n^2 L e of the derivatives, on a segment of length 2. Where that is not
+known, the segment is divided into parts. On a part, the interpolation there may be known to follow
+the formula, and differs from the interpolation on the segment by a polynomial; or intervals around
+the derivatives of the formula on still smaller parts take its place.
+"""
+
+import basix
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
+from dolfinx_signorini.data.discs import EDGE, discs
+from dolfinx_signorini.data.enclosures import enclosed_slopes
+from dolfinx_signorini.data.fits import REACHES, ROUNDING
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.pieces import inside
+
+Array = npt.NDArray[np.float64]
+
+PARTS = 64  # of a segment where a formula is not smooth
+SMALL = 1e-6  # of the values: derivatives that need no parts
+LARGE = 16  # of these where interpolations may follow the formula
+JUMP = 1e-6  # of the values: more than continuous data change in `EDGE` of a segment
+UNIT = 1e-15  # of coordinates: more than rounding
+LEBESGUE = 4.0  # more than the constant of up to 20 Gauss-Lobatto points
+
+
+def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Array:
+    """Return what the interpolation at Gauss-Lobatto points misses, shape (3, segments).
+
+    Args:
+        formula: The formula.
+        corners: The ends of the segments, shape (segments, 2, dimension).
+        degree: The degree of the polynomials.
+
+    Returns:
+        Bounds of the differences, of their derivatives from end to end, and of the roots of the
+        means of the squares of these derivatives.
+    """
+    slope = _by_discs(formula, corners, degree)
+    root, height = slope.copy(), np.abs(evaluated(formula.root, corners)).max(axis=1, initial=0.0)
+    rough = np.flatnonzero(~(slope <= SMALL * height))
+    apart = _in_parts(formula, corners[rough], degree)
+    with np.errstate(over="ignore"):
+        slope[rough] = np.minimum(slope[rough], apart.max(axis=1, initial=0.0))
+        root[rough] = np.minimum(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
+    broken = _jumps_at_ends(formula, corners)
+    parts = _divided(corners[rough], LARGE)
+    broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
+    slope[broken] = root[broken] = np.inf
+    # The difference vanishes at both ends.
+    return np.stack((0.5 * root, slope, root)) * ROUNDING
+
+
+def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
+    """Whether the values at the ends of segments, or of parts, are not those next to them.
+
+    Discs know of no jump within `EDGE` of an end.
+    """
+    way = corners[:, 1] - corners[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
+    step = np.maximum(2.0 * EDGE, rounding)[:, None] * way
+    near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
+    values = evaluated(formula.root, near)
+    apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
+    return ~(apart <= JUMP * (np.abs(values).max(axis=0, initial=0.0) + JUMP))
+
+
+def _by_discs(formula: Formula, corners: Array, n: int) -> Array:
+    """What the interpolation of degree n misses of derivatives from end to end of segments."""
+    slope = np.full(len(corners), np.inf)
+    for reach in REACHES:
+        _, radii = discs(formula, corners, reach)
+        value = radii * reach**-n / (reach - 1.0)
+        change = radii * reach**-n * ((n + 1) * reach - n) / (reach - 1.0) ** 2
+        slope = np.minimum(slope, 2.0 * (change + n**2 * LEBESGUE * value))
+    return slope
+
+
+def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
+    """The largest derivatives of the differences on parts of segments, shape (segments, parts)."""
+    kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
+    nodes = np.asarray(basix.create_lattice(basix.CellType.interval, degree, kind, True, method))
+    nodes = np.clip(nodes, 0.0, 1.0)  # where rounding has the first one outside
+    inverse = np.linalg.inv(polynomials(1, degree, nodes))
+    series = evaluated(formula.root, inside(corners, nodes)).T @ inverse
+    slopes = _derivatives(series)
+    largest_ = highest_on_parts(degree - 1, PARTS, slopes)
+    least = -highest_on_parts(degree - 1, PARTS, -slopes)
+    low, high = PARTS * enclosed_slopes(formula, _divided(corners, PARTS)).reshape(2, -1, PARTS)
+    with np.errstate(invalid="ignore", over="ignore"):
+        apart = np.maximum(high - least, largest_ - low)
+    parts = _divided(corners, LARGE)
+    places = ((np.arange(LARGE)[:, None] + nodes[:, 0]) / LARGE).reshape(-1, 1)
+    there = (series @ polynomials(1, degree, places)).reshape(-1, len(nodes))
+    own = evaluated(formula.root, inside(parts, nodes)).T - there
+    between = largest(1, degree - 1, _derivatives(own @ inverse))
+    by_discs = LARGE * (_by_discs(formula, parts, degree) + between).reshape(-1, LARGE)
+    return np.asarray(np.fmin(apart, np.repeat(by_discs, PARTS // LARGE, axis=1)))
+
+
+def _divided(corners: Array, count: int) -> Array:
+    """Equal parts of segments, shape (segments x parts, 2, dimension)."""
+    places = np.linspace(0.0, 1.0, count + 1)[:, None]
+    points = (1.0 - places) * corners[:, :1] + places * corners[:, 1:]
+    parts = np.stack((points[:, :-1], points[:, 1:]), axis=2)
+    return parts.reshape(-1, 2, corners.shape[2])
+
+
+def _derivatives(series: Array) -> Array:
+    """The coefficients of the derivatives of polynomials on the unit interval."""
+    legendre, scale = np.polynomial.legendre, np.sqrt(2.0 * np.arange(series.shape[1]) + 1.0)
+    return np.asarray(2.0 * legendre.legder((series * scale).T).T / scale[:-1])

@@ -1,0 +1,57 @@
+"""Matrices of formulas with one, two or three rows, entry by entry, row by row."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.data.enclosures import enclosed_on_simplices
+from dolfinx_signorini.data.formulas import Formula, Node, number
+
+Array = npt.NDArray[np.float64]
+
+
+def eigenvalues(entries: Sequence[Formula], corners: Array) -> tuple[Array, Array]:
+    """Return bounds of the eigenvalues of a symmetric matrix on simplices, by Weyl's inequality.
+
+    Args:
+        entries: The entries of the matrix.
+        corners: The vertices of the simplices, shape (simplices, vertices, dimension).
+
+    Returns:
+        The lower bounds and the upper ones; infinite ones where a formula has no enclosure.
+    """
+    n = math.isqrt(len(entries))
+    ends = np.stack([enclosed_on_simplices(entry, corners) for entry in entries], axis=2)
+    with np.errstate(invalid="ignore"):
+        middle, radius = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
+    rough = ~np.isfinite(radius).all(axis=1)
+    spectrum = np.linalg.eigvalsh(np.where(rough[:, None], 1.0, middle).reshape(-1, n, n))
+    spread = np.where(rough, np.inf, np.linalg.norm(radius, axis=1))
+    return spectrum[:, 0] - spread, spectrum[:, -1] + spread
+
+
+def inverse_entries(entries: Sequence[Formula]) -> list[Formula]:
+    """Return the entries of the inverse of a matrix of formulas, by cofactors."""
+    n, one = math.isqrt(len(entries)), number(1.0).root
+    matrix = [[entries[n * i + j].root for j in range(n)] for i in range(n)]
+
+    def difference(a: Node, b: Node, c: Node, d: Node) -> Node:
+        return Node("-", (Node("*", (a, b)), Node("*", (c, d))))
+
+    def cofactor(i: int, j: int) -> Node:
+        if n == 1:
+            return one
+        if n == 2:
+            entry = matrix[1 - i][1 - j]
+            return entry if i == j else Node("negative", (entry,))
+        i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+        return difference(matrix[i][j], matrix[k][m], matrix[i][m], matrix[k][j])
+
+    terms = [Node("*", (matrix[0][j], cofactor(0, j))) for j in range(n)]
+    determinant = terms[0]
+    for term in terms[1:]:
+        determinant = Node("+", (determinant, term))
+    found = [Node("/", (cofactor(j, i), determinant)) for i in range(n) for j in range(n)]
+    return [Formula("an entry of the inverse of the diffusion", entry) for entry in found]

@@ -1,0 +1,166 @@
+"""Root mean squares of formulas next to singular points, such as r^(-1/2) around r = 0.
+
+Let r = hypot(a, b) be a part of the formula that vanishes in a simplex. Each part of the formula is
+written as r^n t with a number n and an interval for t: a and b have n = 1 and t in [-1, 1], so that
+a/r and r^1.5 b/r^2 are enclosed, as no interval arithmetic can. The formula is at most M r^n then.
+
+Let the derivatives of (a, b) in the simplex P differ by at most e from a matrix whose smaller
+singular value is s + e, and L be the diameter of P in space, 1 in a plane. Then r < q on a part of
+P of the size pi L (q/s)^2 at most. With q such that this is |P|, the mean of r^(2 n) over P is at
+most q^(2 n) / (n + 1) for -1 < n < 0: the layer cake representation (Lieb and Loss, Analysis,
+2001, Section 1.13).
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_boxes
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
+from dolfinx_signorini.data.interfaces.pieces import widths
+from dolfinx_signorini.data.intervals import (
+    OPERATIONS,
+    choose,
+    divide,
+    multiply,
+    outward,
+    power,
+    size,
+)
+from dolfinx_signorini.data.names import Names
+
+Array = npt.NDArray[np.float64]
+Scaled = tuple[float, Array]  # n and t of r^n t
+
+NEAR = 0.3  # of the largest r in a simplex: how small the least one is next to a singular point
+LOGARITHM = 0.125  # |log r| is at most a number times r to minus this power
+
+
+def root_mean_squares(formula: Formula, corners: Array) -> Array:
+    """Return bounds of the roots of the means of the square of a formula on simplices.
+
+    Args:
+        formula: The formula.
+        corners: The vertices of the simplices, shape (simplices, vertices, dimension).
+
+    Returns:
+        The bounds; infinite where none is found.
+    """
+    result = np.full(len(corners), np.inf)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    names = Names()
+    for pair in _pairs(formula.root, names):
+        radius = enclosed_on_boxes(Formula("r", Node("hypot", pair)), low, high)
+        near = np.flatnonzero((radius[0] <= NEAR * radius[1]) & np.isfinite(radius[1]))
+        if not len(near):
+            continue
+        scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)
+        with np.errstate(all="ignore"):
+            n, t = scaled(formula.root)
+            most = np.broadcast_to(size(t)[1], len(near))
+            found = most * np.sqrt(_mean_power(pair, corners[near], 2.0 * n, radius[1, near]))
+        result[near] = np.fmin(result[near], found)
+    return result
+
+
+def _pairs(root: Node, names: Names) -> list[tuple[Node, Node]]:
+    """The arguments of distances and angles in a formula."""
+    found: dict[frozenset[int], tuple[Node, Node]] = {}
+    for node in nodes(root):
+        if node.op in ("hypot", "atan2"):
+            found.setdefault(_key(node, names), (node.args[0], node.args[1]))
+    return list(found.values())
+
+
+def _key(node: Node, names: Names) -> frozenset[int]:
+    return frozenset(names[a] for a in node.args)
+
+
+def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) -> Array:
+    """Bounds of the mean of r^n over simplices."""
+    if n >= 0.0:
+        return np.asarray(most**n)
+    dimension = corners.shape[2]
+    if n <= -2.0 or corners.shape[1] != dimension + 1:
+        return np.full(len(corners), np.inf)
+    slopes = np.stack([enclosed_gradients(Formula("", node), corners) for node in pair], axis=2)
+    middle, radius = 0.5 * (slopes[0] + slopes[1]), 0.5 * (slopes[1] - slopes[0])
+    known = np.isfinite(radius).all(axis=(1, 2))
+    middle = np.where(known[:, None, None], middle, 0.0)
+    least = np.linalg.svd(middle, compute_uv=False)[:, -1] - np.linalg.norm(radius, axis=(1, 2))
+    edges = corners[:, 1:] - corners[:, :1]
+    volumes = np.abs(np.linalg.det(edges)) / math.factorial(dimension)
+    length = 1.0 if dimension == 2 else widths(corners)
+    q = np.maximum(least, 0.0) * np.sqrt(volumes / (math.pi * length))
+    return np.asarray(np.where(q > 0.0, q**n / (0.5 * n + 1.0), np.inf))
+
+
+class _ScaledNodes(PerNode[Scaled]):
+    """Enclosures of the nodes of a formula on boxes, as r^n t.
+
+    Args:
+        ends: The least and the largest coordinates, shape (2, dimension, boxes).
+        pair: The arguments of r.
+        most: The largest r in each box.
+        names: The names of nodes.
+    """
+
+    def __init__(self, ends: Array, pair: tuple[Node, Node], most: Array, names: Names):
+        super().__init__()
+        self.ends, self.most, self.names = ends, most, names
+        self.key = frozenset(names[a] for a in pair)
+
+    def find(self, node: Node) -> Scaled:
+        if self.names[node] in self.key:
+            return 1.0, np.array([[-1.0], [1.0]])
+        if node.op == "number":
+            return 0.0, np.full((2, 1), node.value)
+        if node.op == "coordinate":
+            return 0.0, self.ends[:, int(node.value)]
+        if node.op == "hypot" and _key(node, self.names) == self.key:
+            return 1.0, np.ones((2, 1))
+        if node.op == "where":
+            a, b = self._alike(*map(self, node.args[0].args))[1]
+            n, branches = self._alike(*map(self, node.args[1:]))
+            return n, choose(OPERATIONS[node.args[0].op](a, b), *branches)
+        parts = [self(a) for a in node.args]
+        n, t = parts[0]
+        if node.op == "^":
+            exponent = node.args[1].value
+            return n * exponent, power(t, exponent)
+        if node.op == "*":
+            return n + parts[1][0], multiply(t, parts[1][1])
+        if node.op == "/":
+            return n - parts[1][0], divide(t, parts[1][1])
+        if node.op == "sqrt":
+            return 0.5 * n, OPERATIONS["sqrt"](t)
+        if node.op in ("+", "-", "min", "max", "negative", "abs"):
+            n, values = self._alike(*parts)
+            return n, OPERATIONS[node.op](*values)
+        if node.op == "log" and n > 0.0:
+            return self._logarithm(n, t)
+        return 0.0, OPERATIONS[node.op](*(self._lowered(part, 0.0) for part in parts))
+
+    def _alike(self, *parts: Scaled) -> tuple[float, list[Array]]:
+        n = min(n for n, _ in parts)
+        return n, [self._lowered(part, n) for part in parts]
+
+    def _lowered(self, part: Scaled, n: float) -> Array:
+        """The t of a part with a lower power of r."""
+        power_, t = part
+        if power_ == n:
+            return t
+        if power_ < n:  # not bounded
+            return np.array([[-np.inf], [np.inf]])
+        return multiply(t, outward(0.0 * self.most, self.most ** (power_ - n)))
+
+    def _logarithm(self, n: float, t: Array) -> Scaled:
+        """log(r^n t) = n log r + log t; r^e |log r| is largest at r = e^(-1/e), or at the end."""
+        e = LOGARITHM
+        end = self.most**e * np.abs(np.log(self.most))
+        most = n * np.maximum(
+            end, np.where(self.most < math.exp(-1.0 / e), 0.0, 1.0 / (e * math.e))
+        )
+        own = multiply(OPERATIONS["log"](t), outward(0.0 * self.most, self.most**e))
+        return -e, outward(own[0] - most, own[1] + most)

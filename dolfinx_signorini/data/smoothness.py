@@ -1,0 +1,100 @@
+"""Solutions whose load is a function: the flux A grad u is continuous but at singular points.
+
+Where u has a kink or A jumps, -div(A grad u) has a part on a curve, which no formula for the load
+has. Poles and the cut of an angle do the same. A power of a distance to a point does not.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.data.enclosures import Enclosures, enclosed_gradients
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode
+from dolfinx_signorini.data.interfaces.roughness import switch
+from dolfinx_signorini.data.intervals import cut
+
+Array = npt.NDArray[np.float64]
+
+ANY, CONTINUOUS, SMOOTH = range(3)  # what a formula is known to be: nothing, continuous, or C^1
+
+
+def load_is_a_function(solution: Formula, diffusion: Sequence[Formula], corners: Array) -> bool:
+    """Return whether the load of a solution is known to be what its formula says.
+
+    Args:
+        solution: u.
+        diffusion: The entries of A.
+        corners: The vertices of cells, shape (cells, vertices, dimension).
+    """
+    known = _Smoothness(corners)
+    entries = min((known(entry.root) for entry in diffusion), default=SMOOTH)
+    return known(solution.root) == SMOOTH and entries >= CONTINUOUS
+
+
+class _Smoothness(PerNode[int]):
+    """How smooth the nodes of a formula are known to be on all cells and across their sides.
+
+    Args:
+        corners: The vertices of the cells.
+    """
+
+    def __init__(self, corners: Array):
+        super().__init__()
+        self.corners = corners
+        self.enclosures = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
+
+    def find(self, node: Node) -> int:
+        with np.errstate(all="ignore"):
+            if not np.isfinite(self.ends(node)).all():
+                return ANY
+            operands = node.args[1:] if node.op == "where" else node.args
+            if node.op == "^" and node.args[1].value > 1.0:
+                operands = _unfolded(node.args[0])
+            return min((self._own(node), *map(self, operands)), default=SMOOTH)
+
+    def ends(self, node: Node) -> Array:
+        """The values on the cells, shape (2, cells)."""
+        value = self.enclosures(node)[0][:, 0]
+        return np.broadcast_to(value, (2, len(self.corners)))
+
+    def _own(self, node: Node) -> int:
+        """What an operation leaves of operands that are smooth."""
+        margin = switch(node)
+        if margin is not None:
+            low, high = self.ends(margin)
+            if (low > 0.0).all() or (high < 0.0).all():
+                return SMOOTH
+            return CONTINUOUS if node.op in ("abs", "min", "max") else ANY
+        if node.op == "atan2":
+            return ANY if cut(*map(self.ends, node.args)).any() else SMOOTH
+        if node.op == "hypot":
+            return SMOOTH if self._vanishes_at_points(node) else CONTINUOUS
+        if node.op in ("sqrt", "^"):
+            return self._power(node.args[0], node.args[1].value if node.op == "^" else 0.5)
+        if node.op in ("asin", "acos"):
+            return CONTINUOUS if (np.abs(self.ends(node.args[0])) >= 1.0).any() else SMOOTH
+        return SMOOTH
+
+    def _power(self, base: Node, exponent: float) -> int:
+        low, _ = self.ends(base)
+        if exponent % 1.0 == 0.0 or exponent > 1.0 or (low > 0.0).all():
+            return SMOOTH
+        return SMOOTH if base.op == "hypot" else CONTINUOUS
+
+    def _vanishes_at_points(self, node: Node) -> bool:
+        """Whether both arguments of a distance vanish at points only, or on lines in space."""
+        near = self.corners[self.ends(node)[0] <= 0.0]
+        slopes = [enclosed_gradients(Formula("", a), near) for a in node.args]
+        low, high = np.stack(slopes, axis=3)
+        if not np.isfinite(high - low).all():
+            return False
+        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
+        least = np.linalg.svd(middle, compute_uv=False)[:, -1]
+        return bool((least > np.linalg.norm(radius, axis=(1, 2))).all())
+
+
+def _unfolded(base: Node) -> tuple[Node, ...]:
+    """The operands of |a|, or of the positive or negative part of a, whose powers are smooth."""
+    zero = any(a.op == "number" and a.value == 0.0 for a in base.args)
+    return base.args if base.op == "abs" or (zero and base.op in ("min", "max")) else (base,)

@@ -1,0 +1,1 @@
+"""Meshes with named sides, their refinement, elements, quadrature rules and points."""

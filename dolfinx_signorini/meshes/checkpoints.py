@@ -1,0 +1,188 @@
+"""Functions on disk, to be read again on any number of ranks.
+
+A dof is found again by its place, because the numbers of dofs and cells depend on the
+number of ranks. The file is one of NumPy's, so that a checkpoint needs nothing beside DOLFINx and
+can be read without DOLFINx. Rank 0 gathers and reads the whole file: enough for some ten million
+dofs.
+"""
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.kinds import FUNCTION, check
+from dolfinx_signorini.base.records import on_first, whole_file
+from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+
+Array = npt.NDArray[np.float64]
+
+ROUNDING = 1e-9  # of coordinates, relative to the size of the domain
+
+
+def write_checkpoint(
+    path: Path | str, functions: Mapping[str, fem.Function], **numbers: float
+) -> None:
+    """Write functions with their mesh; the call is collective.
+
+    A time loop that can be stopped writes a checkpoint after some steps:
+
+        write_checkpoint("step.npz", {"u": problem.u}, time=t)
+
+    Args:
+        path: The file, which is replaced when the new one is complete.
+        functions: The functions by name, in scalar continuous elements on one mesh.
+        numbers: What else the run needs to go on, such as the time.
+
+    Raises:
+        InputError: There is no function, a function is not scalar, two dofs lie at the same place,
+            or the file cannot be written.
+    """
+    _check_functions(functions)
+    path, spaces = Path(path), [f.function_space for f in functions.values()]
+    comm = spaces[0].mesh.comm
+    data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
+    gathered = _gathered_mesh(spaces[0].mesh)
+    for name, function in functions.items():
+        space = function.function_space
+        owned = space.dofmap.index_map.size_local
+        parts = comm.gather((control_points(space)[:owned], function.x.array[:owned]), root=0)
+        points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
+        data |= {f"points {name}": points, f"values {name}": values}
+        data[f"basis {name}"] = _basis(space)
+
+    def write() -> None:
+        for name in functions:
+            _check_places(data[f"points {name}"], name)
+        with whole_file(path) as file:
+            np.savez(file, **data, **gathered)
+
+    on_first(comm, path.parent, write)
+
+
+def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> dict[str, float]:
+    """Fill functions with what a checkpoint holds, and return its numbers; collective.
+
+    The functions live on the mesh of the checkpoint, with the same elements, on any
+    number of ranks:
+
+        t = read_checkpoint("step.npz", {"u": problem.u})["time"]
+
+    Args:
+        path: The file.
+        functions: The functions to be filled, by the names that they were written with.
+
+    Raises:
+        InputError: The file is no checkpoint or has no such function, or the mesh or the elements
+            are others.
+    """
+    path = Path(path)
+    _check_functions(functions)
+    comm = next(iter(functions.values())).function_space.mesh.comm
+    data = _read(path, comm)
+    for name, function in functions.items():
+        if f"values {name}" not in data:
+            known = [key.removeprefix("values ") for key in data if key.startswith("values ")]
+            raise InputError(f"has no function {name!r}, but {', '.join(known)}", str(path))
+        points, values = data[f"points {name}"], data[f"values {name}"]
+        places = control_points(function.function_space)
+        extent = float(np.ptp(points, axis=0).max())
+        distances, found = cKDTree(points).query(places)
+        same = len(values) == function.function_space.dofmap.index_map.size_global
+        same &= bool((distances <= ROUNDING * extent).all())
+        require(comm, same, f"{name!r} lives on another mesh, or is of another degree", str(path))
+        basis, wanted = str(data.get(f"basis {name}", "")), _basis(function.function_space)
+        if basis and basis != wanted:  # files of version 0.1 do not tell
+            raise InputError(f"{name!r} has the basis {basis}, not {wanted}", str(path))
+        function.x.array[:] = values[found]
+    return {
+        key.removeprefix("number "): float(value)
+        for key, value in data.items()
+        if key.startswith("number ")
+    }
+
+
+def read_mesh(path: Path | str, comm: MPI.Comm = MPI.COMM_WORLD) -> mesh.Mesh:
+    """Return the mesh of a checkpoint, for example an adapted one.
+
+    Args:
+        path: The file.
+        comm: The communicator that shares the mesh; the call is collective.
+
+    Raises:
+        InputError: The file is no checkpoint.
+    """
+    data = _read(Path(path), comm)
+    cells, points, kind = data["cells"], data["points"], str(data["kind"])
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
+    if comm.rank:
+        cells, points = cells[:0], points[:0]
+    # The order of the arguments depends on the version, and so they have names.
+    return mesh.create_mesh(comm, cells, x=points, e=domain)
+
+
+def _check_functions(functions: Mapping[str, fem.Function]) -> None:
+    if not functions:
+        raise InputError("names no function", "functions")
+    for name, function in functions.items():
+        check(functions=(function, FUNCTION))
+        if function.function_space.dofmap.bs != 1:
+            raise InputError(f"{name!r} must be scalar", "functions")
+        if function.function_space.mesh.geometry.cmap.degree > 1:
+            raise InputError(f"{name!r} must live on a mesh with straight edges", "functions")
+
+
+def _basis(space: fem.FunctionSpace) -> str:
+    """The kind of basis functions, where dofs alone do not tell the function."""
+    element = space.element.basix_element
+    return "linear" if element.degree == 1 else str(element.lagrange_variant.name)
+
+
+def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
+    """Return cells and points of a mesh with straight edges on rank 0, {} on the others."""
+    geometry = domain.geometry
+    index_map, dim = geometry.index_map(), geometry.dim
+    cells = geometry.dofmap[owned_cells(domain)]
+    numbers = index_map.local_to_global(cells.flatten()).reshape(cells.shape)
+    parts = domain.comm.gather((numbers, geometry.x[: index_map.size_local, :dim]), root=0)
+    if parts is None:
+        return {}
+    joined, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return {"cells": joined, "points": points, "kind": domain.topology.cell_name()}
+
+
+def _check_places(points: Array, name: str) -> None:
+    """Refuse two dofs at the same place, which could not be told apart when they are read."""
+    extent = float(np.ptp(points, axis=0).max())
+    if len(cKDTree(points).query_pairs(ROUNDING * extent)):
+        raise InputError(f"{name!r} has two dofs at the same place", "functions")
+
+
+def _read(path: Path, comm: MPI.Comm) -> dict[str, Any]:
+    """Return the arrays of a checkpoint on all ranks; rank 0 reads the file."""
+    found: dict[str, Any] = {}
+    message = ""
+    if comm.rank == 0:
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = {key: file[key] for key in file.files}
+            if not {"cells", "points", "kind"} <= found.keys():
+                message = "is no checkpoint"
+        except OSError as error:
+            message = error.strerror or str(error)
+        except (ValueError, zipfile.BadZipFile, EOFError, AttributeError):
+            message = "is no checkpoint"
+    found, message = comm.bcast((found, message))
+    if message:
+        raise InputError(message, str(path))
+    return found

@@ -1,0 +1,293 @@
+"""Curved sides: refined meshes whose new boundary vertices go onto curves that sides stand for.
+
+A mesh with straight-sided cells has a polygon, or a polyhedron, in place of a curved domain. The
+middle of a facet, where refinement puts a vertex, is off the curve, and a projection onto the curve
+moves the vertex there. Where no projection is given, the polygon is the domain; facets which bend
+like those of a smooth curve tell that this may not be what was meant.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.kinds import callable_, check, integer, optional
+from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.meshes.jacobians import determinants
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    facet_nodes,
+    longest_side,
+    owned_cells,
+    simplex_sizes,
+)
+
+Array = npt.NDArray[np.float64]
+# Maps points, shape (3, points), to the nearest ones of a curve or of a surface.
+Projection = Callable[[Array], Array]
+
+ALTERNATIONS = 20  # of the projections onto all curves of a vertex that is on several ones
+FLAT = 1e-4  # radians: facets that turn by less are in one line or plane, but for rounding
+SHARP = 1.4  # radians: facets that turn by more meet at a corner; those of a pentagon are an arc
+ROUNDING = 1e-12  # of the size of the domain: vertices so near to a curve are on the curve
+REGULAR = 0.9  # of the distance from curves: where halved facets are as far, the mesh sees nothing
+
+
+class CurvedSides:
+    """The curves, or curved surfaces, that sides of a mesh stand for:
+
+        hole = lambda x: 0.25 * x / np.hypot(x[0], x[1])
+        CurvedSides({"hole": hole}).fit(sided)
+
+    The projections are called on rank 0 alone, where a model of gmsh is, with points of all ranks.
+
+    Args:
+        projections: For sides by name the projection onto the curve; None for a side whose facets
+            are the domain. "all" stands for the whole boundary.
+
+    Attributes:
+        projections: Those of the curved sides.
+        known: The names of all sides of which something is known.
+    """
+
+    def __init__(self, projections: Mapping[str, Projection | None]):
+        self.projections = {name: p for name, p in projections.items() if p is not None}
+        self.known = frozenset(projections)
+
+    def check(self, sided: SidedMesh) -> None:
+        """Refuse what does not belong to a mesh; the call is collective.
+
+        Raises:
+            InputError: There is no such side, a projection is none, or the facets are so few that
+                halves of the facets are as far from the curve as the facets are.
+        """
+        names = (*sided.sides, "all")
+        for name in sorted(self.known):
+            check(geometry=(self.projections.get(name), optional(callable_)))
+            if name not in names:
+                raise InputError(f"{name!r}: the mesh has the sides {', '.join(names)}", "geometry")
+        comm = sided.mesh.comm
+        for name, projection in self.projections.items():
+            one = CurvedSides({name: projection})
+            far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
+            if farther > max(REGULAR * far, ROUNDING * _size(sided) * one._measure(sided)):
+                message = "is followed too roughly by the first mesh, which should be finer there"
+                raise InputError(f"{name!r}: {message}", "geometry")
+
+    def fit(self, sided: SidedMesh) -> bool:
+        """Move the vertices of the curved sides onto the curves; the call is collective.
+
+        Returns:
+            Whether a vertex has moved by more than rounding.
+
+        Raises:
+            InputError: A projection fails, or moves vertices so far that cells turn over.
+        """
+        if not self.projections:
+            return False
+        domain, comm = sided.mesh, sided.mesh.comm
+        x, before = self.placed(sided), determinants(cell_edges(domain, owned_cells(domain)))
+        moved = highest(comm, np.abs(x - domain.geometry.x)) > ROUNDING * _size(sided)
+        domain.geometry.x[:] = x
+        after = determinants(cell_edges(domain, owned_cells(domain)))
+        message = "moves vertices so far that cells turn over: begin with a finer mesh"
+        require(comm, bool((after * before > 0.0).all()), message, "geometry")
+        return moved
+
+    def placed(self, sided: SidedMesh) -> Array:
+        """Return where the nodes of this rank belong, shape (nodes, 3); the call is collective."""
+        geometry, names = sided.mesh.geometry, list(self.projections)
+        index_map, dim = geometry.index_map(), geometry.dim
+        owned, found = index_map.size_local, la.vector(index_map, 3)
+        x = found.array.reshape(-1, 3)
+        x[:] = geometry.x
+        on = [
+            summed(index_map, facet_nodes(sided.mesh, self._facets(sided, name)))[:owned] > 0.0
+            for name in names
+        ]
+        several = np.sum(on, axis=0) > 1
+        again = sided.mesh.comm.allreduce(int(np.count_nonzero(several))) > 0
+        for k in range(ALTERNATIONS if again else 1):
+            for name, nodes in zip(names, on, strict=True):
+                chosen = np.flatnonzero(nodes & several if k else nodes)
+                x[chosen, :dim] = self._projected(sided, name, x[chosen])[:, :dim]
+        found.scatter_forward()
+        return x
+
+    def gaps(self, sided: SidedMesh, parts: int = 1) -> Array:
+        """Return about what is between the facets of each owned cell and the curves, as a volume.
+
+        Args:
+            sided: The mesh; the call is collective.
+            parts: 1 for the facets themselves, 2 for facets with halved edges.
+        """
+        domain = sided.mesh
+        result = np.zeros(len(owned_cells(domain)))
+        for name in self.projections:
+            facets = self._facets(sided, name)
+            corners = domain.geometry.x[facet_nodes(domain, facets)]
+            pairs = list(itertools.combinations(range(domain.topology.dim), 2))
+            edges = np.concatenate([corners[:, pair] for pair in pairs])
+            if parts == 2:
+                places = np.concatenate((edges[:, 0], edges[:, 1], edges.mean(axis=1)))
+                first, last, middle = np.split(self._projected(sided, name, places), 3)
+                halves = (first, middle), (middle, last)
+                edges = np.concatenate([np.stack(half, axis=1) for half in halves])
+            middles = edges.mean(axis=1)
+            ways = self._projected(sided, name, middles) - middles
+            shape = len(pairs) * parts, len(facets)
+            away = np.linalg.norm(ways, axis=1).reshape(shape).max(axis=0)
+            np.add.at(result, facet_cells(domain, facets)[:, 0], away * simplex_sizes(corners))
+        return result
+
+    def _facets(self, sided: SidedMesh, name: str) -> npt.NDArray[np.int32]:
+        """The facets of a side that this rank owns."""
+        facets, dim = sided.facets((name,)), sided.mesh.topology.dim - 1
+        return facets[facets < sided.mesh.topology.index_map(dim).size_local]
+
+    def _measure(self, sided: SidedMesh) -> float:
+        """The length or area of the curved sides."""
+        domain = sided.mesh
+        facets = np.concatenate([self._facets(sided, name) for name in self.projections])
+        sizes = simplex_sizes(domain.geometry.x[facet_nodes(domain, facets)])
+        return float(domain.comm.allreduce(float(sizes.sum())))
+
+    def _projected(self, sided: SidedMesh, name: str, points: Array) -> Array:
+        """The projections of points, shape (points, 3); the call is collective."""
+        comm, message = sided.mesh.comm, ""
+        parts, answers = comm.gather(points), None
+        if parts is not None:
+            whole = np.concatenate(parts)
+            try:
+                found = self._on_curve(name, whole) if len(whole) else whole
+                answers = np.split(found, np.cumsum([len(part) for part in parts])[:-1])
+            except Exception as error:  # the function is the user's, and the other ranks wait
+                message = f"{name!r}: {error}"
+        message = comm.bcast(message)
+        if message:
+            raise InputError(message, "geometry")
+        return np.asarray(comm.scatter(answers))
+
+    def _on_curve(self, name: str, points: Array) -> Array:
+        found = np.asarray(self.projections[name](points.T.copy()), dtype=np.float64)
+        if found.shape != points.T.shape:
+            raise ValueError(f"returns the shape {found.shape} for points of {points.T.shape}")
+        if not np.isfinite(found).all():
+            raise ValueError("returns coordinates that are not finite")
+        return found.T
+
+
+def gmsh_projection(model: Any, dimension: int, group: int) -> Projection:
+    """Return the projection onto the curves or surfaces of a model of gmsh.
+
+    The model is to be there, on rank 0, for as long as the projection is used:
+
+        geometry = {"hole": gmsh_projection(gmsh.model, 1, 2)}
+
+    Args:
+        model: `gmsh.model`.
+        dimension: 1 for curves, 2 for surfaces.
+        group: The tag of the physical group that has them. A point goes to the nearest one.
+
+    Raises:
+        InputError: An argument is of another kind.
+    """
+    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
+    check(
+        model=(model, lambda _: words),
+        dimension=(dimension, integer(1, 2)),
+        group=(group, integer(1)),
+    )
+
+    def onto(points: Array) -> Array:
+        tags = model.getEntitiesForPhysicalGroup(dimension, group)
+        flat = points.T.ravel()
+        found = np.array([model.getClosestPoint(dimension, tag, flat)[0] for tag in tags])
+        places = found.reshape(len(tags), -1, 3)
+        nearest = np.linalg.norm(places - points.T, axis=2).argmin(axis=0)
+        return np.asarray(places[nearest, np.arange(len(nearest))].T)
+
+    return onto
+
+
+def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, float]:
+    """Return the sides whose facets bend like those of a smooth curve; the call is collective.
+
+    At both ends (on two edges, in space) such a facet and a neighbour of the facet turn by a small
+    angle. Edges of polygons do so only where an edge is a single facet.
+
+    Args:
+        sided: The mesh.
+        known: The names of sides that are not looked at; "all" for none.
+
+    Returns:
+        By the name of each side, "all" for the boundary without a name, about how far from the
+        facets a smooth curve through their vertices is.
+    """
+    domain, comm = sided.mesh, sided.mesh.comm
+    facets = boundary_facets(domain)
+    combinations, numbers = sided.combinations(facets)
+    nodes = facet_nodes(domain, facets)
+    ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
+    parts = comm.gather((ids, domain.geometry.x[nodes], numbers))
+    found: dict[str, float] = {}
+    if parts is not None:
+        away = _bulges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        for number, distance in away.items():
+            on = [n for n, yes in zip(sided.sides, combinations[number], strict=True) if yes]
+            if not known & {*on, "all"}:
+                name = next(iter(on), "all")  # the first one of a side with several names
+                found[name] = max(distance, found.get(name, 0.0))
+    return dict(comm.bcast(found))
+
+
+def _bulges(ids: npt.NDArray[np.int64], x: Array, sides: npt.NDArray[np.int64]) -> dict[int, float]:
+    """Return for combinations of sides with arcs how far smooth curves are from the facets.
+
+    Args:
+        ids: The vertices of all facets of the boundary, shape (facets, vertices).
+        x: Their coordinates, shape (facets, vertices, 3).
+        sides: The combination of each facet.
+    """
+    count, dim = ids.shape
+    others = [[j for j in range(dim) if j != i] for i in range(dim)]
+    # Between two facets is a vertex, or an edge in space; altitudes on both sides tell the turn.
+    ridges = np.concatenate([np.sort(ids[:, o], axis=1) for o in others])
+    heights = np.concatenate([_heights(x[:, i], x[:, o]) for i, o in enumerate(others)])
+    keys = np.column_stack((np.tile(sides, dim), ridges))
+    order = np.lexsort(keys.T)
+    _, first, number = np.unique(keys[order], axis=0, return_index=True, return_counts=True)
+    pairs = np.stack((order[first[number == 2]], order[first[number == 2] + 1]), axis=1)
+    lengths = np.linalg.norm(heights, axis=1)
+    units = heights[pairs] / lengths[pairs][..., None]
+    turns = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(units.sum(axis=1), axis=1), 1.0))
+    bent = (turns > FLAT) & (turns < SHARP)
+    pairs, turns = pairs[bent], turns[bent]
+    around = np.bincount((pairs % count).ravel(), minlength=count) >= 2
+    smooth = around[pairs % count].all(axis=1)
+    away = dim * turns * lengths[pairs].max(axis=1) / 16.0  # of a circle, or of a sphere
+    result: dict[int, float] = {}
+    for side, distance in zip(sides[pairs[smooth, 0] % count], away[smooth], strict=True):
+        result[int(side)] = max(float(distance), result.get(int(side), 0.0))
+    return result
+
+
+def _heights(tips: Array, ridges: Array) -> Array:
+    """The altitudes from points or edges to the opposite vertices of facets."""
+    ways = tips - ridges[:, 0]
+    if ridges.shape[1] == 1:
+        return np.asarray(ways)
+    along = ridges[:, 1] - ridges[:, 0]
+    shares = (ways * along).sum(axis=1) / (along**2).sum(axis=1)
+    return np.asarray(ways - shares[:, None] * along)
+
+
+def _size(sided: SidedMesh) -> float:
+    return longest_side(sided.mesh.comm, sided.mesh.geometry.x)

@@ -1,0 +1,286 @@
+"""Continuous piecewise polynomials in a basis whose coefficients bound the polynomial.
+
+In the Bernstein basis the functions are non-negative and add up to 1, so that a polynomial lies
+between its smallest and its largest coefficient. Coefficients that are not below those of the
+obstacle keep the polynomial above the obstacle at every point, and not only at nodes.
+
+Each coefficient belongs to a control point: the dofs of the Bernstein basis and the nodes of
+equidistant interpolation have the same places and numbers.
+
+Sources: Lai and Schumaker, Spline functions on triangulations, Cambridge (2007), Chapter 2;
+Ainsworth, Andriamaro and Davydov, SIAM J. Sci. Comput. 33 (2011) 3087-3109.
+"""
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+
+from dolfinx_signorini.base.kinds import LARGEST_DEGREE, check, integer, simplices
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+HIGHEST_DEGREE = 4  # that problems are tested with
+ZERO = 1e-10  # entries of the small matrices between two bases that are rounding
+
+
+def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
+    """Return the continuous piecewise polynomials in the Bernstein basis.
+
+    `fem.dirichletbc` takes a function of this space, and no number: from degree 2 on coefficients
+    are no values.
+
+    Args:
+        domain: A mesh of triangles or tetrahedra.
+        degree: The polynomial degree, 1 to 8; of degree 1 the basis is that of Lagrange elements.
+
+    Raises:
+        InputError: The mesh has other cells, or the degree is another one.
+    """
+    check(domain=(domain, simplices(2, 3)), degree=(degree, integer(1, LARGEST_DEGREE)))
+    if degree == 1:
+        return lagrange_space(domain, 1, basix.LagrangeVariant.gll_warped)
+    return lagrange_space(domain, degree, basix.LagrangeVariant.bernstein)
+
+
+def lagrange_space(
+    domain: mesh.Mesh, degree: int, variant: basix.LagrangeVariant
+) -> fem.FunctionSpace:
+    """Return the continuous piecewise polynomials in the basis of a variant.
+
+    Args:
+        domain: The mesh.
+        degree: The polynomial degree.
+        variant: Basix's name of the basis.
+    """
+    return fem.functionspace(
+        domain, _lagrange_element(domain.topology.cell_name(), degree, variant)
+    )
+
+
+@functools.cache
+def _lagrange_element(cell: str, degree: int, variant: basix.LagrangeVariant) -> Any:
+    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+
+
+def constants(domain: mesh.Mesh) -> fem.FunctionSpace:
+    """Return the functions that are constant in each cell of a mesh."""
+    return fem.functionspace(domain, _constant_element(domain.topology.cell_name()))
+
+
+@functools.cache
+def _constant_element(cell: str) -> Any:
+    return basix.ufl.element("DG", cell, 0)
+
+
+def is_bernstein(space: fem.FunctionSpace) -> bool:
+    """Return whether the basis of a space is the Bernstein basis of a degree above 1."""
+    element = space.element.basix_element
+    return bool(element.lagrange_variant == basix.LagrangeVariant.bernstein and element.degree > 1)
+
+
+def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """Return the space with the same dofs and a nodal basis: its nodes are the control points.
+
+    Args:
+        space: A space of continuous elements; one with a nodal basis is returned as it is.
+    """
+    if not is_bernstein(space):
+        return space
+    degree = space.element.basix_element.degree
+    nodal = lagrange_space(space.mesh, degree, basix.LagrangeVariant.equispaced)
+    assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+    return nodal
+
+
+def control_points(space: fem.FunctionSpace, cells: Indices | None = None) -> Array:
+    """Return the places of the dofs of this rank, shape (dofs, 3): nodes or control points.
+
+    A node on an edge lies where the ends of the edge put the node, without the rounding of the
+    other corners: on the boundary y = 0 all coordinates y are 0.
+
+    Args:
+        space: A scalar space of continuous elements.
+        cells: Cells of this rank whose dofs are wanted; None for all. Other places are 0.
+    """
+    dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
+    places = np.zeros((int(space.dofmap.list.max(initial=-1)) + 1, 3))
+    for dof, place in zip(dofs.T, _on_cells(space, cells), strict=True):
+        places[dof] = place
+    return places
+
+
+def points_on_cells(space: fem.FunctionSpace, cells: Indices) -> Array:
+    """Return the places of the dofs of some cells, shape (cells, dofs of a cell, 3).
+
+    Args:
+        space: A scalar space of continuous elements.
+        cells: The cells.
+    """
+    return np.stack(list(_on_cells(space, cells)), axis=1)
+
+
+def _on_cells(space: fem.FunctionSpace, cells: Indices | None) -> Iterator[Array]:
+    """The places on cells of one dof of the cells after the other, shape (cells, 3)."""
+    geometry = space.mesh.geometry
+    nodes = geometry.dofmap if cells is None else geometry.dofmap[cells]
+    for shares in _shares(space):
+        yield sum(shares[k] * geometry.x[nodes[:, k]] for k in np.flatnonzero(shares))
+
+
+def _shares(space: fem.FunctionSpace) -> Array:
+    """The values of the functions of the geometry at the dofs of a cell, one row for each dof."""
+    element = space.mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
+    shares = np.array(element.tabulate(0, control_lattice(space))[0])
+    for exact in (0.0, 1.0):
+        shares[np.abs(shares - exact) < ZERO] = exact
+    return shares
+
+
+def control_lattice(space: fem.FunctionSpace) -> Array:
+    """Return the places of the dofs of a cell in the reference cell, shape (dofs, coordinates).
+
+    Args:
+        space: A scalar space of continuous elements.
+    """
+    element = space.element.basix_element
+    if is_bernstein(space):
+        element = _nodal_element(element.cell_type, element.degree)
+    return np.asarray(element.points)
+
+
+def values_at_control_points(space: fem.FunctionSpace, coefficients: Array) -> Array:
+    """Return the values of a function at the places of its dofs.
+
+    Args:
+        space: The space of the function.
+        coefficients: The values of all dofs of this rank.
+    """
+    return _changed(space, coefficients, None, 0)
+
+
+def coefficients_of(space: fem.FunctionSpace, values: Array, cells: Indices | None = None) -> Array:
+    """Return the dofs of the function of a space that has given values at their places.
+
+    The coefficients of a facet or an edge depend on the values there alone.
+
+    Args:
+        space: The space of the function.
+        values: The values at the places of all dofs of this rank.
+        cells: Cells of this rank on which the dofs are wanted; None for all. The entries of dofs of
+            no such cell are not changed.
+    """
+    return _changed(space, values, cells, 1)
+
+
+def along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the entries of the dofs on edges, shape (edges, dofs), in the order along each edge.
+
+    Args:
+        entries: Entries in the order of the closure of an edge: both ends, then the inside.
+    """
+    return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
+
+
+def facet_dofs(space: fem.FunctionSpace, pairs: Indices) -> Indices:
+    """Return the dofs of facets, those of the vertices first, shape (facets, dofs of a facet).
+
+    Args:
+        space: A scalar space of continuous elements.
+        pairs: The cells of the facets, and the numbers of the facets in these cells.
+    """
+    element = space.element.basix_element
+    closures = np.array(element.entity_closure_dofs[space.mesh.topology.dim - 1])
+    return np.asarray(space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]])
+
+
+def facet_pieces(space: fem.FunctionSpace, pairs: Indices) -> tuple[Indices, Indices]:
+    """Return pieces of facets between dofs: segments in the plane, and triangles in space.
+
+    Args:
+        space, pairs: See `facet_dofs`.
+
+    Returns:
+        The dofs of each piece, shape (pieces, dimension), and the facet of each piece. In the plane
+        the pieces lie between neighbouring dofs, in space between the vertices of the facets.
+    """
+    dofs, dim = facet_dofs(space, pairs), space.mesh.topology.dim
+    if dim == 2:
+        chain = along_edge(dofs)
+        parts = [chain[:, i : i + 2] for i in range(chain.shape[1] - 1)]
+    else:
+        quadrilaterals = space.element.basix_element.cell_type == basix.CellType.hexahedron
+        parts = [dofs[:, corners] for corners in ([0, 1, 2], [1, 3, 2])[: 1 + quadrilaterals]]
+    return np.concatenate(parts), np.tile(np.arange(len(pairs), dtype=np.int32), len(parts))
+
+
+def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
+    """Return the values of the Bernstein polynomials at the nodes of each facet of a cell.
+
+    Args:
+        space: A space with a nodal basis on triangles or tetrahedra.
+
+    Returns:
+        Shape (facets of a cell, nodes of a facet, polynomials of the facet).
+    """
+    element = space.element.basix_element
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
+    basis = basix.create_element(family, element.cell_type, element.degree, variant)
+    values = np.array(basis.tabulate(0, element.points))[0, :, :, 0]
+    values[np.abs(values) < ZERO] = 0.0
+    facets = element.entity_closure_dofs[space.mesh.topology.dim - 1]
+    return np.array([values[np.ix_(dofs, dofs)] for dofs in facets])
+
+
+@functools.cache
+def subtriangles(cell: basix.CellType, degree: int) -> Indices:
+    """Return the small triangles between the dofs of a cell in the plane, shape (triangles, 3).
+
+    Args:
+        cell: Triangles or quadrilaterals.
+        degree: The degree of the elements.
+    """
+    lattice = _nodal_element(cell, degree).points
+    places = np.rint(degree * lattice).astype(int)
+    number = {(i, j): dof for dof, (i, j) in enumerate(places.tolist())}
+    found = []
+    for i, j in number:
+        for corners in (((i, j), (i + 1, j), (i, j + 1)), ((i, j), (i - 1, j), (i, j - 1))):
+            if all(corner in number for corner in corners):
+                found.append([number[corner] for corner in corners])
+    return np.array(found, dtype=np.int32)
+
+
+def _changed(space: fem.FunctionSpace, entries: Array, cells: Indices | None, way: int) -> Array:
+    if not is_bernstein(space):
+        return entries
+    element = space.element.basix_element
+    matrix = _bases(element.cell_type, element.degree)[way]
+    dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
+    result = entries.copy()
+    result[dofs] = entries[dofs] @ matrix.T
+    return result
+
+
+@functools.cache
+def _nodal_element(cell: basix.CellType, degree: int) -> Any:
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.equispaced
+    return basix.create_element(family, cell, degree, variant)
+
+
+@functools.cache
+def _bases(cell: basix.CellType, degree: int) -> tuple[Array, Array]:
+    """The matrix from coefficients to values at control points, and its inverse."""
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
+    basis = basix.create_element(family, cell, degree, variant)
+    values = np.array(basis.tabulate(0, _nodal_element(cell, degree).points))[0, :, :, 0]
+    pair: tuple[Array, Array] = values, np.linalg.inv(values)
+    for matrix in pair:
+        matrix[np.abs(matrix) < ZERO] = 0.0
+    return pair

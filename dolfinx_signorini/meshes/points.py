@@ -1,0 +1,323 @@
+"""Values at any points of cells and facets: coordinates, discrete functions, UFL expressions.
+
+A compiled expression of DOLFINx has its points built in. Here the points are data, the same ones
+for all cells or other ones for each cell, so that one compilation serves every quadrature rule,
+every lattice and every search on any kind of cell: coordinates and discrete functions are
+tabulated, and only the formula that combines them is compiled.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import Conditional, GeometricQuantity
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.sided_meshes import facet_vertices
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Indices: TypeAlias = npt.NDArray[np.int32]
+
+INWARD = 1e-11  # of the way to the middle of a cell: more than rounding on all but tiny cells
+JUMP = 1e-3  # of the largest value in a cell: what INWARD makes of a root at a vertex is less
+SLOTS, POINTS_PER_SLOT = 4096, 4  # the points of one call of a compiled formula
+
+
+class Points:
+    """Points of cells or facets, with the map from the reference cell to each of the cells:
+
+        points = Points(domain, cells, lattice)
+        x, y = points.x
+
+    Args:
+        domain: The mesh.
+        places: Cells, shape (n,), or (cell, local facet) pairs, shape (n, 2).
+        at: The points in the reference cell or facet: of shape (m, d), the same in every place, or
+            of shape (n, m, d).
+
+    Attributes:
+        cells: The cell of each place, shape (n,).
+    """
+
+    def __init__(self, domain: mesh.Mesh, places: Indices, at: Array):
+        self.domain, self.places, self.at = domain, places, at
+        self.cells, self._reference, self._axes = places, at, np.eye(domain.topology.dim)[None]
+        if places.ndim == 2:
+            origins, axes = _reference_facets(domain)
+            self.cells, self._axes = places[:, 0], axes[places[:, 1]]
+            self._reference = origins[places[:, 1], None] + at @ self._axes
+        self._element = domain.ufl_domain().ufl_coordinate_element().sub_elements[0].basix_element
+        nodes = domain.geometry.dofmap[self.cells]
+        x = np.asarray(domain.geometry.x, dtype=np.float64)
+        self._nodes = [x[:, i][nodes] for i in range(domain.geometry.dim)]
+
+    def of(self, rows: npt.NDArray[np.integer[Any]]) -> "Points":
+        """Return the points of some of the places, which are given by their rows."""
+        at = self.at if self.at.ndim == 2 else self.at[rows]
+        return Points(self.domain, self.places[rows], at)
+
+    @functools.cached_property
+    def x(self) -> list[Array]:
+        """The coordinates: for each direction of space an array of shape (n, m).
+
+        Rounding moves no point out of the box around its straight-sided cell: a formula such as
+        atan2(y, x) may jump at y = 0.
+        """
+        (table,) = _tabulated(self._element, 0, self._reference)
+        places = [_at_points(table, nodes) for nodes in self._nodes]
+        if self._element.degree > 1:
+            return places
+        return [
+            np.clip(x, corners.min(axis=0)[:, None], corners.max(axis=0)[:, None])
+            for x, corners in zip(places, (nodes.T.copy() for nodes in self._nodes), strict=True)
+        ]
+
+    @property
+    def inside(self) -> list[Array]:
+        """The coordinates, moved a trifle towards the middle of each cell."""
+        middles = (nodes.mean(axis=1)[:, None] for nodes in self._nodes)
+        return [x + INWARD * (middle - x) for x, middle in zip(self.x, middles, strict=True)]
+
+    @property
+    def at_ends(self) -> bool:
+        """Whether some points are on the boundary of a cell, in places that are cells."""
+        at, simplices = self._reference, self._nodes[0].shape[1] == self._reference.shape[-1] + 1
+        last = at.sum(axis=-1) if simplices else at
+        near = (at < INWARD).any() or (last > 1.0 - INWARD).any()
+        return bool(self.places.ndim == 1 and near)
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """dx_i / dX_t: shape (n, m, gdim, tdim), or (n, 1, gdim, tdim) where cells are affine."""
+        affine = self._nodes[0].shape[1] == self._reference.shape[-1] + 1
+        tables = _tabulated(self._element, 1, self._reference[..., : 1 if affine else None, :])[1:]
+        columns = [[_at_points(table, nodes) for table in tables] for nodes in self._nodes]
+        return np.moveaxis(np.array(columns), (0, 1), (2, 3))
+
+    @property
+    def tangents(self) -> Array:
+        """The derivatives along the axes of the reference cell or facet."""
+        if self.places.ndim == 1:
+            return self.jacobian
+        return np.asarray(self.jacobian @ np.swapaxes(self._axes, 1, 2)[:, None])
+
+    @property
+    def scale(self) -> Array:
+        """The ratio of sizes, of the cell or facet and the reference one: (n, m) or (n, 1)."""
+        return _size(self.tangents)
+
+    def values(self, function: fem.Function) -> list[Array]:
+        """Return the values of each component of a Lagrange function, each of shape (n, m)."""
+        (table,) = _tabulated(basix_element(function), 0, self._reference)
+        return [_at_points(table, nodal) for nodal in self._nodal(function)]
+
+    def gradients(self, function: fem.Function) -> list[list[Array]]:
+        """Return for each component its derivatives in each direction, each of shape (n, m)."""
+        element = basix_element(function)
+        affine = self.jacobian.shape[1] == 1
+        if affine and element.embedded_superdegree == 1:  # the same at all points of a cell
+            at, repeats = self._reference[..., :1, :], self._reference.shape[-2]
+        else:
+            at, repeats = self._reference, 1
+        tables = _tabulated(element, 1, at)[1:]
+        inverse, result = _inverse(self.jacobian), []
+        for nodal in self._nodal(function):
+            slopes = [_at_points(table, nodal) for table in tables]
+            gradient = [slopes[0] * inverse[:, :, 0, i] for i in range(inverse.shape[3])]
+            for t, slope in enumerate(slopes[1:], start=1):
+                for i, component in enumerate(gradient):
+                    component += slope * inverse[:, :, t, i]
+            result.append([np.repeat(component, repeats, axis=1) for component in gradient])
+        return result
+
+    def tangential(self, vector: Sequence[Array]) -> list[Array]:
+        """Return the part of a vector, components of shape (n, m), along the places."""
+        if self.places.ndim == 1 or not vector:
+            return list(vector)
+        stacked = np.stack(list(vector), axis=-1)[..., None]
+        part = self.tangents @ (np.linalg.pinv(self.tangents) @ stacked)
+        return [part[:, :, i, 0] for i in range(part.shape[2])]
+
+    def _nodal(self, function: fem.Function) -> list[Array]:
+        """For each component the values of the dofs of every cell, shape (n, dofs)."""
+        dofmap = function.function_space.dofmap
+        dofs = dofmap.list[self.cells]
+        return [function.x.array[dofmap.bs * dofs + i] for i in range(dofmap.bs)]
+
+
+class FormulaAtPoints:
+    """UFL expressions whose points are data:
+
+        formula = FormulaAtPoints(domain, [exact.u, *exact.grad])
+        u, *gradient = formula(Points(domain, cells, lattice))
+
+    Args:
+        domain: The mesh of the expressions; the call is collective.
+        expressions: Scalar expressions of the coordinates, of constants and of Lagrange functions
+            with their first derivatives.
+
+    Raises:
+        InputError: An expression depends on something else, for example on the size of cells.
+    """
+
+    def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr]):
+        self.count, dim = len(expressions), domain.geometry.dim
+        formula = apply_derivatives(apply_algebra_lowering(ufl.as_vector(list(expressions))))
+        self._jumps = bool(extract_type(formula, Conditional))
+        space, at = _slots()
+        self._x = [fem.Function(space) for _ in range(dim)]
+        replaced: dict[Any, Any] = {ufl.SpatialCoordinate(domain): ufl.as_vector(self._x)}
+        for constant in extract_constants(formula):
+            replaced[constant] = fem.Constant(space.mesh, constant.value)
+        self._inputs = []  # of each discrete function: components, and their derivatives
+        for function in extract_coefficients(formula):
+            shape = function.ufl_shape
+            values, slopes = (
+                [fem.Function(space) for _ in range(int(np.prod(size, dtype=int)))]
+                for size in (shape, (*shape, dim))
+            )
+            replaced[function] = _as_tensor(values, shape)
+            replaced[ufl.grad(function)] = _as_tensor(slopes, (*shape, dim))
+            self._inputs.append((function, values, slopes))
+        formula = ufl.replace(formula, replaced)
+        for rest in extract_type(formula, GeometricQuantity):
+            raise InputError(f"must depend on coordinates and functions only, not on {rest}", "u")
+        # The last component is a coordinate, so that no formula is without data.
+        components = [*(formula[i] for i in range(self.count)), self._x[0]]
+        self._compiled = compiled.expression(ufl.as_vector(components), at, domain.comm)
+
+    def __call__(self, points: Points) -> list[Array]:
+        """Return the values of each expression at the points, each of shape (n, m).
+
+        On a facet where an expression jumps these are the values from inside of each cell.
+        """
+        values = self._at(points, points.x)
+        if not (self._jumps and points.at_ends):
+            return values
+        for at, within in zip(values, self._at(points, points.inside), strict=True):
+            size = np.abs(within).max(axis=1, initial=0.0, keepdims=True)
+            with np.errstate(invalid="ignore"):
+                other = (np.abs(at - within) > JUMP * size) & np.isfinite(at)
+            at[other] = within[other]
+        return values
+
+    def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
+        """The values at points for other coordinates that are nearly the same."""
+        data = list(zip(self._x, x, strict=True))
+        for function, values, slopes in self._inputs:
+            gradients = [part for component in points.gradients(function) for part in component]
+            data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)
+        return list(self._evaluated(data).reshape(self.count, *points.x[0].shape))
+
+    def at(self, x: Sequence[Array]) -> list[Array]:
+        """Return the values of expressions of the coordinates alone, each of shape (n,).
+
+        Args:
+            x: For each direction of space the coordinates, shape (n,).
+        """
+        assert not self._inputs
+        return list(self._evaluated(list(zip(self._x, x, strict=True))))
+
+    def _evaluated(self, data: list[tuple[fem.Function, Array]]) -> Array:
+        """The values for the data in the slots, shape (expressions, points)."""
+        flat = [(f.x.array, np.ravel(array)) for f, array in data]
+        mesh_of_slots = self._x[0].function_space.mesh
+        result = np.empty((self.count, flat[0][1].size))
+        for start in range(0, result.shape[1], SLOTS * POINTS_PER_SLOT):
+            stop = min(start + SLOTS * POINTS_PER_SLOT, result.shape[1])
+            for place, array in flat:
+                place[: stop - start] = array[start:stop]
+            used = np.arange(-((start - stop) // POINTS_PER_SLOT), dtype=np.int32)
+            found = compat.evaluate(self._compiled, mesh_of_slots, used)
+            result[:, start:stop] = found.reshape(-1, self.count + 1)[: stop - start, :-1].T
+        return result
+
+
+@functools.cache
+def _slots() -> tuple[fem.FunctionSpace, Array]:
+    """Places for the data of a formula, which are numbered in order, and their points."""
+    line = mesh.create_interval(MPI.COMM_SELF, SLOTS, [0.0, 1.0])
+    at: Array = np.linspace(0.0, 1.0, POINTS_PER_SLOT, dtype=np.float64)[:, None]
+    scalar = basix.ufl.quadrature_element("interval", points=at, weights=np.ones(len(at)))
+    space = fem.functionspace(line, scalar)
+    assert (np.diff(space.dofmap.list.ravel()) == 1).all()
+    return space, at
+
+
+def basix_element(function: fem.Function, subject: str = "") -> Any:
+    """Return the scalar element of a function.
+
+    Args:
+        function: The function.
+        subject: The subject of the error; the function's name by default.
+
+    Raises:
+        InputError: The element is not a Lagrange element or one like it.
+    """
+    space = function.function_space
+    try:
+        element = space.element.basix_element
+    except RuntimeError:
+        element = None
+    plain = element is not None and element.map_type == basix.MapType.identity
+    if not plain or space.element.needs_dof_transformations:
+        message = "known for functions in Lagrange spaces, not in others"
+        raise InputError(message, subject or function.name)
+    return element
+
+
+def _reference_facets(domain: mesh.Mesh) -> tuple[Array, Array]:
+    """The first vertex of each facet of the reference cell, and the vectors along its axes."""
+    cell = basix.CellType[domain.topology.cell_name()]
+    corners = np.asarray(basix.geometry(cell))[facet_vertices(domain)]
+    return corners[:, 0], corners[:, 1 : domain.topology.dim] - corners[:, :1]
+
+
+def _tabulated(element: Any, derivatives: int, reference: Array) -> list[Array]:
+    """The values of the basis (then each first derivative) at points: (m, dofs) or (n, m, dofs)."""
+    flat = np.ascontiguousarray(reference.reshape(-1, reference.shape[-1]))
+    some = flat if len(flat) else np.zeros((1, flat.shape[1]))  # Basix takes no empty array
+    tables = element.tabulate(derivatives, some)[:, : len(flat), :, 0]
+    return [table.reshape(*reference.shape[:-1], tables.shape[2]) for table in tables]
+
+
+def _at_points(table: Array, nodal: Array) -> Array:
+    """Values at points, shape (n, m), from a table and the values of dofs, shape (n, dofs)."""
+    if table.ndim == 2:
+        return np.asarray(nodal @ table.T)
+    return np.asarray((table @ nodal[:, :, None])[:, :, 0])
+
+
+def _inverse(matrices: Array) -> Array:
+    """The inverse of each matrix, or the pseudo-inverse of matrices that are not square."""
+    if matrices.shape[-2:] in ((2, 2), (3, 3)):
+        return inverses(matrices)
+    return np.asarray(np.linalg.pinv(matrices))
+
+
+def _size(columns: Array) -> Array:
+    """The volume that the columns of each matrix span."""
+    if columns.shape[-2:] in ((2, 2), (3, 3)):
+        return np.abs(determinants(columns))
+    if columns.shape[-1] == columns.shape[-2]:
+        return np.asarray(np.abs(np.linalg.det(columns)))
+    return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))
+
+
+def _as_tensor(functions: Sequence[fem.Function], shape: tuple[int, ...]) -> Expr:
+    if not shape:
+        return functions[0]
+    return ufl.as_tensor(np.array(functions, dtype=object).reshape(shape).tolist())

@@ -1,0 +1,366 @@
+"""Refined meshes: their sides, their parent cells, and functions carried between the two meshes.
+
+A refined mesh is shared by the ranks like its parent mesh, cell by cell, so that whatever belongs
+to a cell of the parent mesh is found on the rank of the child cells.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+
+from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.kinds import check, simplices
+from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
+from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    entity_nodes,
+    facet_cells,
+)
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+ROUNDING = 1e-9  # of the longest edge of a cell: edges that differ by less are of one length
+
+
+# The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
+_parents: WeakKeyDictionary[mesh.Mesh, tuple[mesh.Mesh, Indices]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A refined mesh:
+
+        refinement = refined(sided, cells=np.array([3, 7], dtype=np.int32))
+        print(refinement.sided.mesh, refinement.parents)
+
+    Attributes:
+        sided: The refined mesh with its sides.
+        parents: For each owned cell of the refined mesh the cell of the parent mesh around the
+            cell.
+    """
+
+    sided: SidedMesh
+    parents: Indices
+
+
+def refined(
+    sided: SidedMesh,
+    cells: Indices | None = None,
+    at: tuple[Indices, Array] | None = None,
+    halved: Indices | None = None,
+) -> Refinement:
+    """Refine a mesh of triangles or tetrahedra; the call is collective.
+
+    The edges of the cells are bisected, and further edges where the mesh would not conform. The
+    refined mesh remembers its parent mesh: multigrid goes back to it, see `parent_mesh`.
+
+    Args:
+        sided: The mesh with its sides.
+        cells: Owned cells all of whose edges are bisected; None for all cells.
+        at: Further owned cells of which only the edges at one vertex are bisected, and these
+            vertices, shape (cells, 3): so few cells grade a mesh towards a point.
+        halved: Further owned cells of which only the longest edge is bisected.
+
+    Raises:
+        InputError: The cells are no triangles or tetrahedra with straight sides.
+
+    Source: Plaza and Carey, Local refinement of simplicial grids based on the skeleton, Appl.
+    Numer. Math. 32 (2000) 195-218.
+    """
+    domain = sided.mesh
+    # DOLFINx writes beyond the end of its arrays where cells have more nodes than vertices.
+    check(sided=(domain, simplices(2, 3, straight=True)))
+    topology, tdim = domain.topology, domain.topology.dim
+    topology.create_entities(1)
+    edges = None
+    if cells is not None:
+        topology.create_connectivity(tdim, 1)
+        topology.create_connectivity(1, tdim)
+        edges = mesh.compute_incident_entities(topology, cells, tdim, 1)
+        if at is not None:
+            edges = np.union1d(edges, _edges_at(domain, *at)).astype(np.int32)
+        if halved is not None:
+            edges = np.union1d(edges, _longest_edges(domain, halved)).astype(np.int32)
+    topology.create_connectivity(tdim, tdim - 1)
+    fine, parents, facets = compat.refine(domain, edges)
+    _parents[fine] = domain, parents
+    return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
+
+
+def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
+    """Return the edges of cells with an end at a point.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+        points: A vertex of each cell, shape (cells, 3); of the vertices the nearest one is taken.
+    """
+    edges, ends = _edges(domain, cells)
+    distance = np.abs(ends - points[:, None, None]).max(axis=3).min(axis=2)
+    return np.asarray(edges[distance == distance.min(axis=1, keepdims=True, initial=np.inf)])
+
+
+def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
+    """Return the longest edges of cells; all of them where some are of one length.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+    """
+    edges, ends = _edges(domain, cells)
+    length = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
+    longest = length.max(axis=1, keepdims=True, initial=0.0)
+    return np.asarray(edges[length > (1.0 - ROUNDING) * longest])
+
+
+def _edges(domain: mesh.Mesh, cells: Indices) -> tuple[Indices, Array]:
+    """Return the edges of cells and the ends of these edges.
+
+    Args:
+        domain: The mesh, with its connectivities from cells to edges and back.
+        cells: The cells.
+
+    Returns:
+        The edges, shape (cells, edges), and coordinates, shape (cells, edges, 2, 3).
+    """
+    topology, tdim = domain.topology, domain.topology.dim
+    topology.create_connectivity(1, 0)
+    topology.create_connectivity(0, tdim)
+    count = tdim * (tdim + 1) // 2
+    edges: Indices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
+    ends = entity_nodes(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
+    return edges, np.asarray(domain.geometry.x[ends])
+
+
+def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:
+    """Return the mesh that `refined` has made a mesh from, with the parents of the owned cells."""
+    return _parents.get(fine)
+
+
+def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: Indices) -> Indices:
+    """Return for each owned node of a refined mesh the edge of the parent mesh around the node.
+
+    Args:
+        coarse: The parent mesh.
+        fine: The refined mesh.
+        parents: The parent cells of its owned cells.
+
+    Returns:
+        The two ends of the edge as nodes of the parent mesh's geometry, ghosts included; twice the
+        same for a node that both meshes have. Shape (2, nodes).
+    """
+    cells = fine.geometry.dofmap[: len(parents)]
+    one = np.zeros(len(fine.geometry.x), dtype=np.int32)  # of the cells of each node
+    one[cells.ravel()] = np.repeat(np.arange(len(parents), dtype=np.int32), cells.shape[1])
+    owned, dim = fine.geometry.index_map().size_local, fine.topology.dim
+    x = fine.geometry.x[:owned, :dim]
+    corners = coarse.geometry.dofmap[parents[one[:owned]]].T
+    ends, best = np.empty((2, owned), dtype=np.int32), np.full(owned, np.inf)
+    for i, j in itertools.combinations_with_replacement(range(dim + 1), 2):
+        first, second = (coarse.geometry.x[corners[k], :dim] for k in (i, j))
+        distance = np.abs(0.5 * (first + second) - x).max(axis=1)
+        nearer = distance < best
+        best[nearer] = distance[nearer]
+        ends[0, nearer], ends[1, nearer] = corners[i, nearer], corners[j, nearer]
+    return ends
+
+
+def _sides(
+    sided: SidedMesh, fine: mesh.Mesh, parents: Indices, parent_facets: npt.NDArray[np.int8]
+) -> Mapping[str, Indices]:
+    """Return the owned facets of a refined mesh on the sides of its parent mesh."""
+    domain = sided.mesh
+    tdim = domain.topology.dim
+    if not sided.sides:  # nobody needs the facets of a mesh that is on the way to another
+        return {}
+    facets = boundary_facets(fine)
+    cells, local = facet_cells(fine, facets).T
+    coarse = domain.topology.connectivity(tdim, tdim - 1).array.reshape(-1, tdim + 1)
+    ancestors = coarse[parents[cells], parent_facets[cells, local]]
+    return {name: facets[np.isin(ancestors, on)] for name, on in sided.sides.items()}
+
+
+class Transfer:
+    """Carries functions between a mesh and its refinement.
+
+    For example, the interpolation of a fine function on the coarse mesh, as a fine function:
+
+        transfer = Transfer(coarse_space, fine_space, refinement.parents)
+        transfer.prolong(transfer.restrict(u))
+
+    Args:
+        coarse: A Lagrange space on the parent mesh.
+        fine: A Lagrange space of the same degree, or of a higher one, on the refined mesh.
+        parents: The parent cells of the owned cells.
+    """
+
+    def __init__(self, coarse: fem.FunctionSpace, fine: fem.FunctionSpace, parents: Indices):
+        self.coarse, self.fine = coarse, fine
+        dofs = fine.dofmap.list[: len(parents)]
+        # One of the cells of each dof serves.
+        self.dofs, first = first_places(dofs.ravel())
+        cells = parents[first // dofs.shape[1]]
+        x = control_points(fine)[self.dofs, None, : fine.mesh.topology.dim]
+        origins, maps = _maps(coarse.mesh)
+        points = _in_reference_cell(origins[cells], maps[cells], x)[:, 0]
+        element = coarse.element.basix_element
+        self.basis = element.tabulate(0, points)[0, :, :, 0]
+        self.columns = coarse.dofmap.list[cells]
+        self._restriction(parents)
+
+    def _restriction(self, parents: Indices) -> None:
+        """Find for each coarse dof a fine cell with its node, and the values of its basis."""
+        dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
+        nodes = control_points(self.coarse)[dofs, :dim]
+        origins, maps = _maps(self.fine.mesh)
+        points = _in_reference_cell(origins[: len(parents)], maps[: len(parents)], nodes)
+        # The nearest one of the child cells: rounding takes nodes out of cells that are small
+        # beside their coordinates, and fitted vertices may leave a node outside of all.
+        outside, flat = _outside(points).ravel(), dofs.ravel()
+        least = np.full(int(flat.max(initial=-1)) + 1, np.inf)
+        np.minimum.at(least, flat, outside)
+        nearest = np.flatnonzero(outside == least[flat])
+        self.nodes, first = first_places(flat[nearest])
+        child, node = np.divmod(nearest[first], dofs.shape[1])
+        element = self.fine.element.basix_element
+        self.values = element.tabulate(0, points[child, node])[0, :, :, 0]
+        self.around = self.fine.dofmap.list[child]
+
+    def prolong(self, u: fem.Function) -> fem.Function:
+        """Return a function of the coarse space as a function of the fine space."""
+        values = np.einsum("ij,ij->i", self.basis, u.x.array[self.columns])
+        return _interpolant(self.fine, self.dofs, values)
+
+    def restrict(self, u: fem.Function) -> fem.Function:
+        """Return the interpolation of a function of the fine space in the coarse space."""
+        values = np.einsum("ij,ij->i", self.values, u.x.array[self.around])
+        return _interpolant(self.coarse, self.nodes, values)
+
+
+def carried_across(
+    u: fem.Function, parents: Indices, space: fem.FunctionSpace, cells: Indices
+) -> fem.Function:
+    """Interpolate a function on the division of a mesh in a space on another refinement of it.
+
+    Args:
+        u: A function on the mesh with every cell divided.
+        parents: For each owned cell of this mesh the cell of the undivided mesh.
+        space: The space on the other refinement.
+        cells: For each owned cell of this refinement the cell of the undivided mesh.
+    """
+    old, dofs = u.function_space, space.dofmap.list[: len(cells)]
+    dim = space.mesh.topology.dim
+    owned, first = first_places(dofs.ravel())
+    children = np.argsort(parents, kind="stable").astype(np.int32)
+    children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
+    x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh)
+    places = np.array([_in_reference_cell(origins[c], maps[c], x)[:, 0] for c in children.T])
+    best, row = _outside(places).argmin(axis=0), np.arange(len(owned))
+    element, values = old.element.basix_element, old.dofmap.list
+    basis = element.tabulate(0, places[best, row])[0, :, :, 0]
+    at = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
+    return _interpolant(space, owned, at)
+
+
+def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Function:
+    """Move nodes of the mesh of a function, and return the function of the places before.
+
+    The values of the function itself go with the nodes. What goes out of a cell is continued.
+
+    Args:
+        u: The function, in a Lagrange space on straight-sided cells.
+        move: Moves nodes of the mesh.
+    """
+    space, geometry = u.function_space, u.function_space.mesh.geometry
+    x, (origins, maps), result = geometry.x.copy(), _maps(space.mesh), u.copy()
+    move()
+    moved = (geometry.x != x).any(axis=1)[geometry.dofmap].any(axis=1)
+    cells = np.flatnonzero(moved).astype(np.int32)
+    places = points_on_cells(space, cells)[..., : geometry.dim]
+    points = _in_reference_cell(origins[cells], maps[cells], places)
+    basis = space.element.basix_element.tabulate(0, points.reshape(-1, geometry.dim))[0, :, :, 0]
+    dofs = space.dofmap.list[cells]
+    basis = basis.reshape(*dofs.shape, dofs.shape[1])
+    result.x.array[dofs] = (basis @ u.x.array[dofs][:, :, None])[:, :, 0]
+    result.x.array[:] = coefficients_of(space, result.x.array, cells)
+    result.x.scatter_forward()
+    return result
+
+
+def prolong_on_cells(
+    pairs: Sequence[tuple[fem.Function, fem.Function]], parents: Indices, cells: Indices
+) -> None:
+    """Interpolate functions on the parent mesh in a space on the refined mesh, on some cells only.
+
+    Args:
+        pairs: Source and target functions; all sources have one space, and so have all targets.
+        parents: The parent cells of the owned cells of the refined mesh.
+        cells: Owned cells of the refined mesh; the dofs of others are left as they are.
+    """
+    coarse, fine = (f.function_space for f in pairs[0])
+    dofs, around, dim = fine.dofmap.list[cells], parents[cells], fine.mesh.topology.dim
+    x = points_on_cells(fine, cells)[..., :dim]
+    points = _in_reference_cell(*_maps(coarse.mesh, around), x)
+    basis = coarse.element.basix_element.tabulate(0, points.reshape(-1, dim))[0]
+    columns = coarse.dofmap.list[around]
+    basis = basis.reshape(*dofs.shape, columns.shape[1])
+    for old, new in pairs:
+        new.x.array[dofs] = (basis @ old.x.array[columns][:, :, None])[:, :, 0]
+        new.x.array[:] = coefficients_of(fine, new.x.array, cells)
+
+
+def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.Function:
+    """The function with given values at the places of dofs, which are all that ranks own."""
+    result = fem.Function(space)
+    result.x.array[dofs] = values
+    result.x.scatter_forward()
+    result.x.array[:] = coefficients_of(space, result.x.array)
+    return result
+
+
+def first_places(dofs: Indices) -> tuple[Indices, Indices]:
+    """Return the different entries of an array in order, and for each the first place of it."""
+    first = np.full(int(dofs.max(initial=-1)) + 1, -1, dtype=np.int32)
+    first[dofs[::-1]] = np.arange(len(dofs) - 1, -1, -1, dtype=np.int32)
+    found = np.flatnonzero(first >= 0).astype(np.int32)
+    return found, first[found]
+
+
+def _maps(domain: mesh.Mesh, cells: Indices | None = None) -> tuple[Array, Array]:
+    """Return the first vertices of cells, of all by default, and the inverses of their maps."""
+    nodes, dim = domain.geometry.dofmap, domain.topology.dim
+    cells = np.arange(len(nodes), dtype=np.int32) if cells is None else cells
+    origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
+    return origins, inverses(cell_edges(domain, cells))
+
+
+def _in_reference_cell(origins: Array, maps: Array, points: Array) -> Array:
+    """Return the coordinates of points in the reference cells of straight-sided cells.
+
+    Args:
+        origins: The first vertex of each cell, shape (cells, coordinates).
+        maps: The inverses of the maps from the reference cell, see `_maps`.
+        points: The points of each cell, shape (cells, points, coordinates).
+    """
+    offsets = points - origins[:, None]
+    result = np.zeros(offsets.shape)
+    for i, j in itertools.product(range(offsets.shape[2]), repeat=2):
+        result[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
+    return result
+
+
+def _outside(places: Array) -> Array:
+    """How far points are outside of the reference cell, negative inside; the last axis goes."""
+    smallest, total = places[..., 0], 1.0 - places[..., 0]
+    for i in range(1, places.shape[-1]):
+        smallest, total = np.minimum(smallest, places[..., i]), total - places[..., i]
+    return -np.minimum(smallest, total)

@@ -1,0 +1,345 @@
+"""Meshes: their creation, and which of their cells and facets a computation touches.
+
+The creation of meshes and of a `SidedMesh`, `boundary_facets`, `box` and `longest_side` are
+collective; all other functions are local to the rank that calls them.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import reduce
+from itertools import combinations
+from typing import Any
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
+
+Indices = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class SidedMesh:
+    """A mesh with the facets of its sides.
+
+    The making of one is collective.
+
+    Attributes:
+        mesh: The mesh.
+        sides: For each side the facets on it that this rank knows.
+
+    Raises:
+        InputError: An attribute is of another kind, on some rank.
+    """
+
+    mesh: mesh.Mesh
+    sides: Mapping[str, npt.NDArray[np.int32]]
+
+    def __post_init__(self) -> None:
+        check(mesh=(self.mesh, MESH))
+        message = _sides_of(self.mesh)(self.sides)
+        require(self.mesh.comm, not message, message, "sides")
+
+    def facets(self, names: tuple[str, ...]) -> npt.NDArray[np.int32]:
+        """Return the facets of some sides; "all" stands for the whole boundary."""
+        if names == ("all",):
+            return boundary_facets(self.mesh)
+        parts = [self.sides[name] for name in names]
+        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+
+    def combinations(
+        self, facets: npt.NDArray[np.int32]
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+        """Return which combinations of sides there are, and which of them each facet is on.
+
+        Args:
+            facets: Facets of this rank; the call is collective.
+
+        Returns:
+            The combinations, the same on all ranks, shape (combinations, sides), and for each of
+            the facets the number of its combination.
+        """
+        marks = np.array([np.isin(facets, on) for on in self.sides.values()], dtype=bool)
+        marks = marks.reshape(len(self.sides), len(facets)).T
+        own = self.mesh.comm.allgather(np.unique(marks, axis=0))
+        found = np.unique(np.concatenate(own), axis=0)
+        both = np.concatenate((found, marks))
+        numbers = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+        return found, numbers[len(found) :]
+
+
+def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
+    """Return the mesh of a gmsh model, with the physical groups of its boundary as facet tags.
+
+    The call is the same for all versions of DOLFINx; `dolfinx.io.gmshio` has other names and
+    results from 0.10 on.
+
+    Args:
+        model: `gmsh.model`, with a mesh on rank 0.
+        comm: The communicator that shares the mesh; the call is collective.
+        dimension: The dimension of space, 2 or 3.
+
+    Raises:
+        InputError: An argument is of another kind.
+    """
+    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
+    check(
+        model=(model, lambda _: words),
+        comm=(comm, COMMUNICATOR),
+        dimension=(dimension, integer(2, 3)),
+    )
+    return compat.gmsh_mesh(model, comm, dimension)
+
+
+def _sides_of(domain: mesh.Mesh) -> Kind:
+    """Return the kind of mappings from names to facets of a mesh."""
+
+    def kind(sides: Any) -> str:
+        if not isinstance(sides, Mapping):
+            return f"must be a mapping from names to facets, not {type(sides).__name__}"
+        count = facet_count(domain)
+        for name, facets in sides.items():
+            message = TEXT(name) or indices(facets)
+            if message:
+                return f"{name!r}: {message}"
+            if len(facets) and not 0 <= np.min(facets) <= np.max(facets) < count:
+                return f"{name!r}: has an index that is no facet of this mesh"
+        return ""
+
+    return kind
+
+
+def facet_count(domain: mesh.Mesh) -> int:
+    """Return how many facets this rank knows."""
+    dimension = domain.topology.dim - 1
+    domain.topology.create_entities(dimension)
+    index_map = domain.topology.index_map(dimension)
+    return int(index_map.size_local + index_map.num_ghosts)
+
+
+def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the indices of the cells that this rank owns."""
+    return np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+
+
+def cell_edges(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+    """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
+
+    The edges are the derivatives of the map from the reference cell.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra that fill the space.
+        cells: Cells of this rank.
+    """
+    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, : domain.topology.dim]
+    return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
+
+
+def cells_near_ball(
+    domain: mesh.Mesh, centre: tuple[float, ...], radius: float
+) -> npt.NDArray[np.int32]:
+    """Return the owned cells that meet a ball, and possibly some next to it.
+
+    Args:
+        domain: The mesh; its cells are straight-sided.
+        centre: Coordinates of the centre, as many as the mesh has space dimensions.
+        radius: Radius of the ball.
+    """
+    vertices = domain.geometry.dofmap[: len(owned_cells(domain))].T
+    x = [np.ascontiguousarray(line) for line in domain.geometry.x.T[: len(centre)]]
+    # A cell whose vertices are all farther away than radius + diameter cannot meet the ball.
+    diameter = 0.0
+    for a, b in combinations(vertices, 2):
+        edges = reduce(np.add, (np.square(y[a] - y[b]) for y in x))
+        diameter = max(diameter, math.sqrt(np.max(edges, initial=0.0)))
+    distances = reduce(np.add, (np.square(y - c) for y, c in zip(x, centre, strict=True)))
+    near = distances <= (radius + diameter) ** 2
+    return np.flatnonzero(np.any([near[v] for v in vertices], axis=0)).astype(np.int32)
+
+
+def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Tell which cells number their vertices clockwise; always none but for plane triangles.
+
+    Args:
+        domain: The mesh.
+        cells: Cells of this rank.
+    """
+    if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
+        return np.zeros(len(cells), dtype=bool)
+    x = domain.geometry.x[domain.geometry.dofmap[cells]]
+    (a, b), (c, d) = (x[:, 1] - x[:, 0])[:, :2].T, (x[:, 2] - x[:, 0])[:, :2].T
+    return np.asarray(a * d - b * c < 0.0)
+
+
+def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the facets on the boundary of the domain that this rank owns; collective.
+
+    Raises:
+        InputError: The domain is no mesh.
+    """
+    check(domain=(domain, MESH))
+    tdim = domain.topology.dim
+    domain.topology.create_connectivity(tdim - 1, tdim)
+    return mesh.exterior_facet_indices(domain.topology)
+
+
+def sampled(count: int, step: int) -> Indices:
+    """Return one index at random of each `step` successive ones, the same in every call.
+
+    On structured meshes cells at equal distances are all alike.
+
+    Args:
+        count: The number of all indices.
+        step: The number of indices that one of them stands for.
+    """
+    first = np.arange(0, count, step)
+    chosen = first + np.random.default_rng(0).integers(step, size=len(first))
+    return chosen[chosen < count].astype(np.int32)
+
+
+def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return boundary facets as (cell, local facet) pairs, shape (facets, 2).
+
+    Args:
+        domain: The mesh.
+        facets: Boundary facets of this rank.
+    """
+    tdim = domain.topology.dim
+    domain.topology.create_connectivity(tdim - 1, tdim)
+    domain.topology.create_connectivity(tdim, tdim - 1)
+    return compat.exterior_facet_pairs(domain.topology, facets).reshape(-1, 2)
+
+
+def box(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the lowest and the highest coordinates of the points of all ranks; collective.
+
+    Args:
+        comm: The communicator.
+        points: The points of this rank, shape (points, dimension); some rank has one.
+
+    Returns:
+        Shape (2, dimension).
+    """
+    ends = [(-points).max(axis=0, initial=-np.inf), points.max(axis=0, initial=-np.inf)]
+    lowest, highest = np.max(comm.allgather(ends), axis=0)
+    return np.array([-lowest, highest])
+
+
+def longest_side(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> float:
+    """Return the longest side of the box around the points of all ranks; collective.
+
+    Args:
+        comm, points: See `box`.
+    """
+    return float(np.ptp(box(comm, points), axis=0).max())
+
+
+def facet_vertices(domain: mesh.Mesh) -> Indices:
+    """Return the vertices of each facet by their places in the cell, shape (facets, vertices)."""
+    cell = basix.CellType[domain.topology.cell_name()]
+    return np.array(basix.topology(cell)[domain.topology.dim - 1], dtype=np.int32)
+
+
+def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of boundary facets, shape (facets, vertices); none for none.
+
+    Args:
+        domain: The mesh.
+        facets: Boundary facets of this rank.
+    """
+    pairs = facet_cells(domain, facets)
+    return np.asarray(domain.geometry.dofmap[pairs[:, :1], facet_vertices(domain)[pairs[:, 1]]])
+
+
+def entity_nodes(
+    domain: mesh.Mesh, dim: int, entities: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
+    """Return the nodes of straight-sided simplices of a mesh, shape (entities, dim + 1).
+
+    DOLFINx divides by zero where a rank has no entity.
+
+    Args:
+        domain: A mesh that has the connectivities of these entities.
+        dim: The dimension of the entities.
+        entities: Edges or facets.
+    """
+    if len(entities) == 0:
+        return np.empty((0, dim + 1), dtype=np.int32)
+    return mesh.entities_to_geometry(domain, dim, entities).reshape(-1, dim + 1)
+
+
+def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+    """Return the ratio of each facet's size to that of the reference facet.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra.
+        facets: (cell, local facet) pairs, shape (facets, 2).
+    """
+    vertices = facet_vertices(domain)[facets[:, 1]]
+    x = domain.geometry.x[domain.geometry.dofmap[facets[:, :1], vertices]]
+    return math.factorial(domain.topology.dim - 1) * simplex_sizes(x)
+
+
+def simplex_sizes(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the lengths, areas or volumes of segments, triangles or tetrahedra in any space.
+
+    Args:
+        corners: The vertices, shape (simplices, vertices, coordinates).
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = np.einsum("fik,fjk->fij", edges, edges)
+    sizes = np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / math.factorial(edges.shape[1])
+    return np.asarray(sizes, dtype=np.float64)
+
+
+def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:
+    """Return the cells of this rank, ghosts included, that have one of some dofs.
+
+    Args:
+        space: A function space.
+        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+    """
+    found = np.zeros(len(space.dofmap.list), dtype=bool)
+    for dofs in space.dofmap.list.T:
+        found |= marked[dofs]
+    return np.flatnonzero(found).astype(np.int32)
+
+
+def covering_cells(
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices, rounds: int = 2
+) -> Indices:
+    """Return few cells of this rank that together have all of some dofs.
+
+    In some rounds cells with many dofs that no neighbour claims come first; of each dof that is
+    left then, a cell is taken. Rounds take time, and pay where cells are searched for.
+
+    Args:
+        space: A function space.
+        marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
+        cells: All cells that have one of them, see `cells_with_dofs`.
+        rounds: The number of rounds.
+    """
+    left, chosen = marked.copy(), []
+    if rounds:
+        cells = np.random.default_rng(0).permutation(cells)
+    for k in range(rounds + 1):
+        wanted = left[space.dofmap.list[cells]]
+        if k < rounds:
+            order = np.argsort(-wanted.sum(axis=1), kind="stable")
+            cells, wanted = cells[order], wanted[order]
+        dofs = space.dofmap.list[cells]
+        rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
+        first = np.full(len(left), len(cells))
+        first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
+        if k < rounds:
+            wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
+            chosen.append(cells[wins])
+            left[dofs[wins]] = False
+    chosen.append(cells[np.unique(first[left])])
+    return np.sort(np.concatenate(chosen))

@@ -1,0 +1,1 @@
+"""Errors in norms, the orders to expect, and what errors are measured against."""

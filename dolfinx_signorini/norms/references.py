@@ -1,0 +1,156 @@
+"""What errors are measured against: a function and its gradient on one mesh.
+
+A reference is a closed form, a closed form interpolated into finite elements, or a much more
+accurate discrete solution carried over from another mesh.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import (
+    LARGEST_DEGREE,
+    MESH,
+    ball,
+    check,
+    coordinates,
+    instance,
+    integer,
+    on_mesh,
+    optional,
+    sequence,
+)
+from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
+
+CARRIED_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
+PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the error of a discrete solution is measured against.
+
+    The expressions use the coordinates of one mesh:
+
+        x = ufl.SpatialCoordinate(domain)
+        reference = Reference(domain, x[0] ** 2, (2.0 * x[0], 0.0 * x[0]))
+        error_norms(u_h, reference, ["L2", "H1"])
+
+    Attributes:
+        mesh: The mesh whose coordinates the expressions use.
+        u: The function.
+        grad: The gradient of u, one component per space dimension.
+        support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
+            evaluate the expressions on the cells that meet the ball and nowhere else.
+        singular: Points at which the gradient is not smooth and sup norms look closely.
+
+    Raises:
+        InputError: An attribute is of another kind.
+    """
+
+    mesh: mesh.Mesh
+    u: Expr
+    grad: tuple[Expr, ...]
+    support: tuple[tuple[float, ...], float] | None = field(default=None, kw_only=True)
+    singular: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        check(mesh=(self.mesh, MESH))
+        kind = on_mesh(self.mesh)
+        check(u=(self.u, kind), grad=(self.grad, sequence(kind, "a tuple of the components")))
+        dimension = self.mesh.geometry.dim
+        if len(self.grad) != dimension:
+            raise InputError(f"has {len(self.grad)} components", "grad")
+        points = sequence(coordinates(dimension), "a tuple of points")
+        check(support=(self.support, optional(ball(dimension))), singular=(self.singular, points))
+
+    def support_cells(self) -> npt.NDArray[np.int32]:
+        """Return the owned cells on which u may be non-zero (all of them without a support)."""
+        if self.support is None:
+            return owned_cells(self.mesh)
+        return cells_near_ball(self.mesh, *self.support)
+
+
+R = TypeVar("R", bound=Reference)
+
+
+def interpolant(
+    space: fem.FunctionSpace, expression: Expr, cells: npt.NDArray[np.int32] | None = None
+) -> fem.Function:
+    """Return the interpolant of an expression.
+
+    Args:
+        space: The space to interpolate into.
+        expression: A UFL expression on the mesh of the space.
+        cells: The cells of this rank to interpolate on; dofs of no such cell are 0. None for all.
+    """
+    function = fem.Function(space)
+    points = compat.interpolation_points(space.element)
+    values = compiled.expression(expression, points, space.mesh.comm)
+    function.interpolate(values, cells0=cells)
+    function.x.scatter_forward()
+    return function
+
+
+def interpolated(reference: R, degree: int) -> R:
+    """Return a reference whose u is interpolated into continuous Lagrange elements.
+
+    Near a detachment point u is only r^{3/2}-smooth, so that the interpolant differs from u by
+    O(h^{3/2}) for every degree: the interpolant serves where a closed form is too expensive.
+
+    Args:
+        reference: The function to interpolate; whatever else belongs to it is kept.
+        degree: Polynomial degree, 1 to 8.
+
+    Raises:
+        InputError: An argument is of another kind.
+    """
+    check(
+        reference=(reference, instance(Reference, "a known solution")),
+        degree=(degree, integer(1, LARGEST_DEGREE)),
+    )
+    u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree)), reference.u)
+    return replace(reference, u=u, grad=components(ufl.grad(u)))
+
+
+def discrete(u: fem.Function) -> Reference:
+    """Return a discrete function as a reference for others on the same mesh, of any degree."""
+    return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
+
+
+def carried(u: fem.Function, domain: mesh.Mesh, degree: int = CARRIED_DEGREE) -> Reference:
+    """Return a function on another mesh as a reference.
+
+    On each cell of the mesh the function and its gradient are interpolated by polynomials.
+
+    Args:
+        u: The function, much more accurate than what is to be measured.
+        domain: The mesh to carry the function to.
+        degree: The degree of these polynomials.
+    """
+    source = u.function_space
+    dim = source.mesh.geometry.dim
+    slopes = fem.functionspace(source.mesh, ("DG", source.element.basix_element.degree - 1, (dim,)))
+    cells = owned_cells(domain)
+    targets = []
+    for function, shape in ((u, ()), (interpolant(slopes, ufl.grad(u)), (dim,))):
+        space = fem.functionspace(domain, ("DG", degree, shape))
+        data = fem.create_interpolation_data(space, function.function_space, cells, padding=PADDING)
+        target = fem.Function(space)
+        target.interpolate_nonmatching(function, cells, data)
+        target.x.scatter_forward()
+        targets.append(target)
+    value, slope = targets
+    return Reference(domain, value, components(slope))
+
+
+def components(vector: Expr) -> tuple[Expr, ...]:
+    """Return the components of a vector."""
+    return tuple(vector[i] for i in range(vector.ufl_shape[0]))

@@ -1,0 +1,1 @@
+"""Pictures of solutions, meshes and contact, in the plane and in space."""

@@ -1,0 +1,195 @@
+"""The contact boundary of a solved problem on rank 0, with gap and pressure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.meshes.boundary_edges import edge_chains
+from dolfinx_signorini.meshes.elements import (
+    control_points,
+    facet_dofs,
+    facet_pieces,
+    values_at_control_points,
+)
+from dolfinx_signorini.meshes.sided_meshes import facet_cells, simplex_sizes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
+# and the size L of the boundary, what a mesh cannot tell from contact (a gap opens like r^{3/2}).
+TOUCHING = 1e-6
+CLEAR = 0.3
+ROUNDING = 1e-12  # of coordinates, relative to L
+
+
+class Solved(Protocol):
+    """The part of a solved `SignoriniProblem` that this module needs."""
+
+    sign: float
+    space: fem.FunctionSpace
+    u: fem.Function
+
+    @property
+    def contact(self) -> npt.NDArray[np.int32]:
+        """The contact facets that this rank knows."""
+
+    @property
+    def fixed_dofs(self) -> npt.NDArray[np.int32]:
+        """The owned dofs with Dirichlet data."""
+
+    @property
+    def gap(self) -> fem.Function:
+        """The gap."""
+
+    @property
+    def pressure(self) -> fem.Function:
+        """The density of the contact pressure."""
+
+
+@dataclass(frozen=True)
+class ContactBoundary:
+    """Points and straight pieces of the contact boundary.
+
+    The contact boundary of a solved problem, on rank 0:
+
+        boundary = gather_contact_boundary(problem)
+        if boundary is not None:
+            print(boundary.sizes[boundary.in_contact].sum())
+
+    Attributes:
+        points: Coordinates of the contact dofs, shape (points, dimension), sorted.
+        values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where u
+            has Dirichlet data, because the force there is that of the data.
+        pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
+            as many pieces as its degree.
+        touching: Whether the dof of a point is (but for rounding) at the obstacle.
+        clear: Whether the gap is large against the accuracy of the mesh.
+        upper: Whether the obstacle is an upper one.
+        names: The names of sides.
+        sides: For each piece the number of its side in `names`, -1 for none; empty without names.
+    """
+
+    points: Array
+    values: Array
+    pieces: Indices
+    touching: npt.NDArray[np.bool_]
+    clear: npt.NDArray[np.bool_]
+    upper: bool
+    names: tuple[str, ...] = ()
+    sides: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    @property
+    def sizes(self) -> Array:
+        """Length or area of each piece."""
+        return simplex_sizes(self.points[self.pieces])
+
+    @property
+    def in_contact(self) -> npt.NDArray[np.bool_]:
+        """Whether a piece touches the obstacle with all of its points."""
+        return np.asarray(self.touching[self.pieces].all(axis=1))
+
+    @property
+    def undecided(self) -> npt.NDArray[np.bool_]:
+        """Whether a piece is not in contact, but nowhere clear of the obstacle either."""
+        return np.asarray(~self.in_contact & ~self.clear[self.pieces].any(axis=1))
+
+    def measured(self, points: Sequence[Sequence[float]] = ()) -> tuple[float, float]:
+        """Return the sizes of the contact set and of what is undecided.
+
+        In the plane both reach to the points where contact ends, as far as these are known: a piece
+        in which contact ends belongs to both sides of its point, and is decided.
+
+        Args:
+            points: The positions of detachment points.
+        """
+        sizes, open_piece = self.sizes, self.undecided
+        total = float(sizes[self.in_contact].sum())
+        held = self.touching[self.pieces]
+        ends = np.flatnonzero(held.any(axis=1) & ~held.all(axis=1))
+        inner, outer = (
+            self.points[self.pieces[ends, np.where(held[ends, 0] == first, 0, 1)]]
+            for first in (True, False)
+        )
+        for point in points if len(ends) else ():
+            end = int(np.argmin(np.linalg.norm(0.5 * (inner + outer) - point, axis=1)))
+            total += float((point - inner[end]) @ (outer - inner)[end]) / float(sizes[ends[end]])
+            open_piece[ends[end]] = False
+        return total, float(sizes[open_piece].sum())
+
+    def chains(self) -> list[Indices]:
+        """Return the points in order along each connected part of a plane contact boundary."""
+        pieces = self.pieces.copy()
+        crowded = np.bincount(pieces.ravel())[pieces] > 2  # where a domain touches itself
+        pieces[crowded] = len(self.points) + np.arange(np.count_nonzero(crowded))
+        return [
+            np.append(
+                self.pieces[curve[0, 0], curve[0, 1]], self.pieces[curve[:, 0], 1 - curve[:, 1]]
+            )
+            for curve in edge_chains(pieces)
+        ]
+
+
+def gather_contact_boundary(
+    problem: Solved, sides: Mapping[str, npt.NDArray[np.int32]] | None = None
+) -> ContactBoundary | None:
+    """Return the contact boundary of a solved problem on rank 0, and None on the others.
+
+    Args:
+        problem: The problem; the call is collective.
+        sides: Facets of the mesh by the name of their side, for pictures.
+    """
+    space = problem.space
+    domain, index_map = space.mesh, space.dofmap.index_map
+    tdim = domain.topology.dim
+    count = domain.topology.index_map(tdim - 1).size_local
+    facets = problem.contact[problem.contact < count]
+    pairs = facet_cells(domain, facets)
+    named: Indices = np.full(len(facets), -1)
+    for number, part in enumerate((sides or {}).values()):
+        named[np.isin(facets, part)] = number
+    fixed = marked(space, problem.fixed_dofs)
+    pieces, owners = facet_pieces(space, pairs)
+    used = np.unique(facet_dofs(space, pairs))
+    opened = problem.gap.x.array
+    fields = problem.u.x.array, opened, problem.pressure.x.array
+    values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
+    pressure[fixed[used]] = np.nan
+    data = (
+        index_map.local_to_global(used),
+        control_points(space)[used][:, :tdim],
+        np.stack((values, gap, pressure, opened[used]), axis=1),
+        index_map.local_to_global(pieces.flatten()).reshape(-1, tdim),
+        named[owners],
+    )
+    parts = domain.comm.gather(data, root=0)
+    return None if parts is None else _merged(parts, problem.sign < 0.0, tuple(sides or ()))
+
+
+def _merged(
+    parts: list[tuple[Indices, Array, Array, Indices, Indices]], upper: bool, names: tuple[str, ...]
+) -> ContactBoundary:
+    """Number the points of all ranks by their place, so that the number of ranks does not show."""
+    joined = (np.concatenate(item) for item in zip(*parts, strict=True))
+    numbers, points, values, pieces, sides = joined
+    numbers, first = np.unique(numbers, return_index=True)
+    points, values = points[first], values[first]
+    order = np.lexsort(np.round(points, 12).T[::-1])
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    pieces = np.sort(place[np.searchsorted(numbers, pieces)], axis=1)
+    by_place = np.lexsort(pieces.T[::-1])
+    pieces, sides = pieces[by_place], sides[by_place]
+    points, values = points[order], values[order]
+    size, gap = float(np.abs(values[:, 0]).max(initial=0.0)), values[:, 1]
+    widths = np.linalg.norm(points[pieces[:, 1]] - points[pieces[:, 0]], axis=1)
+    extent = float(np.ptp(points, axis=0).max())
+    points[np.abs(points) < ROUNDING * extent] = 0.0
+    clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
+    touching = values[:, 3] <= TOUCHING * size
+    return ContactBoundary(points, values[:, :3], pieces, touching, clear, upper, names, sides)

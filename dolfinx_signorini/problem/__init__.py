@@ -1,0 +1,1 @@
+"""The Signorini problem as the user poses it: arguments, checks, assembly, and detachment."""

@@ -1,0 +1,1 @@
+"""The domains of scenes: squares, cubes, polygons, and meshes of gmsh and from files."""

@@ -1,0 +1,198 @@
+"""Domains given by .msh files of gmsh and by XDMF files, with the facets of their tags as sides.
+
+Only what begins like a .msh file is given to gmsh, because gmsh would run the commands of a script.
+"""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from dolfinx.io import XDMFFile
+from mpi4py import MPI
+
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.parsing import suggestion
+from dolfinx_signorini.meshes.curved_sides import Projection
+from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.scenes.domains.curves import projections
+from dolfinx_signorini.scenes.domains.domain import RefinedDomain
+from dolfinx_signorini.scenes.domains.gmsh_meshes import read_msh, with_gmsh, with_tags
+from dolfinx_signorini.scenes.files.toml_table import TomlTable
+
+MAX_XDMF = 1_000_000  # bytes of the XML part
+MOST = 12  # refinements
+
+
+@dataclass(frozen=True)
+class MeshFile(RefinedDomain):
+    """A domain given by the mesh in a file, which may be refined.
+
+    The sides are the facet tags: their numbers and, in .msh files, the names of physical groups.
+    The file is looked into first:
+
+        plate = MeshFile.open(comm, Path("plate.msh"))
+        print(plate.side_names)
+
+    Attributes:
+        path: The file.
+        dimension: Space dimension.
+        side_names: The facet tags.
+        vertices: The number of vertices, which is an estimate where the mesh is refined.
+        grid, tags: For XDMF: the names of the mesh and of its facet tags.
+        refinements: How often all cells are divided.
+        curves: For curved sides a formula whose zeros are the side; new vertices go there.
+    """
+
+    path: Path
+    dimension: int
+    side_names: tuple[str, ...]
+    vertices: int
+    grid: str = "mesh"
+    tags: str = "facet_tags"
+    refinements: int = 0
+    curves: tuple[tuple[str, Formula], ...] = ()
+    shape = "file"
+
+    @classmethod
+    def open(
+        cls, comm: MPI.Comm, path: Path, grid: str = "mesh", tags: str = "facet_tags"
+    ) -> "MeshFile":
+        """Look into a mesh file.
+
+        Args:
+            comm: The communicator; the call is collective.
+            path: A file that ends in .msh or .xdmf.
+            grid: The name of the mesh in an XDMF file.
+            tags: The name of the facet tags in an XDMF file.
+
+        Raises:
+            InputError: The file cannot be read, or is not a mesh of triangles or tetrahedra with
+                facet tags on its boundary.
+        """
+        sided = _read_mesh(comm, path, grid, tags)
+        count = sided.mesh.topology.index_map(0).size_global
+        return cls(path, sided.mesh.geometry.dim, tuple(sided.sides), count, grid, tags)
+
+    @classmethod
+    def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "MeshFile":
+        path = folder / table.text("file")
+        names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
+        try:
+            found = cls.open(comm, path, **names)
+            times = table.integer("refinements", 0, MOST) if table.has("refinements") else 0
+            vertices = found.vertices << found.dimension * times
+            found = replace(found, refinements=times, vertices=vertices)
+        except InputError as error:
+            raise table.error("file", error.message) from None
+        return replace(found, curves=_read_curves(table, found))
+
+    @property
+    def geometry(self) -> dict[str, Projection]:
+        return projections(dict(self.curves), self.dimension)
+
+    def at(self, n: int) -> "MeshFile":
+        """Raise an error: the file has one mesh."""
+        message = "a mesh from a file is used as it is; there is nothing to choose"
+        raise InputError(message, "domain")
+
+    def first(self) -> "MeshFile":
+        return self
+
+    def refined_less(self, times: int) -> "MeshFile":
+        vertices = self.vertices >> self.dimension * times
+        return replace(self, vertices=vertices, refinements=self.refinements - times)
+
+    def make_coarsest(self, comm: MPI.Comm) -> SidedMesh:
+        return _read_mesh(comm, self.path, self.grid, self.tags)
+
+    def record(self) -> dict[str, Any]:
+        """Return the name of the file and a digest of its bytes."""
+        digest = hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return {"mesh_file": {"name": self.path.name, "sha256": digest}}
+
+
+def _read_curves(table: TomlTable, domain: MeshFile) -> tuple[tuple[str, Formula], ...]:
+    """Return the formulas for the curved sides of a domain."""
+    curves, table.file.dimension = table.table("curves"), domain.dimension
+    for name in curves.data:
+        if name not in domain.side_names:
+            raise curves.error(name, f"unknown side{suggestion(name, domain.side_names)}")
+    return tuple((name, curves.formula(name)) for name in curves.data)
+
+
+def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:
+    """Read a mesh with its facet tags; refuse what is no such mesh, with the subject "domain"."""
+    message = comm.bcast(_refusal(path) if comm.rank == 0 else None)
+    if message:
+        raise InputError(message, "domain")
+    if path.suffix == ".msh":
+        sided = with_gmsh(comm, lambda gmsh: read_msh(gmsh, path))
+    else:
+        sided = _read_xdmf(comm, path, grid, tags)
+    domain = sided.mesh
+    exterior = boundary_facets(domain)
+    owned = domain.topology.index_map(domain.topology.dim - 1).size_local
+    inner = any(not np.isin(f[f < owned], exterior).all() for f in sided.sides.values())
+    require(comm, not inner, f"{path.name}: a facet tag is on facets inside the domain", "domain")
+    return sided
+
+
+def _refusal(path: Path) -> str:
+    """Return what is wrong with a file, as far as the beginning of the file tells."""
+    if path.suffix not in (".msh", ".xdmf"):
+        return f"{path.name}: a mesh file ends in .msh or .xdmf"
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            return f"{path.name}: not a file"
+        with path.open("rb") as file:
+            head = file.read(MAX_XDMF + 1)
+    except OSError as error:
+        return f"{path}: {error.strerror}"
+    except ValueError as error:  # a name that no file can have
+        return f"{str(path)!r}: {error}"
+    if path.suffix == ".msh":
+        return "" if head.startswith(b"$MeshFormat") else f"{path.name}: not a .msh file of gmsh"
+    if len(head) > MAX_XDMF or b"<!ENTITY" in head:
+        return f"{path.name}: not an XDMF file with its data in HDF5"
+    try:
+        items = ElementTree.fromstring(head).iter("DataItem")
+        names = {str(i.text).split(":")[0].strip() for i in items if i.get("Format") == "HDF"}
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # or an unknown encoding
+        return f"{path.name}: not an XDMF file ({error})"
+    for name in names:
+        if "/" in name or "\\" in name or not path.with_name(name).is_file():
+            return f"{path.name}: its data file {name!r} is not next to it"
+    return ""
+
+
+def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
+    try:
+        with XDMFFile(comm, str(path), "r") as file:
+            domain = file.read_mesh(name=grid)
+            tdim = domain.topology.dim
+            domain.topology.create_connectivity(tdim - 1, tdim)
+            tags = file.read_meshtags(domain, name=name)
+    except RuntimeError as error:
+        reason = (str(error).strip().splitlines() or [""])[-1]
+        message = f"{path.name}: no mesh {grid!r} with facet tags {name!r} ({reason})"
+        raise InputError(message, "domain") from None
+    kind = domain.topology.cell_name()
+    straight = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
+    flat = domain.geometry.dim == tdim
+    require(
+        comm,
+        straight and flat and tags.dim == tdim - 1,
+        f"{path.name}: only straight-sided triangles in the plane and tetrahedra with tags "
+        "on their facets are solved on",
+        "domain",
+    )
+    defect = comm.bcast(cell_defect(*all_cells(domain)))
+    if defect:
+        raise InputError(f"{path.name}: {defect}", "domain")
+    values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
+    return with_tags(domain, tags, {tag: str(tag) for tag in values})

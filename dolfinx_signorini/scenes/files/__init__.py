@@ -1,0 +1,1 @@
+"""Scene files: tables, keys, overrides and boundary conditions."""

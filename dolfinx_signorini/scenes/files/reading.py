@@ -1,0 +1,241 @@
+"""Scene files: a problem written as TOML. The format is described in docs/scenes.md."""
+
+import re
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
+from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES, FUNCTIONS
+from dolfinx_signorini.data.parsing import suggestion
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.norms.names import parse_norm
+from dolfinx_signorini.scenes.domains.kinds import read_domain
+from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_conditions
+from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
+from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
+
+MAX_DEFINITIONS = 50
+SMALLEST_RTOL = 1e-13
+ROUNDING = 1e-12  # by which entries of a symmetric tensor may differ
+
+# For each subject of an error the key of a scene file that the error is about.
+SUBJECTS: dict[str, Key] = {
+    "accuracy": ("accuracy",),
+    "degree": ("degree",),
+    "domain": ("domain",),
+    "form a": ("equation",),
+    "load": ("equation", "load"),
+    "load and obstacle": ("equation", "load"),
+    "norm": ("norm",),
+    "norms": ("solution", "norms"),
+    "rtol": ("rtol",),
+    "solution": ("solution", "u"),
+}
+for _kind in CONDITIONS:
+    SUBJECTS[_kind.key] = (_kind.key,)
+    SUBJECTS.update(_kind.subjects)
+
+
+def load_scene(
+    path: Path | str,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    overrides: Sequence[str] = (),
+    adapted: bool = False,
+) -> Scene:
+    """Read a scene file.
+
+    Args:
+        path: The file; rank 0 reads it.
+        comm: The communicator; the call is collective.
+        overrides: Values in place of those of the file, each as "domain.cells=200".
+        adapted: Whether the file need not say how fine the mesh is, because the scene will be
+            solved to an accuracy or with a budget.
+
+    Raises:
+        InputError: The file cannot be read, or says something that is no scene; the message names
+            file, line and key.
+    """
+    check(path=(path, instance((str, Path), "a path")), comm=(comm, COMMUNICATOR))
+    check(overrides=(overrides, sequence(TEXT, "a list of texts")), adapted=(adapted, TRUTH))
+    path = Path(path)
+    text, message = comm.bcast(_read(path) if comm.rank == 0 else None)
+    if message:
+        raise InputError(message, str(path))
+    return parse_scene(text, path, comm, overrides, adapted)
+
+
+def parse_scene(
+    text: str, path: Path, comm: MPI.Comm, overrides: Sequence[str] = (), adapted: bool = False
+) -> Scene:
+    """Return the scene that a text describes.
+
+    Args:
+        text: The text.
+        path: The file that the text is from: for messages, and where a mesh file is looked for.
+        comm: The communicator that will share the mesh.
+        overrides, adapted: See `load_scene`.
+
+    Raises:
+        InputError: The text is no scene.
+    """
+    file = TomlFile(path.name, text, overrides)
+    top = file.load()
+    accuracy, norm = _accuracy(top)
+    domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None, adapted)
+    file.dimension = domain.dimension
+    _read_definitions(top.table("define"))
+    equation, solution = top.table("equation"), top.table("solution")
+    u = solution.optional_formula("u")
+    load, reaction = (equation.optional_formula(key) for key in ("load", "reaction"))
+    if reaction is not None and reaction.constant is not None and reaction.constant < 0.0:
+        raise equation.error("reaction", "must not be negative")
+    diffusion = _diffusion(equation, domain.dimension)
+    manufactured = solution.flag("manufactured")
+    if manufactured and u is None:
+        raise solution.error("manufactured", "there is no solution 'u' to make the data from")
+    if manufactured and load is not None:
+        raise equation.error("load", "follows from the solution, which is manufactured")
+    scene = Scene(
+        domain=domain,
+        conditions=read_conditions(top, domain, manufactured),
+        diffusion=diffusion,
+        reaction=reaction,
+        load=load,
+        solution=u,
+        manufactured=manufactured,
+        norms=_norms(solution),
+        degree=top.integer("degree", 1, HIGHEST_DEGREE) if top.has("degree") else Scene.degree,
+        rtol=_rtol(top),
+        accuracy=accuracy,
+        norm=norm,
+        title=top.text("title") if top.has("title") else path.stem,
+        outputs=_outputs(top),
+        text=text,
+        overrides=tuple(overrides),
+    )
+    for table in (equation, solution, top):
+        table.finish()
+    return scene
+
+
+@contextmanager
+def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
+    """Give errors that arise when a scene is posed or solved their place in the scene file.
+
+    Args:
+        path: The file.
+        scene: The scene that was read from the file.
+    """
+    try:
+        yield
+    except InputError as error:
+        file = TomlFile(path.name, scene.text, scene.overrides)
+        file.load()
+        known = error.subject in SUBJECTS
+        key, message = (SUBJECTS[error.subject], error.message) if known else ((), str(error))
+        raise file.error(key, message) from None
+
+
+def _read(path: Path) -> tuple[str, str]:
+    """Return the text of a file, or what is wrong with the file."""
+    try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # nobody may ever write to a pipe
+            return "", "not a regular file"
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        return data.decode("utf-8-sig"), ""
+    except OSError as error:
+        return "", str(error.strerror)
+    except ValueError:
+        return "", "not a text in UTF-8"
+
+
+def _read_definitions(table: TomlTable) -> None:
+    """Define names that stand for formulas, for all formulas of the file from now on."""
+    if len(table.data) > MAX_DEFINITIONS:
+        raise table.error(None, f"at most {MAX_DEFINITIONS} definitions are read")
+    for name in table.data:
+        if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+            raise table.error(name, "a name has letters, digits and '_' only")
+        if name in (*FUNCTIONS, *CONSTANTS, *COORDINATES):
+            raise table.error(name, "this name has a meaning already")
+        table.file.definitions[name] = table.formula(name)
+
+
+def _diffusion(table: TomlTable, dimension: int) -> Tensor:
+    if not table.has("diffusion"):
+        return ()
+    rows = table.data["diffusion"]
+    if not isinstance(rows, list):
+        k = table.formula("diffusion")
+        if k.constant is not None and not k.constant > 0.0:
+            raise table.error("diffusion", "must be positive")
+        return ((k,),)
+    if len(rows) != dimension or any(not isinstance(r, list) or len(r) != dimension for r in rows):
+        message = f"a tensor has {dimension} rows of {dimension} entries here"
+        raise table.error("diffusion", message)
+    tensor = tuple(tuple(table.formula("diffusion", entry) for entry in row) for row in rows)
+    constants = np.array(
+        [[np.nan if e.constant is None else e.constant for e in r] for r in tensor]
+    )
+    if np.isfinite(constants).all():
+        if np.abs(constants - constants.T).max() > ROUNDING * np.abs(constants).max():
+            raise table.error("diffusion", "the tensor is not symmetric")
+        pairs = [[(min(i, j), max(i, j)) for j in range(dimension)] for i in range(dimension)]
+        tensor = tuple(tuple(tensor[i][j] for i, j in row) for row in pairs)
+        if not np.linalg.eigvalsh(constants).min() > 0.0:
+            raise table.error("diffusion", "the tensor is not positive definite")
+    return tensor
+
+
+def _accuracy(top: TomlTable) -> tuple[float | None, str]:
+    """Return the error asked for, and the norm of the error."""
+    norm = _norm(top, "norm", top.text("norm")) if top.has("norm") else Scene.norm
+    if not top.has("accuracy"):
+        if "norm" in top.data:
+            raise top.error("norm", "there is no 'accuracy' to measure in it")
+        return None, norm
+    accuracy = top.real("accuracy")
+    if not accuracy > 0.0:
+        raise top.error("accuracy", "must be positive")
+    return accuracy, norm
+
+
+def _rtol(top: TomlTable) -> float | None:
+    if not top.has("rtol"):
+        return Scene.rtol
+    value = top.real("rtol")
+    if not SMALLEST_RTOL <= value < 1.0:
+        raise top.error("rtol", f"must lie between {SMALLEST_RTOL:g} and 1")
+    return value
+
+
+def _norms(table: TomlTable) -> tuple[str, ...]:
+    if not table.has("norms"):
+        return Scene.norms
+    if "u" not in table.data:
+        raise table.error("norms", "there is no solution 'u' to measure an error against")
+    return tuple(_norm(table, "norms", name) for name in table.texts("norms"))
+
+
+def _norm(table: TomlTable, key: str, name: str) -> str:
+    try:
+        parse_norm(name)
+    except InputError as error:
+        raise table.error(key, error.message) from None
+    return name
+
+
+def _outputs(top: TomlTable) -> tuple[str, ...]:
+    outputs = top.texts("outputs") if top.has("outputs") else ()
+    for name in outputs:
+        if name not in OUTPUTS:
+            raise top.error("outputs", f"unknown {name!r}{suggestion(name, OUTPUTS)}")
+    return outputs

@@ -1,0 +1,85 @@
+"""Scenes: one Signorini problem as data.
+
+A scene names its parts: the domain, the conditions on its boundary, the coefficients, the load
+and, where it is known, the solution. What a scene does not name is neither assembled nor stored.
+"""
+
+from dataclasses import dataclass, replace
+
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.scenes.domains.domain import Domain
+from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
+
+Tensor = tuple[tuple[Formula, ...], ...]
+
+OUTPUTS = {
+    "fields": "solution, gap and pressure for ParaView (VTX, or XDMF where ADIOS2 is missing)",
+    "boundary": "gap and pressure on the contact boundary as CSV",
+    "pictures": "the solution and the contact boundary as PNG",
+    "report": "one HTML page with all results",
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One Signorini problem, -div(diffusion grad u) + reaction u = load.
+
+    A scene is read from a file and solved, here on a mesh of another width:
+
+        scene = load_scene(Path("scene.toml"))
+        result = solve_scene(replace(scene, domain=scene.domain.at(200)))
+
+    Attributes:
+        domain: The domain with its mesh.
+        conditions: The conditions on the boundary, one of them `Contact`. On sides without a
+            condition the flux is zero or, in a manufactured scene, that of the solution.
+        diffusion: The rows of a symmetric matrix, with one row and entry for a scalar; () for 1.
+        reaction: None for none.
+        load: None for none.
+        solution: The exact solution, where it is known.
+        manufactured: Whether load, Dirichlet data and fluxes follow from the solution, and the
+            obstacle, too, where the contact boundary has none.
+        norms: The norms of the error that are measured where the solution is known, see
+            `norm_names.parse_norm`.
+        degree: The degree of the elements, from 1 to 4.
+        rtol: The natural residual to reach, relative to the data; by default the solve stops where
+            the discretisation error hides the rest, see `SignoriniProblem.solve`.
+        accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None for
+            a solution on the domain's mesh.
+        norm: The norm of this error.
+        title: What the scene shows.
+        outputs: The names of the `OUTPUTS` that are to be written.
+        text: The scene file that the scene is from.
+        overrides: The values, written as KEY=VALUE, that stand in place of those of the file.
+    """
+
+    domain: Domain
+    conditions: tuple[BoundaryCondition, ...]
+    diffusion: Tensor = ()
+    reaction: Formula | None = None
+    load: Formula | None = None
+    solution: Formula | None = None
+    manufactured: bool = False
+    norms: tuple[str, ...] = ("L2", "Linf", "H1")
+    degree: int = 1
+    rtol: float | None = None
+    accuracy: float | None = None
+    norm: str = "L2"
+    title: str = ""
+    outputs: tuple[str, ...] = ()
+    text: str = ""
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def contact(self) -> Contact:
+        """The condition on the contact boundary."""
+        return next(c for c in self.conditions if isinstance(c, Contact))
+
+    @property
+    def diffusion_entries(self) -> list[Formula]:
+        """The entries of the diffusion, row by row."""
+        return [entry for row in self.diffusion for entry in row]
+
+    def levels(self) -> list["Scene"]:
+        """Return the scene on the meshes of the cascade, from the coarsest to its own."""
+        return [replace(self, domain=domain) for domain in self.domain.levels()]

@@ -1,0 +1,1 @@
+"""What the proven energy bound takes from the formulas of a scene."""

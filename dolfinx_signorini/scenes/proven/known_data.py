@@ -1,0 +1,326 @@
+"""The data of a scene as a bound needs them: polynomials, and bounds of what these miss.
+
+The formulas of a scene file are known at every point. A formula that is no polynomial is replaced
+by polynomials on cells or facets, and the differences are enclosed, see `fits`. Where a formula has
+no bounded enclosure, the formula stays, and is known at points only.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.bounds.boundary_facets import on_frames
+from dolfinx_signorini.bounds.cell_values import BEST, FILLING
+from dolfinx_signorini.bounds.cones import MORE
+from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.reference_flux import others
+from dolfinx_signorini.bounds.remainders import Remainders
+from dolfinx_signorini.bounds.strong_form import (
+    EnergyTerms,
+    FacetPolynomials,
+    Facets,
+    polynomial_degree,
+)
+from dolfinx_signorini.data.cell_polynomials import cell_function, is_polynomial
+from dolfinx_signorini.data.choices import decided
+from dolfinx_signorini.data.derivatives import load_and_current
+from dolfinx_signorini.data.enclosures import enclosed_on_simplices, nowhere_negative
+from dolfinx_signorini.data.fits import ORDERS, fit, followed_in_parts
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interpolations import missed_by_interpolation
+from dolfinx_signorini.data.smoothness import load_is_a_function
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, longest_side
+from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
+from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
+from dolfinx_signorini.scenes.proven.known_diffusion import with_known_diffusion
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.bool_]
+Known = tuple[EnergyTerms, Remainders]
+
+FLAT = 1e-12  # of a normal: components that are rounding
+ROUNDING = 1e-12  # of a reaction: negative values that are none
+NEGATIVE = "whether the reaction is negative somewhere is known at points only"
+KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
+SLIVER = 1e-9  # of a cell: where data may have another side's values on more, the cell is cut
+FULL = 1.0 + 1e-9  # for rounding
+FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
+
+
+@dataclass(frozen=True)
+class _OneSided:
+    """Cells with a formula that stands for another one there, but for a share of each cell."""
+
+    cells: Indices
+    formula: Formula
+    shares: Array
+    apart: Array  # how far apart the two formulas may be there
+
+
+class KnownData:
+    """The formulas of a scene on the mesh of a solved problem:
+
+        terms, rest = KnownData(posed).enclosed(energy_terms(posed), tolerance=1e-3)
+
+    Args:
+        posed: The scene on a mesh; the call is collective.
+
+    Attributes:
+        size: The energy that the load has on single cells, a first guess of a tolerance.
+        hidden: The energy that was hidden between the points of rules at last.
+    """
+
+    def __init__(self, posed: PosedScene):
+        self.scene, self.sided, self.domain = posed.scene, posed.sided, posed.sided.mesh
+        self.comm, self.degree = self.domain.comm, posed.scene.degree
+        self.height = float(np.abs(posed.problem.u.x.array).max(initial=0.0))
+        self.frames = frames = cell_frames(self.domain)
+        self.d, count = frames.dimension, len(frames.order)
+        x: Array = np.asarray(self.domain.geometry.x[:, : self.d], dtype=np.float64)
+        self.corners = x[self.domain.geometry.dofmap[:count]]
+        self.width = longest_side(self.comm, x)
+        self.load, self.solution = self.scene.load, None
+        self.current: list[Formula] = []  # A grad u of a manufactured solution u
+        if self.scene.manufactured and self.scene.solution is not None:
+            self.solution, scene = self.scene.solution, self.scene
+            found = load_and_current(self.solution, scene.diffusion, scene.reaction, self.d)
+            self.load, self.current = found
+        self.size, self.hidden = self._load_on_cells(), 0.0
+
+    def enclosed(self, terms: EnergyTerms, tolerance: float) -> Known:
+        """Return the strong form with polynomials in place of formulas; the call is collective.
+
+        Args:
+            terms: The strong form.
+            tolerance: The energy that may be hidden between the points of rules.
+        """
+        self.hidden = 0.0
+        terms, rest = with_known_diffusion(terms, self.scene, self.domain, self.corners)
+        terms, rest = self._reaction(terms, rest, tolerance)
+        terms, rest = self._load(terms, rest, tolerance)
+        terms, rest = self._fluxes(terms, rest, tolerance)
+        sampled = rest.sampled
+        if self.solution is not None:
+            entries = self.scene.diffusion_entries
+            if self._any(not load_is_a_function(self.solution, entries, self.corners)):
+                sampled = (*sampled, KINKED)
+        return terms, replace(
+            rest,
+            sampled=sampled,
+            obstacle=self._on_boundary(Contact),
+            dirichlet=self._on_boundary(Dirichlet),
+            obstacle_in_space=self._obstacle_in_space(),
+        )
+
+    def _load_on_cells(self) -> float:
+        if self.load is None:
+            return 1.0
+        middles = self.corners.mean(axis=1)
+        values = evaluated(self.load.root, middles)
+        if self.current:  # whose load may vanish
+            parts = [evaluated(w.root, middles) for w in self.current]
+            values = np.linalg.norm(parts, axis=0) / self.width
+        values = np.where(np.isfinite(values), values, 0.0)
+        values *= self.frames.diameters / 6.0
+        square = self.comm.allreduce(float(values**2 @ self.frames.volumes))
+        cells = self.comm.allreduce(len(values))
+        return math.sqrt(square) * cells ** (-(self.degree - 1) / self.d) or 1.0
+
+    def _reaction(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        formula = self.scene.reaction
+        if formula is None or formula.constant is not None:
+            return terms, rest
+        low, high = enclosed_on_simplices(formula, self.corners)
+        if self._any(np.isinf(low) | np.isinf(high)):
+            return terms, rest
+        require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
+        tiny = ROUNDING * highest(self.comm, high)
+        if not nowhere_negative(self.comm, formula, self.corners, tiny):
+            rest = replace(rest, sampled=(*rest.sampled, NEGATIVE))
+        extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
+        if polynomial_degree(terms.reaction) is not None:
+            return terms, replace(rest, **extrema)
+        weights = self._weights(rest) * max(self.comm.allgather(self.height))
+        found = self._fit(formula, weights, tolerance)
+        if found is None:
+            return terms, rest
+        data, missed, mean = found
+        known = replace(rest, **extrema, reaction=missed, reaction_mean=mean)
+        return replace(terms, reaction=data), known
+
+    def _load(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        formula, degree = self.load, polynomial_degree(terms.load)
+        if formula is None or (degree is not None and 2 * degree <= BEST[self.d]):
+            return terms, rest
+        found = self._fit(formula, self._weights(rest), tolerance)
+        if found is None:
+            return terms, rest
+        data, missed, mean = found
+        return replace(terms, load=data), replace(rest, load=missed, load_mean=mean)
+
+    def _fluxes(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+        if all(polynomial_degree(data) is not None for data, _ in terms.neumann):
+            return terms, rest
+        parts = self._given_fluxes()
+        frames, shape = self.frames, self.frames.facets.shape
+        degree = self.degree + 2
+        coefficients = np.zeros((*shape, degree + 1 if self.d == 2 else math.comb(degree + 2, 2)))
+        missed, means = np.zeros(shape), np.zeros(shape)
+        lever = frames.facet_sizes / frames.volumes[:, None]
+        inner, outer = self._weights(rest)[:, :, None] * np.sqrt(lever)
+        for formula, at, corners, factors in self._flux_terms(parts):
+            share = np.abs(factors)
+            weights = np.stack((FACET * inner[at], outer[at])) * share
+            found = fit(formula, self.comm, corners, degree, weights, tolerance)
+            self.hidden = max(self.hidden, found.hidden)
+            if self._any(~np.isfinite(found.missed)):
+                return terms, rest
+            coefficients[at] += factors[:, None] * found.coefficients
+            missed[at] += share * found.missed
+            means[at] += share * found.mean
+        sides = np.concatenate([facets for facets, _ in parts])
+        flux = FacetPolynomials(degree, coefficients)
+        known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
+        return replace(terms, neumann=[(flux, np.unique(sides))]), known
+
+    def _given_fluxes(self) -> list[tuple[Facets, list[Formula]]]:
+        """Facets with formulas of their flux, or of the components of a vector A grad u."""
+        if self.current:
+            kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
+            return [(kinds[Neumann.acts_like], self.current)]
+        return [
+            (self.sided.facets(c.sides), [c.value])
+            for c in self.scene.conditions
+            if isinstance(c, Neumann) and c.value is not None
+        ]
+
+    def _flux_terms(
+        self, parts: list[tuple[Facets, list[Formula]]]
+    ) -> Iterator[tuple[Formula, tuple[Indices, Indices], Array, Array]]:
+        """Yield formulas with facets of frames, their vertices, and the factor in the flux."""
+        for sides, formulas in parts:
+            cells, facets, corners = self._facets(sides)
+            normals = -self.frames.gradients[cells, facets]
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            for k, formula in enumerate(formulas):
+                factors = normals[:, k] if self.current else np.ones(len(cells))
+                on = np.flatnonzero(np.abs(factors) > FLAT)
+                yield formula, (cells[on], facets[on]), corners[on], factors[on]
+
+    def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
+        """What interpolations miss of values on the boundary; None for nothing, or if not known."""
+        degree, result = self.degree + MORE, np.zeros((3, *self.frames.facets.shape))
+        found = False
+        for condition in self.scene.conditions:
+            value = condition.value
+            if kind is Dirichlet and value is None:
+                value = self.solution
+            if not isinstance(condition, kind) or is_polynomial(value, self.domain, degree):
+                continue
+            assert value is not None
+            if self.d == 3:
+                return None
+            cells, facets, corners = self._facets(self.sided.facets(condition.sides))
+            missed = missed_by_interpolation(value, corners, degree)
+            if self._any(np.isinf(missed)):
+                return None
+            result[:, cells, facets], found = missed, True
+        return result if found else None
+
+    def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
+        """Polynomials for the obstacle on facets in space, and what these polynomials miss."""
+        contact = self.scene.contact
+        if (
+            self.d == 2
+            or contact.value is None
+            or is_polynomial(contact.value, self.domain, self.degree)
+        ):
+            return None
+        degree = min(self.degree + FILLING, ORDERS[2] // 2)
+        cells, facets, corners = self._facets(self.sided.facets(contact.sides))
+        shape = self.frames.facets.shape
+        coefficients, missed = np.zeros((*shape, math.comb(degree + 2, 2))), np.zeros(shape)
+        found = followed_in_parts(contact.value, corners, degree)
+        coefficients[cells, facets], missed[cells, facets] = found
+        if self._any(np.isinf(missed)):
+            return None
+        return FacetPolynomials(degree, coefficients), missed
+
+    def _facets(self, sides: Facets) -> tuple[Indices, Indices, Array]:
+        """Facets of the mesh as facets of frames, with their vertices."""
+        frames = self.frames
+        marks = on_frames(self.domain, frames, [sides])
+        marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
+        cells, facets = np.nonzero(marks)
+        return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
+
+    def _weights(self, rest: Remainders) -> Array:
+        """The energies of unit values, and of unit means, on cells of size 1."""
+        a = 1.0 if rest.least_diffusion is None else rest.least_diffusion
+        constant = [e.constant for row in self.scene.diffusion for e in row]
+        if constant and None not in constant:
+            matrix = np.array(constant, dtype=np.float64).reshape(len(self.scene.diffusion), -1)
+            a = float(np.linalg.eigvalsh(matrix)[0])
+        known = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
+        c: float | Array = 0.0 if known is None else known
+        if rest.least_reaction is not None:
+            c = rest.least_reaction
+        with np.errstate(divide="ignore"):
+            by_reaction = 1.0 / np.sqrt(np.asarray(c, dtype=np.float64))
+        wide = np.broadcast_to(self.width, self.frames.volumes.shape)
+        by_gradient = np.stack((self.frames.diameters / math.pi, wide)) / np.sqrt(a)
+        return np.asarray(np.minimum(by_gradient, by_reaction))
+
+    def _fit(
+        self, formula: Formula, weights: Array, tolerance: float
+    ) -> tuple[fem.Function, Array, Array] | None:
+        """Polynomials on cells, and the L2 norms and means of what is missed; None if unbounded."""
+        degree, count = min(self.degree + 2, ORDERS[self.d] // 2), len(self.corners)
+        coefficients = np.zeros((count, math.comb(degree + self.d, degree)))
+        missed, mean, hidden = np.zeros(count), np.zeros(count), 0.0
+        parts = self._one_sided(formula)
+        nothing = _OneSided(np.empty(0, dtype=np.int64), formula, np.empty(0), np.empty(0))
+        for k in range(max(self.comm.allgather(len(parts)))):
+            part = parts[k] if k < len(parts) else nothing
+            cells, share = part.cells, part.shares
+            where = self.corners[cells], degree, weights[:, cells]
+            found = fit(part.formula, self.comm, *where, tolerance)
+            coefficients[cells] = found.coefficients
+            missed[cells] = found.missed + np.sqrt(share) * part.apart
+            mean[cells] = found.mean + share * part.apart
+            hidden = math.hypot(hidden, found.hidden)
+        self.hidden = max(self.hidden, hidden)
+        if self._any(~np.isfinite(missed)):
+            return None
+        missed *= np.sqrt(self.frames.volumes)
+        return cell_function(self.domain, coefficients, degree), missed, mean
+
+    def _one_sided(self, formula: Formula) -> list["_OneSided"]:
+        """The cells on one side of the jumps and kinks of a formula, and those that are cut."""
+        cut, result = np.zeros(len(self.corners), dtype=bool), []
+        for part in decided([formula], self.corners):
+            chosen, apart = part.formulas[0], np.zeros(len(part.cells))
+            open_ = np.flatnonzero(part.shares > 0.0)
+            low, high = enclosed_on_simplices(chosen, self.corners[part.cells[open_]])
+            for (other,) in part.others:
+                least, most = enclosed_on_simplices(other, self.corners[part.cells[open_]])
+                with np.errstate(invalid="ignore"):
+                    far = np.maximum(most - low, high - least)
+                apart[open_] = np.maximum(apart[open_], np.where(np.isnan(far), np.inf, far))
+            thin = (part.shares <= SLIVER) & np.isfinite(apart)
+            cut[part.cells[~thin]] = True
+            shares = part.shares[thin] * FULL
+            result.append(_OneSided(part.cells[thin], chosen, shares, apart[thin]))
+        zeros = np.zeros(int(cut.sum()))
+        return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]
+
+    def _any(self, marks: Marks | bool) -> bool:
+        return bool(self.comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

@@ -1,0 +1,127 @@
+"""The diffusion of a scene as a bound needs it: polynomials, and bounds of what these miss.
+
+Where the diffusion jumps, the polynomials follow one side in each cell, and the other side is what
+the share of the cell may have where the formula chooses otherwise, see `choices`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import mesh
+from mpi4py import MPI
+from ufl import SpatialCoordinate, as_matrix
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.bounds.cell_values import BEST
+from dolfinx_signorini.bounds.remainders import Remainders
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.data.cell_polynomials import cell_function, is_polynomial
+from dolfinx_signorini.data.choices import Decided, decided
+from dolfinx_signorini.data.fits import followed_in_parts
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
+from dolfinx_signorini.scenes.files.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
+DIVISIONS = 2  # of cells where discs tell little
+FINE = 1e-5  # of the diffusion: what polynomials of the first degree may miss
+ROUGH = 0.3  # of the diffusion: what polynomials may miss
+
+
+def with_known_diffusion(
+    terms: EnergyTerms, scene: Scene, domain: mesh.Mesh, corners: Array
+) -> tuple[EnergyTerms, Remainders]:
+    """Return the strong form with polynomials in place of the diffusion, and what these miss.
+
+    Args:
+        terms: The strong form.
+        scene: The scene.
+        domain: The mesh; the call is collective.
+        corners: The vertices of the cells of this rank, shape (cells, d + 1, d).
+
+    Returns:
+        The strong form as it is where the diffusion has no good enclosure.
+    """
+    entries = scene.diffusion_entries
+    if all(entry.constant is not None for entry in entries):
+        return terms, Remainders()
+    parts = decided(entries, corners)
+    least, largest, thin = _spectra(parts, corners)
+    others = inverse_entries(entries)
+    own = [(part.cells, part.formulas) for part in parts]
+    inverse = [(part.cells, inverse_entries(part.formulas)) for part in parts]
+    d = domain.topology.dim
+    first, last = DEGREES[d]
+    for degree in (first, min(last, (BEST[d] + 2 - 2 * scene.degree) // 3)):
+        data, missed = _polynomials(domain, corners, entries, own, degree)
+        inverses, inverse_missed = _polynomials(domain, corners, others, inverse, degree)
+        far = (missed > FINE * least) | (inverse_missed * least > FINE)
+        if not domain.comm.allreduce(bool(far.any()), op=MPI.LOR):
+            break
+    rough = ~(missed < ROUGH * least) | ~np.isfinite(inverse_missed)
+    rough |= ~(thin[1] > 0.0) | ~np.isfinite(largest + thin[2])
+    if domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
+        return terms, Remainders()  # the notes of a bound tell
+    n = len(scene.diffusion)
+    matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
+    return replace(terms, diffusion=matrix), Remainders(
+        diffusion=missed,
+        inverse=inverse_missed,
+        inverse_entries=tuple(inverses),
+        least_diffusion=np.minimum(least, thin[1]),
+        largest_diffusion=largest,
+        thin=thin,
+    )
+
+
+def _spectra(parts: list[Decided], corners: Array) -> tuple[Array, Array, Array]:
+    """The extreme eigenvalues of the diffusion on cells, and see `Remainders.thin`."""
+    count = len(corners)
+    least, largest = np.zeros(count), np.zeros(count)
+    thin = np.array([[0.0], [np.inf], [0.0]]) * np.ones(count)
+    for part in parts:
+        cells, open_ = part.cells, part.cells[part.shares > 0.0]
+        least[cells], largest[cells] = eigenvalues(part.formulas, corners[cells])
+        thin[0, cells] = part.shares
+        for formulas in part.others:
+            low, high = eigenvalues(formulas, corners[open_])
+            thin[1, open_] = np.minimum(thin[1, open_], low)
+            thin[2, open_] = np.maximum(thin[2, open_], high)
+    return least, largest, thin
+
+
+def _polynomials(
+    domain: mesh.Mesh,
+    corners: Array,
+    entries: Sequence[Formula],
+    parts: list[tuple[Indices, list[Formula]]],
+    degree: int,
+) -> tuple[list[Expr], Array]:
+    """Entries, or polynomials in their places, and what the matrix of them misses on each cell.
+
+    Args:
+        domain: The mesh.
+        corners: The vertices of the cells.
+        entries: The formulas.
+        parts: Cells with the formulas as they are there.
+        degree: The degree of the polynomials.
+    """
+    data: list[Expr] = []
+    missed = np.zeros((len(corners), len(entries)))
+    d = domain.topology.dim
+    for k, entry in enumerate(entries):
+        if is_polynomial(entry, domain, 2 * DEGREES[d][0]):
+            data.append(entry.ufl(SpatialCoordinate(domain)))
+            continue
+        coefficients = np.zeros((len(corners), math.comb(degree + d, d)))
+        for cells, formulas in parts:
+            found = followed_in_parts(formulas[k], corners[cells], degree, DIVISIONS)
+            coefficients[cells], missed[cells, k] = found
+        data.append(cell_function(domain, coefficients, degree))
+    return data, np.asarray(np.linalg.norm(missed, axis=1))

@@ -1,0 +1,146 @@
+"""Linear solves of small problems with some contact dofs held, by Cholesky factorizations.
+
+Up to some thousand dofs, on one rank, a factorization costs no more than the set-up of multigrid,
+and the next one, for another set of held dofs, a quarter: the pattern stays. The solutions
+are exact, so that the active set needs neither loose solves nor local corrections.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.linear.corrections import place, set_residual
+from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.system import System
+
+Mask = npt.NDArray[np.bool_]
+
+MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
+
+
+class DirectSolver:
+    """A direct solver with the surface of `HeldSolver`:
+
+        solver = DirectSolver(system)
+        solver.solve(system, x, held, atol=1e-10)
+
+    Where a factorization fails, as for indefinite matrices, a `HeldSolver` takes over.
+
+    Args:
+        system: One of the systems, on one rank.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix.
+
+    Attributes:
+        exact: Whether a solve leaves nothing but rounding.
+        solves, setups, iterations: See `HeldSolver`; a direct solve counts as one iteration.
+    """
+
+    def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self.exact = True
+        self.solves = self.setups = self.iterations = 0
+        self._names = prefix, options
+        self._iterative: HeldSolver | None = None
+        self._held: Mask | None = None  # the held dofs of the factors
+        self._assembled = 0  # how often the matrix of the factors had been assembled
+        self._matrix = system.A.copy()
+        self._rhs, self._correction = system.A.createVecs()
+        self._ksp = PETSc.KSP().create(system.comm)
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+        system.ledger.add("matrix", "A with held dofs", self._matrix)
+
+    def solve(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        held: Mask,
+        atol: float,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+    ) -> None:
+        """Solve for the dofs that are not held; see `HeldSolver.solve`.
+
+        Raises:
+            InputError: The form turned out to be indefinite.
+        """
+        self.solves += 1
+        if place(system, x, held):
+            multiplier = None
+        if self._iterative is None and self._factors(system, held):
+            unit = set_residual(system, x, held, multiplier, self._rhs)
+            self._ksp.solve(self._rhs, self._correction)
+            x.axpy(unit, self._correction)
+            self.iterations += 1
+            return
+        if self._iterative is None:
+            self.exact, self._iterative = False, HeldSolver(system, *self._names)
+        before = self._iterative.iterations
+        self._iterative.solve(system, x, held, atol, multiplier, stop)
+        self.iterations += self._iterative.iterations - before
+
+    def free(self) -> None:
+        """Free the factors; a next solve makes them anew."""
+        self._ksp.reset()
+        self._held = None
+        if self._iterative is not None:
+            self._iterative.free()
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        for item in (self._ksp, self._matrix, self._rhs, self._correction, self._iterative):
+            if item is not None:
+                item.destroy()
+
+    def _factors(self, system: System, held: Mask) -> bool:
+        """Factor the matrix with held dofs, unless that has been done; return whether it worked."""
+        known = self._held is not None and bool((self._held == held).all())
+        if known and self._assembled == system.assembled:
+            return True
+        if self.setups:
+            system.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
+        self._matrix.zeroRowsColumns(system.contact_dofs[held], diag=entry)
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setUp()
+        self._held, self._assembled = held.copy(), system.assembled
+        self.setups += 1
+        pc = self._ksp.getPC()
+        if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
+            return False
+        factors = pc.getFactorMatrix()
+        if self.setups == 1:
+            system.ledger.add("matrix", "factors of A with held dofs", factors)
+        negative, zero, _ = factors.getInertia()
+        return not (negative or zero)
+
+
+LinearSolver = DirectSolver | HeldSolver
+
+
+def is_small(system: System) -> bool:
+    """Return whether a direct solve costs less than one with multigrid."""
+    dimension = system.space.mesh.topology.dim
+    return system.comm.size == 1 and system.unknowns <= MOST_UNKNOWNS[dimension]
+
+
+def linear_solver(system: System, prefix: str, options: Mapping[str, Any]) -> LinearSolver:
+    """Return the linear solver for a system: the direct one for small problems.
+
+    Whoever sets an option of the linear solver gets a `HeldSolver`, which takes options.
+
+    Args:
+        system: The system.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix; those that begin with "tao_" are for others.
+    """
+    set_before = PETSc.Options(prefix).getAll()
+    chosen = any(not name.startswith("tao_") for name in options) or any(
+        name.startswith(("ksp_", "pc_", "mg_")) for name in set_before
+    )
+    kind = DirectSolver if is_small(system) and not chosen else HeldSolver
+    return kind(system, prefix, options)

@@ -1,0 +1,313 @@
+"""Linear solves with some contact dofs held at the obstacle.
+
+A preconditioner needs a matrix. The matrix with the rows and columns of the held dofs replaced by a
+diagonal is made when the preconditioner is set up. A set of held dofs that differs little from the
+set of the set-up is served by the same preconditioner, see `projected`. A set-up that costs more
+additional iterations than a new one is dropped.
+
+The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
+`hierarchy`, or BoomerAMG alone. Coefficients that no coarse mesh resolves may slow the former down:
+a solver that sees this turns to BoomerAMG for good.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.base.errors import INDEFINITE, InputError
+from dolfinx_signorini.solvers.linear.corrections import place, set_residual
+from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
+from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
+from dolfinx_signorini.solvers.linear.projected import Projected
+from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.system import System
+
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+
+# One Gauss-Seidel sweep forward on the way down and one backward on the way up are symmetric
+# together, and half the work of PETSc's default, which is symmetric each time. Sweeps leave out
+# what couples ranks; where that is strong, as with large reactions, they are definite only if the
+# diagonal is raised by it (Baker, Falgout, Kolev and Yang, SIAM J. Sci. Comput. 33 (2011) 2864).
+# The last levels, a few dofs each, cost more than a direct solve.
+DEFAULT_OPTIONS: dict[str, Any] = {
+    "ksp_type": "cg",
+    "pc_type": "hypre",
+    "pc_hypre_type": "boomeramg",
+    "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
+    "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
+    "pc_hypre_boomeramg_max_coarse_size": 50,
+}
+BOOMERAMG = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
+SETUP_ITERATIONS = 8  # what a set-up of BoomerAMG costs, in iterations
+GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
+# Geometric multigrid is slow where so many iterations reduce the residual by less than a factor, or
+# a multiple of them by less than its power: on stretched cells the first digits are quick. By
+# dimension: BoomerAMG costs as much as 40 iterations in the plane and 80 in space.
+SLOW = 8
+LITTLE = {1: 1e-2, 2: 1e-2, 3: 1e-1}
+# The share of the contact dofs that may have changed since the set-up, by dimension; 4 dofs always
+# may. In space local solves around changed dofs cost more.
+REUSE = {1: 0.2, 2: 0.2, 3: 0.05}
+MAX_ITERATIONS = 200
+ROUNDED = 1e-6  # of the first residual: a negative curvature of a smaller one may be rounding
+
+
+class HeldSolver:
+    """A linear solver for systems with the same matrix, whose held dofs change from solve to solve.
+
+    A solve improves a vector in place:
+
+        solver = HeldSolver(system)
+        solver.solve(system, x, held, atol=1e-10)
+
+    Args:
+        system: One of the systems.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix; by default CG with multigrid over degrees and meshes
+            where coarser ones are known, else with BoomerAMG. An option that begins with "pc_"
+            chooses PETSc's preconditioners, of which BoomerAMG is the default.
+
+    Attributes:
+        exact: Whether a solve leaves nothing but rounding.
+        solves: The number of linear solves so far.
+        setups: The number of set-ups of the preconditioner so far.
+        iterations: The number of conjugate gradient iterations so far.
+    """
+
+    def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self.exact = False
+        self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
+        self.solves = self.setups = self.iterations = 0
+        self._matrix: PETSc.Mat | None = None
+        self._held: Mask | None = None  # the held dofs of the set-up
+        self._assembled = 0  # how often the matrix of the set-up had been assembled
+        self._pace = self._excess = 0.0
+        self._stop: Stop | None = None
+        self._unit = 1.0  # of the correction
+        self._little = LITTLE[system.space.mesh.topology.dim]
+        self._watched = math.inf  # the residual above which the iterations so far were slow
+        self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
+        self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
+        self.ledger.add("vector", "correction with held dofs", self._correction)
+        self._ksp = PETSc.KSP().create(self.comm)
+        self._ksp.setOptionsPrefix(prefix)
+        self._prefix, self._options = prefix, dict(options or {})
+        with options_set(prefix, self._options, DEFAULT_OPTIONS) as self._unread:
+            self._ksp.setFromOptions()
+        self._pc = self._ksp.getPC()
+        self._multigrid = multigrid_for(system, prefix, self._options, BOOMERAMG)
+        self._projected = Projected(system.A, self._pc)
+        self._ksp.setPC(self._projected.preconditioner)
+        self._ksp.setOperators(self._projected.operator)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        if self._multigrid is not None:
+            self._ksp.addConvergenceTest(self._ended)
+
+    def solve(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        held: Mask,
+        atol: float,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+    ) -> None:
+        """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
+
+        Args:
+            system: The system, with the matrix of this solver.
+            x: The start, overwritten by the solution.
+            held: Whether a contact dof of this rank is held at the obstacle.
+            atol: The norm of the residual to reach.
+            multiplier: A x - b for the start, where that is known.
+            stop: Ends the solve earlier, if coarser meshes are known to begin on.
+
+        Raises:
+            InputError: The form turned out to be indefinite.
+        """
+        dofs = system.contact_dofs[held]
+        if place(system, x, held):
+            multiplier = None
+        fresh = self._prepare(system, held)
+        self._stop = stop
+        if stop is not None and fresh and self._multigrid is not None:
+            self._begin_coarse(system, x, held, multiplier, stop)
+            multiplier = None
+        converged = self._correct(system, x, held, atol, fresh, multiplier)
+        while not converged and (not fresh or self._multigrid is not None):
+            if fresh:
+                self._drop_levels()
+            self._set_up(system, held)
+            self._projected.hold(system, dofs, None)
+            fresh = True
+            converged = self._correct(system, x, held, atol, fresh, None)
+        self.solves += 1
+
+    def _begin_coarse(
+        self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
+    ) -> None:
+        """Add the solution on the next coarser mesh to x."""
+        assert self._multigrid is not None
+        unit = set_residual(system, x, held, multiplier, self._rhs)
+        ratio = self._multigrid.nested(self._rhs, self._correction)
+        if ratio > 0.0:
+            self._projected.project(self._correction)
+            x.axpy(unit, self._correction)
+            stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
+
+    def free(self) -> None:
+        """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""
+        self._pc.reset()
+        if self._multigrid is not None:
+            self._multigrid.free()
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix = self._held = None
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.free()
+        if self._multigrid is not None:
+            self._multigrid.destroy()
+        for item in (self._ksp, self._pc, self._rhs, self._correction):
+            item.destroy()
+        self._projected.free()
+
+    def _prepare(self, system: System, held: Mask) -> bool:
+        """Hold the dofs, and set the preconditioner up unless the last set-up will do.
+
+        Returns:
+            Whether the set-up is new.
+        """
+        dofs = system.contact_dofs
+        reuse = REUSE[system.space.mesh.topology.dim]
+        limit = max(4, int(reuse * self.comm.allreduce(len(held))))
+        if self._held is not None:
+            changed = self.comm.allreduce(int((held != self._held).sum()))
+            # A method without iterations does not mend what a set-up lacks.
+            mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
+            if (changed == 0 and system.assembled == self._assembled) or (
+                changed <= limit and mended and self._excess < self._setup_iterations
+            ):
+                off = dofs[held != self._held] if changed else None
+                self._projected.hold(system, dofs[held], off)
+                return False
+        self._set_up(system, held)
+        self._projected.hold(system, dofs[held], None)
+        return True
+
+    @property
+    def _setup_iterations(self) -> int:
+        """What a set-up costs, in iterations."""
+        return SETUP_ITERATIONS if self._multigrid is None else GEOMETRIC_ITERATIONS
+
+    def _drop_levels(self) -> None:
+        """Put BoomerAMG in place of the coarser meshes, or else of all levels."""
+        assert self._multigrid is not None
+        if not self._multigrid.drop_meshes():
+            self._multigrid.destroy()
+            self._multigrid, self._projected.pc = None, self._pc
+
+    def _set_up(self, system: System, held: Mask) -> None:
+        """Set the preconditioner up, whose parts read their options each time they are made."""
+        with options_set(self._prefix, self._options, DEFAULT_OPTIONS) as unread:
+            self._make_preconditioner(system, held)
+        if self.setups == 1:
+            known = {*self._options, *DEFAULT_OPTIONS}
+            warn_of_unread(self._unread & unread, known, ("tao_",))
+
+    def _make_preconditioner(self, system: System, held: Mask) -> None:
+        if self._matrix is None:
+            self._matrix = self.A.copy()
+            self.ledger.add("matrix", "A with held dofs", self._matrix)
+        else:
+            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        first, dofs = self._matrix.getOwnershipRange()[0], system.contact_dofs[held]
+        if self._multigrid is None:
+            self._matrix.zeroRowsColumns(dofs + first, diag=_typical(system))
+            self._pc.setOperators(self._matrix)
+            self._pc.setUp()
+        else:
+            dofs = np.concatenate((dofs, system.fixed_dofs))
+            self._matrix.zeroRowsColumns(dofs + first, diag=0.0)
+            self._multigrid.set_up(self._matrix, dofs, _typical(system))
+            self._projected.pc = self._multigrid.pc
+            for level, matrix in enumerate(self._multigrid.matrices):
+                self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)
+        self._held, self._assembled = held.copy(), system.assembled
+        self._pace = self._excess = 0.0
+        self.setups += 1
+
+    def _correct(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        held: Mask,
+        atol: float,
+        fresh: bool,
+        multiplier: PETSc.Vec | None,
+    ) -> bool:
+        """Add the correction that CG finds to x; return whether the residual was reached.
+
+        With a set-up that is not fresh CG may take as many iterations more than with a fresh one
+        as a set-up costs.
+        """
+        unit = set_residual(system, x, held, multiplier, self._rhs)
+        start, target = self._rhs.norm(), atol / unit
+        limit = MAX_ITERATIONS
+        if not fresh and self._pace > 0.0 and target > 0.0:
+            expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
+            limit = min(limit, math.ceil(expected) + self._setup_iterations)
+        self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
+        self._unit = unit
+        watched = fresh and self._multigrid is not None
+        self._watched = self._little * start if watched else math.inf
+        self._ksp.solve(self._rhs, self._correction)
+        x.axpy(unit, self._correction)
+        iterations, end = self._ksp.getIterationNumber(), self._ksp.getResidualNorm()
+        self.iterations += iterations
+        self._wear(iterations, start, end)
+        reason = self._ksp.getConvergedReason()
+        if reason < 0:
+            self._held = None  # no second solve with this set-up
+        indefinite = reason in (
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+        )
+        # A small residual or a form that vanishes on constants looks indefinite through rounding.
+        final = self._multigrid is None
+        if indefinite and final and not system.singular and end > ROUNDED:
+            raise InputError(f"{INDEFINITE}, found by conjugate gradients", "form a")
+        return bool(reason > 0)
+
+    def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
+        """Why a solve with geometric multigrid is to end: slow convergence, or enough of it."""
+        stop = self._stop
+        if stop is not None and stop.enough(ksp.vec_sol, iterations, norm, self._unit):
+            return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
+        if iterations == 0 or iterations % SLOW != 0:
+            return None
+        slow = norm > self._watched
+        self._watched *= self._little
+        return PETSc.KSP.ConvergedReason.DIVERGED_DTOL if slow else None
+
+    def _wear(self, iterations: int, start: float, end: float) -> None:
+        """Count the iterations beyond those that the first solve after the set-up needed."""
+        digits = math.log10(start / end) if 0.0 < end < start else 0.0
+        if digits < 0.5:
+            return
+        if self._pace == 0.0:
+            self._pace = iterations / digits
+        self._excess += max(0.0, iterations - self._pace * digits)
+
+
+def _typical(system: System) -> float:
+    """A typical diagonal entry, so that held rows are no outliers of the matrix."""
+    entries = system.contact_diagonal
+    total, count = system.comm.allreduce(np.array([entries.sum(), len(entries)]))
+    return float(total / count) if count else 1.0

@@ -1,0 +1,239 @@
+"""Multigrid over degrees and meshes, as a preconditioner for matrices with held dofs.
+
+Coarse matrices are Galerkin products. A held dof has no row in the matrix that the products are
+made of: so the prolongations are truncated at the active set, without being changed. One
+Gauss-Seidel sweep forward on the way down and one backward on the way up make the cycle symmetric.
+A Cholesky factorization takes care of the coarsest level, or BoomerAMG where many nodes are left.
+
+Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.linear.hierarchy import SMALL, prolongations
+from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.solvers.system import System
+
+Indices = npt.NDArray[np.int32]
+
+DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
+# On the coarsest level: one cycle of BoomerAMG may be far from a solution on flat cells. The matrix
+# of some hundred nodes fits on every rank.
+CHOLESKY = {"pc_type": "cholesky"}
+REDUNDANT_CHOLESKY = {"pc_type": "redundant", "redundant_pc_type": "cholesky"}
+CYCLES = 2  # on each coarser mesh, of a solve that begins there
+BOTH = "pc_sor_local_symmetric"  # for degrees above 2: a quarter fewer iterations for the same time
+
+
+class Multigrid:
+    """A multigrid cycle for one matrix after another with the same pattern.
+
+    For example:
+
+        multigrid = Multigrid(*prolongations(space), prefix, BOOMERAMG)
+        multigrid.set_up(matrix, held, 4.0)
+        multigrid.pc.apply(r, y)
+
+    Args:
+        degrees: The prolongations from lower degrees, the finest first.
+        meshes: The prolongations from coarser meshes, the finest first. The object takes both
+            over.
+        prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
+            those of the coarsest level with "mg_coarse_".
+        coarsest: The options of a coarsest level of many nodes, without prefix.
+
+    Attributes:
+        pc: The cycle as a PETSc preconditioner.
+        matrices: The Galerkin products of the last set-up, the finest first.
+    """
+
+    pc: PETSc.PC
+
+    def __init__(
+        self,
+        degrees: Sequence[PETSc.Mat],
+        meshes: Sequence[PETSc.Mat],
+        prefix: str,
+        coarsest: Mapping[str, Any],
+    ):
+        self.prolongations, self.prefix = [*degrees, *meshes], prefix
+        self._degrees = len(degrees)
+        self.coarsest = coarsest
+        self.matrices: list[PETSc.Mat] = []
+        self._levels: list[tuple[PETSc.KSP, ...]] = []
+        self._make()
+
+    def set_up(self, matrix: PETSc.Mat, held: Indices, diagonal: float) -> None:
+        """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.
+
+        Args:
+            matrix: The matrix, whose rows and columns of the held dofs are zero.
+            held: The owned dofs that are held.
+            diagonal: What to fill in.
+        """
+        if not self.matrices:
+            self.free()
+            self._make()
+        made, fine = self.matrices, matrix
+        for level, prolongation in enumerate(self.prolongations):
+            result = made[level] if level < len(made) else None
+            fine = fine.ptap(prolongation, result=result)
+            if result is None:
+                made.append(fine)
+        for coarse in made:
+            # A coarse function at held dofs alone is zero.
+            entries = coarse.getDiagonal()
+            _fill(coarse, np.flatnonzero(entries.array_r == 0.0).astype(np.int32), diagonal)
+            entries.destroy()
+        _fill(matrix, held, diagonal)
+        for solvers, level_matrix in zip(self._levels, [matrix, *made], strict=True):
+            for solver in solvers:
+                solver.setOperators(level_matrix)
+        self.pc.setOperators(matrix)
+        self.pc.setUp()
+
+    def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
+        """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.
+
+        Args:
+            rhs: The right-hand side on the finest mesh.
+            x: Set to the prolongated solution of the next coarser mesh.
+
+        Returns:
+            The number of unknowns of the finest mesh over that of the next coarser one; 0, with
+            nothing done, where the next coarser level is one of lower degree.
+        """
+        if self._degrees:
+            return 0.0
+        sides = [rhs]
+        for prolongation in self.prolongations:
+            sides.append(prolongation.createVecRight())
+            prolongation.multTranspose(sides[-2], sides[-1])
+        coarse = sides[-1].duplicate()
+        self._levels[-1][0].solve(sides[-1], coarse)
+        for level in range(len(sides) - 2, -1, -1):
+            fine = sides[level].duplicate() if level else x
+            self.prolongations[level].mult(coarse, fine)
+            coarse.destroy()
+            for _ in range(CYCLES if level else 0):
+                self._cycle(level, sides[level], fine)
+            coarse = fine
+        for side in sides[1:]:
+            side.destroy()
+        rows, columns = self.prolongations[0].getSize()
+        return float(rows / columns)
+
+    def _cycle(self, level: int, rhs: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Improve x on a level by one cycle."""
+        if level == len(self.prolongations):
+            self._levels[level][0].solve(rhs, x)
+            return
+        (down, up), prolongation = self._levels[level], self.prolongations[level]
+        down.setInitialGuessNonzero(True)
+        down.solve(rhs, x)
+        down.setInitialGuessNonzero(False)
+        rest, coarse_rest = prolongation.createVecs()[::-1]
+        self.matrices[level - 1].mult(x, rest)
+        rest.aypx(-1.0, rhs)
+        prolongation.multTranspose(rest, coarse_rest)
+        correction = coarse_rest.duplicate()
+        correction.set(0.0)
+        self._cycle(level + 1, coarse_rest, correction)
+        prolongation.multAdd(correction, x, x)
+        up.solve(rhs, x)
+        for item in (rest, coarse_rest, correction):
+            item.destroy()
+
+    def drop_meshes(self) -> bool:
+        """Leave coarser meshes out from now on; return whether lower degrees are left."""
+        meshes = self.prolongations[self._degrees :]
+        if not meshes or not self._degrees:
+            return False
+        self.free()
+        for prolongation in meshes:
+            prolongation.destroy()
+        del self.prolongations[self._degrees :]
+        return True
+
+    def free(self) -> None:
+        """Free what a set-up has made."""
+        self.pc.destroy()
+        for matrix in self.matrices:
+            matrix.destroy()
+        self.matrices, self._levels = [], []
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.free()
+        for prolongation in self.prolongations:
+            prolongation.destroy()
+
+    def _make(self) -> None:
+        """Make the cycle, whose levels have no matrices yet; the finest level comes first."""
+        count, comm = len(self.prolongations) + 1, self.prolongations[0].comm
+        self.pc = PETSc.PC().create(comm)
+        self.pc.setType(PETSc.PC.Type.MG)
+        self.pc.setMGLevels(count)
+        for level in range(count - 1, 0, -1):
+            self.pc.setMGInterpolation(level, self.prolongations[count - 1 - level])
+            down, up = self.pc.getMGSmootherDown(level), self.pc.getMGSmootherUp(level)
+            high = self._degrees > 1 and level == count - 1
+            for solver, sweep in ((down, DOWN), (up, UP)):
+                self._smooth(solver, BOTH if high else sweep)
+            up.setInitialGuessNonzero(True)
+            self._levels.append((down, up))
+        coarse = self.pc.getMGCoarseSolve()
+        coarse.setType(PETSc.KSP.Type.PREONLY)
+        options: Mapping[str, Any] = self.coarsest
+        if self.prolongations[-1].getSize()[1] <= SMALL:
+            options = CHOLESKY if comm.size == 1 else REDUNDANT_CHOLESKY
+        coarse.setOptionsPrefix(f"{self.prefix}mg_coarse_")
+        with options_set(f"{self.prefix}mg_coarse_", {}, options):
+            coarse.setFromOptions()
+        self._levels.append((coarse,))
+
+    def _smooth(self, solver: PETSc.KSP, sweep: str) -> None:
+        prefix = f"{self.prefix}mg_levels_"
+        solver.setType(PETSc.KSP.Type.RICHARDSON)
+        solver.getPC().setType(PETSc.PC.Type.SOR)
+        solver.setNormType(PETSc.KSP.NormType.NONE)
+        solver.setTolerances(max_it=1)
+        solver.setOptionsPrefix(prefix)
+        with options_set(prefix, {}, {sweep: None}):
+            solver.setFromOptions()
+
+
+def multigrid_for(
+    system: System, prefix: str, options: Mapping[str, Any], coarsest: Mapping[str, Any]
+) -> Multigrid | None:
+    """Return multigrid for a system, if lower degrees or coarser meshes are known.
+
+    Somebody who chooses a preconditioner, by an option that begins with "pc_" in the options or in
+    PETSc's database, gets this one: the result is None.
+
+    Args:
+        system: The system.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix.
+        coarsest: The options of a coarsest level of many nodes, without prefix.
+    """
+    names = (*options, *PETSc.Options(prefix).getAll())
+    if any(name.startswith("pc_") for name in names):
+        return None
+    degrees, meshes = prolongations(system.space)
+    for level, prolongation in enumerate((*degrees, *meshes)):
+        system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
+    return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
+
+
+def _fill(matrix: PETSc.Mat, rows: Indices, value: float) -> None:
+    """Set diagonal entries of some owned rows."""
+    diagonal = matrix.getDiagonal()
+    diagonal.array_w[rows] = value
+    matrix.setDiagonal(diagonal)
+    diagonal.destroy()

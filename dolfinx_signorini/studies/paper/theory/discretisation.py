@@ -1,0 +1,218 @@
+"""An example on one mesh, with u_h and R_h(u) from integrals that are consistent with each other.
+
+The proofs of the paper use Green's formula (u, w)_H1 = (f, w) + <du/dn, w>. To make what follows
+from the formula hold to rounding, and not just to the accuracy of some quadrature rule, two of the
+three terms are integrated, (u, w)_H1 and <du/dn, w>, and the load of (S_h) is their difference.
+"""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.errors import NotConvergedError
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.sided_meshes import (
+    boundary_facets,
+    cells_near_ball,
+    facet_cells,
+    owned_cells,
+)
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE
+from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.studies.paper.theory.examples import Example
+
+# On the cells near a singular point the gradient of u is like the root of the distance to the
+# point. On other cells the rule is the paper's.
+NEAR_CELL_RULE = QuadratureRule("Gauss-Jacobi", 63)
+NEAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 127)
+FAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 15)
+NEAR = 3.0  # cells: how far "near" reaches
+# Of every solve of the theory; rounding keeps a mesh of 1001 cells per side above 1e-12.
+THEORY_RTOL = 1e-11
+
+
+class Discretisation(SignoriniProblem):
+    """The problem (S_h) of an example on one mesh of linear elements:
+
+        discretisation = Discretisation(paper_example(), friedrichs_keller(comm, 25))
+        distance = discretisation.norm(difference(discretisation.ritz, discretisation.u_h))
+
+    Args:
+        example: The example.
+        domain: A mesh of the unit square.
+
+    Attributes:
+        exact: The solution on this mesh.
+        forms: The bilinear and the linear form of (S_h).
+        curve: The boundary.
+        moments: (u, phi_i)_H1 for every basis function, a PETSc vector.
+        flux: <du/dn, phi_i>, a PETSc vector.
+    """
+
+    _vectors: tuple[PETSc.Vec, ...] = ()  # none yet where the making of a problem fails
+
+    def __init__(self, example: Example, domain: mesh.Mesh):
+        self.example, self.exact = example, example.exact(domain)
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        flux = self._flux(v)
+        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+        self.forms = a, self._product(v) - flux
+        super().__init__(*self.forms, contact=boundary_facets(domain))
+        self.curve = BoundaryCurve(space)
+        self.flux = fem_petsc.assemble_vector(compiled.form(flux))
+        self.flux.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self.moments = self.b.copy()
+        self.moments.axpy(1.0, self.flux)
+        self._vectors = self.flux, self.moments
+
+    @property
+    def u_h(self) -> fem.Function:
+        """The solution of (S_h), solved without a coarser one unless `solve` came first."""
+        return self.solve(rtol=THEORY_RTOL) if self.result is None else self.u
+
+    @functools.cached_property
+    def ritz(self) -> fem.Function:
+        """R_h(u), the Ritz projection of the solution (Definition 3.1)."""
+        return self.riesz(self.moments)
+
+    def riesz(self, load: PETSc.Vec) -> fem.Function:
+        """Return the function of V_h whose H^1 products with the basis are given.
+
+        Raises:
+            NotConvergedError: The linear solver did not reach its tolerance.
+        """
+        return self._linear_solution(load, held=False)
+
+    def harmonic(self, boundary_values: fem.Function) -> fem.Function:
+        """Return the extension of boundary values with the smallest H^1 norm in V_h.
+
+        Raises:
+            NotConvergedError: The linear solver did not reach its tolerance.
+        """
+        zero = self.b.duplicate()
+        zero.set(0.0)
+        result = self._linear_solution(zero, held=True, start=boundary_values)
+        zero.destroy()
+        return result
+
+    def product(self, v: fem.Function, w: fem.Function) -> float:
+        """Return (v, w)_H1.
+
+        Args:
+            v, w: Two functions of V_h.
+        """
+        x, y = self.system.vector_of(v), self.system.vector_of(w)
+        image = x.duplicate()
+        self.A.mult(x, image)
+        value = image.dot(y)
+        for item in (x, y, image):
+            item.destroy()
+        return float(value)
+
+    def norm(self, v: fem.Function) -> float:
+        """Return the H^1 norm of a function of V_h."""
+        return float(np.sqrt(max(self.product(v, v), 0.0)))
+
+    def exact_product(self, w: fem.Function) -> float:
+        """Return (u, w)_H1 for a function of V_h and the exact u."""
+        x = self.system.vector_of(w)
+        value = float(self.moments.dot(x))
+        x.destroy()
+        return value
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        super().destroy()
+        for vector in self._vectors:
+            vector.destroy()
+
+    def _linear_solution(
+        self, load: PETSc.Vec, held: bool, start: fem.Function | None = None
+    ) -> fem.Function:
+        """Solve A x = load, with the values of the start held at the boundary or with none held."""
+        result = fem.Function(self.space) if start is None else start.copy()
+        x, residual = self.system.vector_of(result), load.duplicate()
+        system = replace(self.system, b=load, obstacle=result.x.array[self.contact_dofs])
+        mask = np.full(len(self.contact_dofs), held)
+
+        def defect() -> float:
+            self.A.mult(x, residual)
+            residual.aypx(-1.0, load)
+            residual.array_w[self.contact_dofs[mask]] = 0.0
+            return float(residual.norm())
+
+        scale = defect()
+        solver = HeldSolver(system, self._prefix)
+        if scale > 0.0:
+            solver.solve(system, x, mask, THEORY_RTOL * scale)
+        reached = defect() / scale if scale > 0.0 else 0.0
+        result.x.array[: x.getLocalSize()] = x.array_r
+        result.x.scatter_forward()
+        for item in (solver, x, residual):
+            item.destroy()
+        if not reached <= 2.0 * THEORY_RTOL:
+            raise NotConvergedError("the linear solver did not converge", reached, "iterations")
+        return result
+
+    def _product(self, v: ufl.Argument) -> ufl.Form:
+        """(u, v)_H1 with the exact u and its gradient."""
+        domain = self.exact.mesh
+        cells = self.exact.support_cells()
+        near = near_cells(domain, self.example.singular)
+        parts = [(1, np.setdiff1d(cells, near)), (2, np.intersect1d(cells, near))]
+        dx = ufl.Measure("dx", domain, subdomain_data=parts)
+        integrand = ufl.inner(ufl.as_vector(self.exact.grad), ufl.grad(v)) + self.exact.u * v
+        return integrand * dx(1, metadata=PAPER_RULE.metadata) + integrand * dx(
+            2, metadata=NEAR_CELL_RULE.metadata
+        )
+
+    def _flux(self, v: ufl.Argument) -> ufl.Form:
+        """<du/dn, v> on the boundary."""
+        domain = self.exact.mesh
+        facets = facet_cells(domain, boundary_facets(domain))
+        near = np.isin(facets[:, 0], near_cells(domain, self.example.singular))
+        parts = [(1, facets[~near].flatten()), (2, facets[near].flatten())]
+        ds = ufl.Measure("ds", domain, subdomain_data=parts)
+        integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
+        return integrand * ds(1, metadata=FAR_FACET_RULE.metadata) + integrand * ds(
+            2, metadata=NEAR_FACET_RULE.metadata
+        )
+
+
+def difference(v: fem.Function, w: fem.Function) -> fem.Function:
+    """Return v - w.
+
+    Args:
+        v, w: Two functions of one space.
+    """
+    result = v.copy()
+    result.x.array[:] -= w.x.array
+    return result
+
+
+def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Return the owned cells within `NEAR` cell diameters of points.
+
+    Args:
+        domain: The mesh.
+        points: The points.
+    """
+    radius = NEAR * cell_size(domain)
+    parts = [cells_near_ball(domain, point, radius) for point in points]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
+
+
+def cell_size(domain: mesh.Mesh) -> float:
+    """Return the largest cell diameter, the same on all ranks."""
+    sizes = domain.h(domain.topology.dim, owned_cells(domain))
+    return highest(domain.comm, sizes)

@@ -1,0 +1,143 @@
+"""Problem (3), with Dirichlet data on part of the boundary, and problems without known solution.
+
+Problem (3) has a solution with one singularity and nothing else: with polar coordinates about
+(1/2, 0), the contact side below and Dirichlet data on the other sides,
+
+    u = -r^b sin(3/2 theta)    or, for p > 4,    u = -(r^{3/2} + r^b) sin(3/2 theta),
+
+b = 2 - 2/p. Second derivatives like r^{b-2} are in L^q for q < p only. For b = 3/2 the load is 0.
+Without a cut-off function the singularity rules the error from coarse meshes on.
+"""
+
+import math
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.norms.references import Reference, interpolant
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.studies.paper.solution import DETACHMENT
+from dolfinx_signorini.studies.paper.theory.discretisation import (
+    NEAR_CELL_RULE,
+    THEORY_RTOL,
+    near_cells,
+)
+
+SINGULAR = 1.5  # the exponent at a detachment point
+
+
+def power_exponents(p: float) -> tuple[float, ...]:
+    """Return the exponents of r in the solution for a regularity p; infinity for 3/2 alone."""
+    if math.isinf(p):
+        return (SINGULAR,)
+    b = 2.0 - 2.0 / p
+    return (b,) if p < 4.0 else (SINGULAR, b)
+
+
+def critical_exponent(p: float) -> float:
+    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1.
+
+    Args:
+        p: The exponent of the regularity, not infinity.
+    """
+    return 4.0 * p / (p + (2.0 if p < 4.0 else 4.0))
+
+
+class PowerProblem(SignoriniProblem):
+    """Problem (3) with a pure power of r as its solution, on a mesh of the unit square.
+
+    Args:
+        domain: The mesh.
+        p: The exponent of the regularity.
+
+    Attributes:
+        exact: The solution.
+    """
+
+    def __init__(self, domain: mesh.Mesh, p: float):
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        self.exact, load = _powers(domain, power_exponents(p))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        near = near_cells(domain, (DETACHMENT,))
+        owned = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+        dx = ufl.Measure("dx", domain, subdomain_data=[(1, np.setdiff1d(owned, near)), (2, near)])
+        bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
+        others = np.setdiff1d(boundary_facets(domain), bottom)
+        dofs = fem.locate_dofs_topological(space, 1, others)
+        super().__init__(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            load * v * dx(1, metadata=CELL_RULE.metadata)
+            + load * v * dx(2, metadata=NEAR_CELL_RULE.metadata),
+            contact=bottom,
+            bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
+        )
+
+
+def _powers(
+    domain: mesh.Mesh, exponents: tuple[float, ...]
+) -> tuple[Reference, ufl.core.expr.Expr]:
+    """The solution and its load; the exponents are no part of the generated code."""
+    x = ufl.SpatialCoordinate(domain) - ufl.as_vector(DETACHMENT)
+    r = ufl.max_value(ufl.sqrt(ufl.dot(x, x)), 1e-30)
+    large = ufl.sqrt(0.5 * (r + abs(x[0])))
+    small, left = 0.5 * x[1] / large, ufl.lt(x[0], 0.0)
+    c, s = ufl.conditional(left, small, large), ufl.conditional(left, large, small)
+    w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
+    value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
+    for b in exponents:
+        power = fem.Constant(domain, np.float64(b - SINGULAR))
+        value -= r**power
+        slopes -= power * r ** (power - 2.0)
+        load += power * (power + 3.0) * r ** (power - 2.0)  # b^2 - 9/4
+    grad = tuple(value * 1.5 * part + slopes * x[i] * w for i, part in enumerate((s, c)))
+    return Reference(domain, value * w, grad, singular=(DETACHMENT,)), load * w
+
+
+def solved_power_problem(comm: MPI.Comm, p: float, n: int) -> PowerProblem:
+    """Return problem (3) solved on a Friedrichs-Keller mesh.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        p: The exponent of the regularity.
+        n: Cells per side.
+    """
+    return solve_cascade(
+        lambda m, _: PowerProblem(friedrichs_keller(comm, m), p),
+        [*coarse_levels(n), n],
+        rtol=THEORY_RTOL,
+    )
+
+
+class UnknownProblem(SignoriniProblem):
+    """Problem (S) with a load whose solution nobody knows.
+
+    The load is 40 (0.45 - x_1) + 0.3/(0.2 + x_2) or, with a pole, that plus |x - (1, 1)|^{-0.7},
+    which is in L^2 and not in L^4.
+
+    Args:
+        domain: A mesh of the unit square.
+        pole: Whether the load has the pole.
+
+    Attributes:
+        terms: The strong form.
+    """
+
+    def __init__(self, domain: mesh.Mesh, pole: bool = False):
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        x = ufl.SpatialCoordinate(domain)
+        load = 40.0 * (0.45 - x[0]) + 0.3 / (0.2 + x[1])
+        if pole:
+            offset = x - ufl.as_vector([1.0, 1.0])
+            load -= 5.0 * ufl.dot(offset, offset) ** -0.35
+        self.terms = EnergyTerms(reaction=1.0, load=load)
+        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+        form = load * v * ufl.dx(metadata=CELL_RULE.metadata)
+        super().__init__(a, form, contact=boundary_facets(domain))

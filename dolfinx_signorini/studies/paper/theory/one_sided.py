@@ -1,0 +1,238 @@
+"""One-sided approximation: Lemmas 3.4 and 3.5, and problem (11).
+
+With y = w_h - R_h(u) on the boundary the constraint R_h(u) - u <= w_h <= R_h(u) reads -u <= y <= 0,
+so that problem (11) is a linear program for the nodal values of y:
+
+    minimise sum y_i    subject to    y >= -u along the whole of every edge,  y <= 0.
+
+The upper bound holds along an edge as soon as it holds at the nodes. The lower bound is set at
+samples of every edge, for u lowered by what u may sag between two samples, so that it holds along
+the whole edge: w_h is feasible, and at most a trifle larger than the solution of (11).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from dolfinx import fem
+from mpi4py import MPI
+from scipy.optimize import linprog
+
+from dolfinx_signorini.base.errors import NotConvergedError
+from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
+
+SAMPLES = 64  # intervals per edge
+VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
+MARGIN = 1e-9  # of the largest u on the boundary: more than HiGHS violates a constraint
+TOUCHING = 1e-9  # of the largest u on the boundary: what counts as touching; HiGHS' accuracy
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EdgeData:
+    """A function u at samples of the boundary edges:
+
+        data = edge_data(discretisation)
+        excess = data.along(y) + data.u  # how far y is from -u
+
+    Attributes:
+        t: Positions of the samples along an edge, from 0 to 1.
+        u: Values at the samples, shape (edges, samples).
+        slope: The derivative along the curve at the samples.
+        widths: Lengths of the edges.
+    """
+
+    t: Array
+    u: Array
+    slope: Array
+    widths: Array
+
+    @property
+    def s(self) -> Array:
+        """Arc length of the samples, shape (edges, samples)."""
+        starts = np.concatenate(([0.0], np.cumsum(self.widths)[:-1]))
+        return np.asarray(starts[:, None] + self.widths[:, None] * self.t)
+
+    def lowered(self) -> "EdgeData":
+        """Return the data with u lowered, but not below 0, by what u may sag between samples.
+
+        Between two samples at a distance d, u lies no more than d/4 times the oscillation of u'
+        below its chord. The oscillation is taken from the samples of the interval and of its two
+        neighbours: right where u' is monotone, and safe where u' has one extremum that the samples
+        resolve.
+        """
+        padded = np.pad(self.slope, ((0, 0), (1, 1)), mode="edge")
+        window = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=1)
+        oscillation = window.max(axis=2) - window.min(axis=2)
+        sag = 0.25 * (self.t[1] - self.t[0]) * self.widths[:, None] * oscillation
+        sides = np.pad(sag, ((0, 0), (1, 1)))
+        margin = MARGIN * float(self.u.max(initial=0.0))
+        u = np.maximum(self.u - np.maximum(sides[:, :-1], sides[:, 1:]) - margin, 0.0)
+        return replace(self, u=u)
+
+    def along(self, nodal: Array) -> Array:
+        """Return the samples of a piecewise linear function, given by its values at the nodes."""
+        return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """A solution of problem (11), extended to the domain:
+
+        found = one_sided_approximation(discretisation)
+        assert supercloseness(discretisation) <= found.norm
+
+    Attributes:
+        w_h: The function, harmonic in the discrete sense inside.
+        norm: The H^1 norm of w_h.
+        below: How far w_h lies below R_h(u) - u at a sample: not at all.
+        above: How far w_h lies above R_h(u) at a node: not at all.
+        distance: The largest w_h - R_h(u) + u at a node, which (13) bounds.
+        tested: ||R_h(u) - u_h||_H1^2 over (R_h(u) - u_h, w_h)_H1, at most 1 by the proof of (9).
+        cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
+        data: u along the boundary edges.
+        ritz: R_h(u) at the boundary nodes.
+        y: w_h - R_h(u) at the boundary nodes.
+    """
+
+    w_h: fem.Function
+    norm: float
+    below: float
+    above: float
+    distance: float
+    tested: float
+    cases: tuple[int, int, int, int]
+    data: EdgeData
+    ritz: Array
+    y: Array
+
+
+def one_sided_approximation(discretisation: Discretisation) -> OneSided:
+    """Solve problem (11) for the exact solution, and extend the result discretely harmonically.
+
+    Raises:
+        NotConvergedError: HiGHS did not find the optimum.
+    """
+    curve, exact = discretisation.curve, edge_data(discretisation)
+    data = exact.lowered()
+    y = solve_linear_program(discretisation.comm, data, np.ones(len(curve.s)))
+    held = (data.u == 0.0).any(axis=1)
+    y = np.where(held | np.roll(held, 1), 0.0, np.minimum(y, 0.0))
+    ritz = curve.values(discretisation.ritz)
+    w_h = discretisation.harmonic(curve.function(ritz + y))
+    apart = difference(discretisation.ritz, discretisation.u_h)
+    return OneSided(
+        w_h=w_h,
+        norm=discretisation.norm(w_h),
+        below=float(max((-exact.u - exact.along(y)).max(), 0.0)),
+        above=float(max(y.max(), 0.0)),
+        distance=float((y + exact.u[:, 0]).max()),
+        tested=discretisation.product(apart, apart) / discretisation.product(apart, w_h),
+        cases=count_cases(data, y),
+        data=data,
+        ritz=ritz,
+        y=y,
+    )
+
+
+def edge_data(discretisation: Discretisation) -> EdgeData:
+    """Sample the exact solution and its tangential derivative along the boundary edges."""
+    exact, curve = discretisation.exact, discretisation.curve
+    t = np.linspace(0.0, 1.0, SAMPLES + 1, dtype=np.float64)
+    values = curve.samples([exact.u, *exact.grad], t)
+    tangents = (np.roll(curve.x, -1, axis=0) - curve.x) / curve.widths[:, None]
+    slope = np.einsum("ikd,id->ik", values[:, :, 1:], tangents)
+    u = np.where(values[:, :, 0] > VANISHING * np.abs(values[:, :, 0]).max(), values[:, :, 0], 0.0)
+    return EdgeData(t, u, slope, curve.widths)
+
+
+def solve_linear_program(
+    comm: MPI.Comm, data: EdgeData, cost: Array, bounded: bool = True
+) -> Array:
+    """Minimise cost . y over all y with y >= -u along the edges.
+
+    Args:
+        comm: The communicator; rank 0 solves.
+        data: u along the edges.
+        cost: One number per node.
+        bounded: Whether y <= 0, too.
+
+    Returns:
+        y at the nodes, the same on all ranks.
+
+    Raises:
+        NotConvergedError: HiGHS did not find the optimum.
+    """
+    solution: tuple[Array | None, str] = (None, "")
+    if comm.rank == 0:
+        solution = _solve(data, cost, bounded)
+    y, message = comm.bcast(solution, root=0)
+    if y is None:
+        raise NotConvergedError(f"linear program: {message}", np.inf, message)
+    return y
+
+
+def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
+    n, m = data.u.shape
+    scale = float(data.u.max()) or 1.0
+    low = -data.u[:, 0] / scale
+    # Edges on which u vanishes are held by their nodes alone.
+    edges = np.flatnonzero((data.u > 0.0).any(axis=1))
+    rows = np.arange(len(edges) * (m - 2)).reshape(len(edges), m - 2)
+    t = np.broadcast_to(data.t[1:-1], rows.shape)
+    first = np.broadcast_to(edges[:, None], rows.shape)
+    second = (first + 1) % n
+    inner = sp.csr_matrix(
+        (
+            np.concatenate([(1.0 - t).ravel(), t.ravel()]),
+            (np.tile(rows.ravel(), 2), np.concatenate([first.ravel(), second.ravel()])),
+        ),
+        shape=(rows.size, n),
+    )
+    result = linprog(
+        cost / max(float(np.abs(cost).max()), 1e-300),
+        A_ub=-inner,
+        b_ub=data.u[edges, 1:-1].ravel() / scale,
+        bounds=np.column_stack([low, np.full(n, 0.0 if bounded else np.inf)]),
+        method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    if result.status != 0:
+        return None, str(result.message)
+    return np.asarray(result.x * scale), ""
+
+
+def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
+    """Return the case of Fig. 1 that each node belongs to, 0 for none.
+
+    A node is of case 1 where w_h = R_h(u) - u at the node; of case 2 where instead w_h touches
+    R_h(u) - u from above on the edge before the node, of case 3 where on the edge behind: w_h
+    cannot be lowered in any case.
+
+    Args:
+        data: u along the edges.
+        y: w_h - R_h(u) at the nodes.
+    """
+    tolerance = TOUCHING * float(data.u.max(initial=1e-300))
+    excess = data.along(y) + data.u
+    # A touching point lies between samples: the LP touches the samples next to the point.
+    inner = (excess[:, 1:-1] <= tolerance).any(axis=1)
+    # Or the touching point is the far node of the edge, if u and its slope vanish there.
+    highest = y >= -tolerance
+    behind = inner | (highest & (data.u[:, -1] == 0.0))
+    before = np.roll(inner | (np.roll(highest, -1) & (data.u[:, 0] == 0.0)), 1)
+    cases = np.where(before, 2, np.where(behind, 3, 0))
+    return np.where(excess[:, 0] <= tolerance, 1, cases)
+
+
+def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
+    """Count the nodes of the three cases of Fig. 1, and the nodes of none.
+
+    Args:
+        data: u along the edges.
+        y: w_h - R_h(u) at the nodes.
+    """
+    counts = np.bincount(node_cases(data, y), minlength=4)
+    return int(counts[1]), int(counts[2]), int(counts[3]), int(counts[0])

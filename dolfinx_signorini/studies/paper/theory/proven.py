@@ -1,0 +1,114 @@
+"""The orders of convergence that the paper proves, each with the statement that proves it.
+
+What is known of a solution u is an exponent p. Below 4, u is in W^{2,p}. Above 4, u = u_s + u_r as
+in Theorem 2.3, with u_r in W^{2,p}; infinity stands for every finite p.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dolfinx_signorini.norms.names import Norm, parse_norm
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, approximation_order, expected_order
+
+
+@dataclass(frozen=True)
+class ProvenOrder:
+    """An order of convergence, whose text is the order:
+
+        assert str(ProvenOrder(1.5, True, "Theorem 4.3")) == "1.5 - eps"
+
+    Attributes:
+        value: The order; reached up to an arbitrarily small loss where `open` is set.
+        open: Whether "minus epsilon" belongs to the order.
+        source: The statement of the paper.
+    """
+
+    value: float
+    open: bool
+    source: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g}" + (" - eps" if self.open else "")
+
+
+def allowed_order(p: float, norm: str) -> float:
+    """Return the order that a solution allows whose regularity ends at one point only.
+
+    This order explains where measured orders are better than the proven ones, which hold for
+    every function of the same regularity.
+
+    Args:
+        p: The exponent: the solution is like r^{2-2/p} at the point, or like r^{3/2}.
+        norm: Name of a norm, see `norm_names.parse_norm`.
+    """
+    return approximation_order(norm, exponent=min(DETACHMENT_EXPONENT, 2.0 - 2.0 / p))
+
+
+def supercloseness_order(p: float) -> ProvenOrder:
+    """Return the order of ||R_h(u) - u_h||_H1, which is also that of ||w_h||_H1 in Lemma 3.5.
+
+    Args:
+        p: The exponent of the solution.
+
+    Raises:
+        ValueError: p is not between 2 and 4, nor above 4.
+
+    Source: Theorem 3.6.
+    """
+    return _best(p, _supercloseness)
+
+
+def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder:
+    """Return the best order of ||u - u_h|| in a norm that follows from the paper's statements.
+
+    W^{1,q} and L^q with a q that the statements do not name follow from the named ones by
+    inverse estimates, for q above, and by Hoelder's inequality, for q below, as in the last row of
+    the paper's Table 2. A solution with p > 4 is in W^{2,4-eps} as well, and for p < 8 some orders
+    are better that way.
+
+    Args:
+        p: The exponent of the solution.
+        norm: Name of a norm on the domain, or H1_2_boundary, see `norm_names.parse_norm`.
+        contact_sets: Whether conditions (A) and (A_h) hold and the load is bounded.
+
+    Raises:
+        ValueError: The norm is unknown or nothing is proven for it, or p is out of range.
+
+    Source: Corollaries 4.1 and 4.2, Theorems 4.3 and 6.1.
+    """
+    wanted, duality = parse_norm(norm), expected_order(norm)
+    if duality is None:
+        raise ValueError(f"norm {norm!r}: nothing is proven for it on the boundary")
+    best = _best(p, lambda q, above: _corollary(q, above, wanted))
+    if wanted.derivatives == 0.0 and contact_sets and math.isinf(p):
+        return ProvenOrder(duality, True, "Theorem 6.1")
+    return best
+
+
+def _best(p: float, order: Callable[[float, bool], ProvenOrder]) -> ProvenOrder:
+    """The better of the order for p and, above 4, that of W^{2,4-eps}."""
+    if not (2.0 < p < 4.0 or p > 4.0):
+        raise ValueError(f"p: the statements hold for 2 < p < 4 and for p > 4, not for {p}")
+    if p < 4.0:
+        return order(p, False)
+    return max(order(p, True), order(4.0, True), key=lambda found: (found.value, not found.open))
+
+
+def _supercloseness(p: float, above: bool) -> ProvenOrder:
+    return ProvenOrder(1.5 - (2.0 if p > 4.0 else 1.0) / p, above, "Theorem 3.6")
+
+
+def _corollary(p: float, above: bool, norm: Norm) -> ProvenOrder:
+    base = _supercloseness(p, above)
+    source = "Theorem 4.3" if math.isinf(p) else f"Corollary 4.{2 if p > 4.0 else 1}"
+    if norm.derivatives == 1.0:
+        # Order 1 up to an exponent, here excluded for p = 4 as the limit of p < 4; above that
+        # exponent supercloseness less the inverse estimate from H^1.
+        critical = 2.0 / (0.5 + (2.0 if p > 4.0 else 1.0) / p)
+        if norm.p < critical or (norm.p == critical and p != 4.0):
+            return ProvenOrder(1.0, p > 4.0, source)
+        return ProvenOrder(base.value - 1.0 + 2.0 / norm.p, above, source)
+    # |ln h|^{1/2} in L^inf is less than any power of h.
+    logarithm = norm.derivatives == 0.0 and math.isinf(norm.p)
+    return ProvenOrder(base.value, above or logarithm, source)

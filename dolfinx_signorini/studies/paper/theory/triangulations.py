@@ -1,0 +1,81 @@
+"""Triangulations of the unit square beside those of Friedrichs and Keller (Remark 4.4, 3).
+
+On obtuse triangles the stiffness matrix has positive entries off its diagonal, so that there is no
+discrete maximum principle. Graded triangulations are not quasi-uniform, and excluded by
+Assumption 2.5.
+"""
+
+import numpy as np
+from dolfinx import mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.scenes.domains.polygons import Polygon
+from dolfinx_signorini.studies.paper.solution import DETACHMENT
+
+SHIFT = 0.45  # of a cell: how far the rows of nodes are moved against each other
+GRADING = 0.5  # mu: cells of the size h r^{1 - mu}; the order of W^{1,inf} is 1 again
+CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+
+
+def unstructured(comm: MPI.Comm, n: int) -> mesh.Mesh:
+    """Return a triangulation by gmsh with n edges per side.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        n: Edges per side.
+    """
+    return Polygon(CORNERS, 1.0 / n).make(comm).mesh
+
+
+def obtuse(comm: MPI.Comm, n: int) -> mesh.Mesh:
+    """Return the Friedrichs-Keller triangulation with every other row of inner nodes moved.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        n: Cells per side.
+    """
+    domain = friedrichs_keller(comm, n)
+    x = domain.geometry.x
+    row, column = (np.rint(n * x[:, i]).astype(int) for i in (1, 0))
+    inner = (column > 0) & (column < n) & (row > 0) & (row < n)
+    x[inner, 0] -= SHIFT / n * (row[inner] % 2)
+    return domain
+
+
+def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
+    """Return a Friedrichs-Keller triangulation drawn towards the detachment point.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        n: Even number of cells per side: the point is a node.
+    """
+    domain = friedrichs_keller(comm, n)
+    x = domain.geometry.x
+    # Rays to the sides of the square; the maximum norm makes the square one half-ball.
+    offset = np.asarray(x[:, :2] - np.array(DETACHMENT), dtype=np.float64)
+    size = np.maximum(2.0 * np.abs(offset[:, 0]), offset[:, 1])
+    factor = np.where(size > 0.0, np.maximum(size, 1e-300) ** (1.0 / GRADING - 1.0), 0.0)
+    x[:, :2] = np.array(DETACHMENT) + factor[:, None] * offset
+    return domain
+
+
+def shape(domain: mesh.Mesh) -> float:
+    """Return the largest diameter of a cell over the smallest one of an inscribed circle."""
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]][:, :, :2]
+    sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2)
+    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
+    circles = 2.0 * np.abs(a * d - b * c) / sides.sum(axis=1)
+    found = domain.comm.allgather((sides.max(initial=0.0), circles.min(initial=np.inf)))
+    return float(max(item[0] for item in found) / min(item[1] for item in found))
+
+
+def largest_angle(domain: mesh.Mesh) -> float:
+    """Return the largest angle of a cell in degrees."""
+    x = np.asarray(domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]][:, :, :2])
+    before, behind = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
+    products = (before * behind).sum(axis=2)
+    cosines = products / np.linalg.norm(before, axis=2) / np.linalg.norm(behind, axis=2)
+    lowest = min(domain.comm.allgather(float(cosines.min(initial=1.0))))
+    return float(np.degrees(np.arccos(lowest)))

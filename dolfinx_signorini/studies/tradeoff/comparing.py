@@ -1,0 +1,172 @@
+"""Measured rows compared: the Pareto front, and the cheapest configuration for an error."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+from dolfinx_signorini.base.tables import text_table
+from dolfinx_signorini.norms.orders import regression
+from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1, Kind
+from dolfinx_signorini.studies.tradeoff.runs import Configuration
+
+Row = Mapping[str, Any]
+
+FEWEST = 4  # rows of which the slope is taken
+
+
+def kind_of(row: Row) -> Kind:
+    """Return the kind of mesh and elements of a row."""
+    return Kind(row["mesh"], row["degree"])
+
+
+def of_kind(rows: Iterable[Row], kind: Kind) -> list[Row]:
+    """Return the rows of one kind of mesh and elements.
+
+    Args:
+        rows: Any rows.
+        kind: The kind.
+    """
+    return [row for row in rows if kind_of(row) == kind]
+
+
+def describe(row: Row) -> str:
+    """Return the configuration of a row in words."""
+    own = {field.name: row[field.name] for field in fields(Configuration) if field.name != "kind"}
+    return str(Configuration(kind_of(row), **own))
+
+
+def compared(rows: Sequence[Row], norm: str) -> list[Row]:
+    """Return the rows that are compared in a norm: no sweeps, no meshes adapted for other norms.
+
+    Args:
+        rows: All rows.
+        norm: The norm of the error.
+    """
+    return [
+        row
+        for row in rows
+        if row["purpose"] == "main"
+        and row["norm"] in (None, norm)
+        and not (row["accuracy"] and row["estimate"] > row["accuracy"])
+    ]
+
+
+def is_baseline(row: Row) -> bool:
+    """Return whether a row is of the paper's kind: uniform meshes, P1, the cascade."""
+    return kind_of(row) == UNIFORM_P1 and row["method"] == "cascade"
+
+
+def finest(rows: Sequence[Row]) -> Row:
+    """Return the row of the finest uniform P1 mesh."""
+    return max((row for row in rows if is_baseline(row)), key=lambda row: row["n"])
+
+
+def pareto_front(rows: Sequence[Row], norm: str, cost: str = "total") -> list[Row]:
+    """Return the rows that no other row beats in both error and cost, cheapest first.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+        cost: The entry of a row that is its cost, "total" for seconds or "unknowns".
+    """
+    front: list[Row] = []
+    for row in sorted(rows, key=lambda row: (row[cost], row["errors"][norm])):
+        if not front or row["errors"][norm] < front[-1]["errors"][norm]:
+            front.append(row)
+    return front
+
+
+def cheapest(rows: Sequence[Row], norm: str, target: float) -> Row | None:
+    """Return the row that reaches an error in the fewest seconds, or None.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+        target: The largest error allowed, in the unit of the norm.
+    """
+    enough = [row for row in rows if row["errors"][norm] <= target]
+    return min(enough, key=lambda row: row["total"]) if enough else None
+
+
+def targets(rows: Sequence[Row], norm: str) -> list[float]:
+    """Return errors to compare rows at, decreasing: powers of ten, and the best of uniform P1.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+    """
+    return sorted({*_powers(rows, norm), *_best(rows, norm)}, reverse=True)
+
+
+def accuracies(rows: Sequence[Row], norm: str) -> list[float]:
+    """Return the errors to ask the adaptive loop for, decreasing.
+
+    The errors are the targets of other rows, where the error of uniform P1 is given two digits and
+    made no larger, and the next power of ten, which no other row has reached.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+    """
+    smallest = math.ceil(math.log10(min(row["errors"][norm] for row in rows))) - 1
+    rounded = [float(f"{0.95 * error:.1e}") for error in _best(rows, norm)]
+    return sorted({*_powers(rows, norm), *rounded, float(f"1e{smallest}")}, reverse=True)
+
+
+def _powers(rows: Sequence[Row], norm: str) -> list[float]:
+    """The powers of ten between the largest error and the smallest."""
+    errors = [row["errors"][norm] for row in rows]
+    powers = [float(f"1e{k}") for k in range(3, -13, -1)]
+    return [power for power in powers if min(errors) <= power <= max(errors)]
+
+
+def _best(rows: Sequence[Row], norm: str) -> list[float]:
+    """The smallest error of uniform P1, or nothing without uniform P1."""
+    errors = [row["errors"][norm] for row in rows if is_baseline(row)]
+    return [min(errors)] if errors else []
+
+
+def slope(rows: Sequence[Row], norm: str) -> float | None:
+    """Return s for an error like unknowns^-s, by regression over the finer half of some rows.
+
+    At least four rows count, or all if fewer are known.
+
+    Args:
+        rows: Rows of one kind that are compared in the norm.
+        norm: The norm of the error.
+
+    Returns:
+        s, which is the order in h over the dimension; None for less than two numbers of unknowns.
+    """
+    rows = sorted(rows, key=lambda row: row["unknowns"])
+    finer = rows[-max(FEWEST, (len(rows) + 1) // 2) :]
+    unknowns = [row["unknowns"] for row in finer]
+    if len(set(unknowns)) < 2:
+        return None
+    return -regression(unknowns, [row["errors"][norm] for row in finer])
+
+
+def target_table(rows: Sequence[Row], norm: str) -> str:
+    """Return a table of the cheapest configuration for each error, beside uniform P1.
+
+    Args:
+        rows: Rows that are compared in the norm.
+        norm: The norm of the error.
+    """
+    baseline = [row for row in rows if is_baseline(row)]
+    best = _best(rows, norm)
+    lines = []
+    for target in targets(rows, norm):
+        row, base = cheapest(rows, norm, target), cheapest(baseline, norm, target)
+        if row is None:
+            continue
+        against = ("uniform P1 does not get there", "", "")
+        if base is not None:
+            ratio = f"{base['total'] / row['total']:.1f}"
+            against = (describe(base), f"{base['total']:.3g}", ratio)
+        mark = "*" if target in best else ""
+        own = (describe(row), str(row["unknowns"]), f"{row['total']:.3g}")
+        lines.append((f"{target:.3e}{mark}", *own, *against))
+    columns = ("at most", "the cheapest", "unknowns", "seconds", "against", "seconds", "times")
+    return text_table(columns, lines, f"for an error in {norm} of at most ...")

@@ -1,0 +1,151 @@
+"""The grid of configurations whose speed and accuracy are compared."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
+from dolfinx_signorini.studies.tradeoff.kinds import (
+    GRADED_P2,
+    GRADED_P4,
+    KINDS,
+    UNIFORM_P1,
+    UNIFORM_P2,
+    Kind,
+)
+from dolfinx_signorini.studies.tradeoff.runs import Configuration
+
+# Cells across by dimension, mesh and degree, from small to large.
+CELLS: dict[int, dict[Kind, tuple[int, ...]]] = {
+    2: {
+        UNIFORM_P1: (16, 26, 51, 101, 201, 401, 1001),
+        UNIFORM_P2: (10, 16, 26, 44, 64, 88, 144, 250),
+        Kind("uniform", 3): (6, 10, 16, 26, 40, 64, 100),
+        Kind("uniform", 4): (4, 8, 12, 20, 32, 50),
+        Kind("graded", 1): (16, 32, 64, 128, 256),
+        GRADED_P2: (10, 16, 24, 32, 48, 64, 104, 208),
+        Kind("graded", 3): (8, 16, 24, 32, 48, 64),
+        GRADED_P4: (8, 16, 24, 32, 48),
+    },
+    3: {
+        UNIFORM_P1: (4, 6, 9, 13, 18, 26, 40),
+        UNIFORM_P2: (3, 4, 6, 9, 13, 18),
+        Kind("uniform", 3): (2, 3, 4, 6, 9),
+    },
+}
+FIRST = {2: 4, 3: 2}  # cells across on the first mesh of the adaptive loop
+HIGHEST = {2: 4, 3: 3}  # degree on adapted meshes
+ADAPTED = 30_000  # limit on the unknowns of adapted meshes
+REFERENCE = 4  # unknowns of a reference solution over this limit
+SWEEP_RTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+SWEEP_RULE = (1, 2, 3, 4, 5, 7, 9, 11)
+SWEEP_METHOD = ("cascade", "bqnls", "bncg", "bntr")
+
+
+@dataclass(frozen=True)
+class Item:
+    """One point of the grid:
+
+        Item(Configuration(UNIFORM_P1, 101), rule=3, purpose="rule")
+
+    Attributes:
+        configuration: Mesh, elements, method and tolerance.
+        rule: Degree of the Gauss-Jacobi rule of the load.
+        purpose: "main" for the comparison of meshes and elements, else the name of a sweep.
+    """
+
+    configuration: Configuration
+    rule: int = CELL_RULE.degree
+    purpose: str = "main"
+
+    @property
+    def size(self) -> int:
+        """The dofs across the domain, as if the mesh was not graded."""
+        return self.configuration.kind.degree * self.configuration.n
+
+    def key(self, comm: MPI.Comm) -> dict[str, Any]:
+        """Return the entries that identify the row of the item among all rows."""
+        own = asdict(self.configuration)
+        own |= own.pop("kind")
+        return own | {"rule": self.rule, "purpose": self.purpose, "ranks": comm.size}
+
+
+def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Item]:
+    """Return uniform and graded meshes of all degrees, and sweeps of one setting each.
+
+    Args:
+        max_unknowns: Limit on the dofs, as if no mesh was graded.
+        dimension: The dimension of space; meshes are graded in the plane only.
+        sweeps: Whether tolerances, quadrature rules and methods are varied, too.
+    """
+    items = [
+        Item(Configuration(kind, n)) for kind, sizes in CELLS[dimension].items() for n in sizes
+    ]
+    items = [item for item in items if (item.size + 1) ** dimension <= max_unknowns]
+    # From small to large, so that memory left by larger items does not count as peak memory.
+    items.sort(key=lambda item: item.size)
+    if not sweeps:
+        return items
+    return [item for item in [*items, *_sweeps()] if item.size**2 < max_unknowns]
+
+
+def ladder(
+    kind: Kind, norm: str, accuracies: Sequence[float], max_unknowns: int, dimension: int = 2
+) -> list[Item]:
+    """Return the adaptive loop for one accuracy after the other.
+
+    Args:
+        kind: The degree of the elements on adapted meshes.
+        norm: The norm of the error.
+        accuracies: The errors allowed, decreasing.
+        max_unknowns: Limit on the dofs.
+        dimension: The dimension of space.
+    """
+    limit = min(max_unknowns, ADAPTED)
+    first = Configuration(kind, FIRST[dimension], norm=norm, max_unknowns=limit)
+    return [Item(replace(first, accuracy=accuracy)) for accuracy in accuracies]
+
+
+def adapted_kinds(max_unknowns: int, dimension: int) -> list[Kind]:
+    """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit.
+
+    Args:
+        max_unknowns: Limit on the dofs.
+        dimension: The dimension of space.
+    """
+    across = 2 * FIRST[dimension]
+    return [
+        kind
+        for kind in KINDS
+        if kind.mesh == "adapted"
+        and kind.degree <= HIGHEST[dimension]
+        and 2 * (kind.degree * across + 1) ** dimension <= max_unknowns
+    ]
+
+
+def finer_configuration(max_unknowns: int, dimension: int) -> Configuration:
+    """Return a configuration that is more accurate than all of a grid, as a reference.
+
+    Args:
+        max_unknowns: The limit of the grid.
+        dimension: The dimension of space.
+    """
+    kind, n = Kind("adapted", 3), FIRST[dimension]
+    coarsest = 2 * (2 * kind.degree * n + 1) ** dimension
+    limit = max(REFERENCE * min(max_unknowns, ADAPTED), coarsest)
+    return Configuration(kind, n, norm="H1", max_unknowns=limit)
+
+
+def _sweeps() -> list[Item]:
+    """Two configurations with varied tolerance and quadrature, and two with varied method."""
+    items = []
+    for c in (Configuration(UNIFORM_P1, 101), Configuration(GRADED_P4, 24)):
+        items += [Item(replace(c, rtol=rtol), purpose="tolerance") for rtol in SWEEP_RTOL]
+        items += [Item(c, rule=rule, purpose="rule") for rule in SWEEP_RULE]
+    for n in (51, 101):
+        for method in SWEEP_METHOD:
+            c = Configuration(UNIFORM_P1, n, method=method, rtol=1e-6)
+            items.append(Item(c, purpose="method"))
+    return items

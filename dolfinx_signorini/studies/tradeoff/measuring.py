@@ -1,0 +1,199 @@
+"""Speed against accuracy, measured: seconds, memory and errors of the items of a grid.
+
+Seconds are wall-clock seconds from nothing to the solution: coarse levels (those that find the
+detachment points of a graded mesh included) or all steps of the adaptive loop, mesh, assembly and
+solve; the median of repeats, the largest over the ranks. Compilation of the forms is left out,
+because a run on a coarse mesh comes first. The evaluation of the errors is no part of a solution,
+and its seconds are a separate entry.
+"""
+
+import functools
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.records import Records
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.studies.tradeoff.comparing import Row
+from dolfinx_signorini.studies.tradeoff.family import Family
+from dolfinx_signorini.studies.tradeoff.grid import Item
+from dolfinx_signorini.studies.tradeoff.runs import (
+    Configuration,
+    Run,
+    algebraic_errors,
+    exact_solution,
+    solve_configuration,
+)
+
+WARM_UP = 8  # cells across of the run that compiles the forms
+ENOUGH = 1.0  # seconds after which an item is not timed again
+
+
+class Meter:
+    """Measures items in some norms, each item once: recorded rows are not measured again.
+
+    For example:
+
+        meter = Meter(records, make_family, ["L4"], repeats=3)
+        rows = meter.measured(grid(10_000))
+
+    Args:
+        records: The file of finished rows.
+        make_family: Returns the problem for a degree of the quadrature rule of its load.
+        norms: Names of the norms.
+        repeats: How often to time each item; an item that takes long is timed less often.
+        reference: For a problem without a known solution: the configuration whose solution errors
+            are measured against.
+    """
+
+    def __init__(
+        self,
+        records: Records,
+        make_family: Callable[[int], Family],
+        norms: Sequence[str],
+        repeats: int,
+        reference: Configuration | None = None,
+    ):
+        self.records, self.comm = records, records.comm
+        self.norms, self.repeats, self.reference = norms, repeats, reference
+        self._family = functools.cache(make_family)
+        self._finer: Run | None = None
+        self._warm: set[tuple[Any, ...]] = set()
+
+    def measured(self, items: Iterable[Item]) -> list[Row]:
+        """Return the rows of some items, in their order."""
+        return [self._recorded(item) or self._measure(item) for item in items]
+
+    def climbed(self, items: Iterable[Item]) -> list[Row]:
+        """Return the rows of the adaptive loop for one accuracy after the other.
+
+        An accuracy that the loop has reached with the one before is left out. The climb ends with
+        the first accuracy that the loop does not reach within its limit.
+
+        Args:
+            items: Items on adapted meshes, see `grid.ladder`.
+        """
+        rows: list[Row] = []
+        for item in items:
+            accuracy = item.configuration.accuracy
+            assert accuracy is not None
+            if rows and rows[-1]["estimate"] <= accuracy:
+                continue
+            rows += self.measured([item])
+            if rows[-1]["estimate"] > accuracy:
+                break
+        return rows
+
+    def destroy(self) -> None:
+        """Free the reference solution."""
+        if self._finer is not None:
+            self._finer.destroy()
+            self._finer = None
+
+    def _recorded(self, item: Item) -> Row | None:
+        """The recorded row of an item."""
+        key = item.key(self.comm)
+        return next((row for row in self.records.rows if key.items() <= row.items()), None)
+
+    def _measure(self, item: Item) -> Row:
+        """Measure an item, and record its row."""
+        family, c = self._family(item.rule), item.configuration
+        if self.reference is not None and self._finer is None:
+            self._finer = solve_configuration(self.comm, family, self.reference)
+        forms = (c.kind, c.norm, c.method, item.rule)
+        if forms not in self._warm:
+            self._row(replace(item, configuration=_coarsest(c)), 1)
+            self._warm.add(forms)
+        row = item.key(self.comm) | self._row(item, self.repeats)
+        told = item.purpose, c, c.method, c.rtol, row["total"]
+        log.info("%s: %s, %s, rtol %s  %.3f s", *told)
+        self.records.append(row)
+        return self.records.rows[-1]
+
+    def _row(self, item: Item, repeats: int) -> dict[str, Any]:
+        """Solve some times; return cost and errors of an item."""
+        family, memory, totals = self._family(item.rule), 0, list[float]()
+        samples: list[dict[str, float]] = []
+        run: Run | None = None
+        while len(samples) < repeats and sum(totals) < ENOUGH:
+            if run is not None:
+                run.destroy()
+            _reset_peak()
+            run = solve_configuration(self.comm, family, item.configuration)
+            memory = self.comm.allreduce(_peak_bytes())
+            samples.append(run.seconds)
+            totals.append(run.total_seconds)
+        assert run is not None
+        result = run.result
+        row = {
+            "unknowns": run.unknowns,
+            "iterations": result.iterations,
+            "linear_solves": result.linear_solves,
+            "linear_iterations": result.linear_iterations,
+            "natural_residual": result.natural_residual,
+            "seconds": {p: statistics.median(s[p] for s in samples) for p in run.seconds},
+            "total": statistics.median(totals),
+            "fastest": min(totals),
+            "slowest": max(totals),
+            "repeats": len(totals),
+            "peak_bytes": memory,
+            "detachment_points": [point.position for point in run.points],
+            "estimate": None if run.found is None else run.found.estimate,
+            **self._errors(run),
+        }
+        if item.purpose == "tolerance":
+            row["algebraic"] = algebraic_errors(run, self.norms)
+        run.destroy()
+        return row
+
+    def _errors(self, run: Run) -> dict[str, Any]:
+        """The errors of a run, in the norm that its mesh is adapted for or in all norms."""
+        norm, start = run.configuration.norm, time.perf_counter()
+        errors = error_norms(
+            run.u, exact_solution(run, self._finer), self.norms if norm is None else [norm]
+        )
+        seconds = self.comm.allreduce(time.perf_counter() - start, op=MPI.MAX)
+        known = "exact" if self._finer is None else str(self._finer.configuration)
+        return {"seconds_errors": seconds, "errors": errors, "reference": known}
+
+
+def _coarsest(configuration: Configuration) -> Configuration:
+    """A run that needs the same forms and takes little time."""
+    if configuration.norm is not None:
+        return replace(configuration, accuracy=sys.float_info.max)
+    return replace(configuration, n=WARM_UP)
+
+
+def _reset_peak() -> None:
+    """Let the kernel forget the peak memory of this process, where the kernel can."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _peak_bytes() -> int:
+    """The largest resident memory of this process since the last reset; 0 where that is unknown."""
+    for line in told_by_kernel("self/status"):
+        if line.startswith("VmHWM:"):
+            return 1024 * int(line.split()[1])
+    return 0
+
+
+def told_by_kernel(name: str) -> list[str]:
+    """Return the lines of a file of /proc; none where the kernel has no such file.
+
+    Args:
+        name: The name of the file in /proc.
+    """
+    try:
+        return Path("/proc", name).read_text().splitlines()
+    except OSError:
+        return []

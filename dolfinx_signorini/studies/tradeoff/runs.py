@@ -1,0 +1,287 @@
+"""Configurations, and runs: solutions computed from nothing as a configuration says.
+
+A configuration names mesh, elements, method and tolerance. Its run comprises the coarse levels, the
+mesh, the assembly and the solve, each with its seconds; on adapted meshes the whole adaptive loop.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.timing import Phases
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.error_norms import error_norms
+from dolfinx_signorini.norms.orders import grading_exponent
+from dolfinx_signorini.norms.references import CARRIED_DEGREE, Reference, carried
+from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.studies.tradeoff.family import Family, Posed
+from dolfinx_signorini.studies.tradeoff.grading import graded_mesh
+from dolfinx_signorini.studies.tradeoff.kinds import Kind
+
+COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
+COARSE_RTOL = 1e-7  # of the coarse levels: after 1e-5, degree 4 misplaces detachment points
+TIGHT = 1e-10  # tolerance of the solutions that algebraic errors are measured against
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """How a solution is computed; on adapted meshes, how accurate it is to be:
+
+        Configuration(GRADED_P2, n=48, rtol=1e-6)
+        Configuration(Kind("adapted", 3), n=4, norm="L4", accuracy=1e-5)
+
+    Attributes:
+        kind: The kind of mesh and elements.
+        n: Cells across the domain, away from the detachment points; on the first adapted mesh.
+        method: See `SignoriniProblem.solve`; the adaptive loop knows the cascade only.
+        rtol: Relative natural residual; None for the default of the method.
+        norm: The norm of the error that the adaptive loop is asked for.
+        accuracy: The largest error allowed; None for as many unknowns as are allowed.
+        max_unknowns: The largest number of unknowns on adapted meshes.
+    """
+
+    kind: Kind
+    n: int
+    method: str = "cascade"
+    rtol: float | None = None
+    norm: str | None = None
+    accuracy: float | None = None
+    max_unknowns: int | None = None
+
+    def __str__(self) -> str:
+        if self.norm is None:
+            return f"{self.kind}, N = {self.n}"
+        if self.accuracy is None:
+            return f"{self.kind} for {self.norm}, at most {self.max_unknowns} unknowns"
+        return f"{self.kind} for {self.norm} = {self.accuracy:.2g}"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A solution computed as a configuration says:
+
+        run = solve_configuration(comm, family, Configuration(GRADED_P2, 48))
+        print(run.unknowns, run.total_seconds, run.points)
+
+    Attributes:
+        configuration: The configuration.
+        posed: The problem on the mesh, solved.
+        points: The detachment points that the mesh is graded towards.
+        seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (to
+            look up the compiled forms and to find the contact dofs), "assembly" and "solve". The
+            adaptive loop has no "mesh": its meshes and estimates belong to "coarse".
+        found: What the adaptive loop did; None on other meshes.
+    """
+
+    configuration: Configuration
+    posed: Posed
+    points: tuple[DetachmentPoint, ...]
+    seconds: dict[str, float]
+    found: AdaptiveSolution | None = None
+
+    @property
+    def u(self) -> fem.Function:
+        """The solution."""
+        return self.posed.problem.u
+
+    @property
+    def result(self) -> SolveResult:
+        """The diagnostics of the last solve."""
+        assert self.posed.problem.result is not None
+        return self.posed.problem.result
+
+    @property
+    def unknowns(self) -> int:
+        """The global number of dofs."""
+        return self.posed.problem.unknowns
+
+    @property
+    def total_seconds(self) -> float:
+        """The seconds of all phases together."""
+        return sum(self.seconds.values())
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.posed.problem.destroy()
+
+
+def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
+    """Return the cells across of the levels before the last, coarsest first.
+
+    On the way to a graded mesh the cells across double from level to level, and each level finds
+    the detachment points several times as precisely as the level before. A repeated level
+    would not find the points any better.
+
+    Args:
+        configuration: The configuration.
+        dimension: The dimension of space.
+    """
+    n = configuration.n
+    if configuration.kind.mesh == "graded":
+        half = max(n // 2, min(n, COARSEST // 2))
+        return [*coarse_levels(half, coarsest=2 * COARSEST - 1, ratio=2), half]
+    return coarse_levels(n, dimension) if configuration.method == "cascade" else []
+
+
+def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configuration) -> Run:
+    """Compute a solution from nothing, as a configuration says.
+
+    Args:
+        comm: The communicator that shares the mesh.
+        family: The problem.
+        configuration: Mesh, elements, method and tolerance.
+
+    Raises:
+        InputError: The configuration makes no sense for the problem.
+        NotConvergedError: The solver failed.
+    """
+    _check(family, configuration)
+    clock, ascent = Phases(comm), _Ascent(comm, family, configuration.kind)
+    found: AdaptiveSolution | None = None
+    with clock("all"):
+        if configuration.kind.mesh == "adapted":
+            found = _adapted(ascent, configuration)
+        else:
+            solve_cascade(
+                ascent.problem,
+                [*levels(configuration, family.dimension), configuration.n],
+                method=configuration.method,
+                rtol=configuration.rtol,
+                coarse_rtol=COARSE_RTOL,
+            )
+    seconds = _phases(clock.total, ascent)
+    return Run(configuration, ascent.posed, tuple(ascent.points), seconds, found)
+
+
+def exact_solution(run: Run, reference: Run | None) -> Reference:
+    """Return the solution to measure the error of a run against: the exact one, or a finer one.
+
+    Args:
+        run: The run.
+        reference: A finer run, whose solution is carried to the cells of the run's mesh; None for
+            the exact solution.
+
+    Raises:
+        InputError: The exact solution is not known.
+    """
+    if reference is not None:
+        degree = max(CARRIED_DEGREE, run.configuration.kind.degree + 2)
+        return carried(reference.u, run.u.function_space.mesh, degree)
+    if run.posed.exact is None:
+        raise InputError("the solution is not known; errors need a reference", "solution")
+    return run.posed.exact
+
+
+def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
+    """Return norms of the difference between a run and the exact solution of its discrete problem.
+
+    Args:
+        run: The run, whose problem is solved on to a natural residual of 1e-10: `run.u` is then
+            the discrete solution.
+        norms: Names of the norms.
+    """
+    loose = run.u.x.array.copy()
+    tight = run.posed.problem.solve(rtol=TIGHT)
+    difference = fem.Function(tight.function_space)
+    difference.x.array[:] = tight.x.array - loose
+    return error_norms(difference, None, norms)
+
+
+def _check(family: Family, configuration: Configuration) -> None:
+    if configuration.n < 1:
+        raise InputError(f"a mesh needs at least one cell across, not {configuration.n}", "n")
+    if not 1 <= configuration.kind.degree <= HIGHEST_DEGREE:
+        raise InputError(f"1 to {HIGHEST_DEGREE}, not {configuration.kind.degree}", "degree")
+    if configuration.method not in METHODS:
+        raise InputError(f"unknown {configuration.method!r}", "method")
+    if not configuration.kind.suits(family.dimension):
+        raise InputError("only in the plane", "graded")
+    if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
+        raise InputError("for adapted meshes, and only for these", "norm")
+
+
+def _adapted(ascent: "_Ascent", configuration: Configuration) -> AdaptiveSolution:
+    """Solve on adapted meshes."""
+    c, make = configuration, ascent.family.make
+    assert c.norm is not None
+    return solve_adaptively(
+        ascent.on,
+        make(ascent.comm, c.n),
+        norm=c.norm,
+        accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
+        max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
+    )
+
+
+def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:
+    """The seconds of a run by phase."""
+    problem, last = ascent.posed.problem, ascent.phases
+    assert problem.result is not None
+    own = sum(problem.result.seconds.values())
+    solve, forms = ascent.comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
+    return {
+        "coarse": total - last.total - solve,
+        "mesh": last.seconds.get("mesh", 0.0),
+        "forms": forms,
+        "assembly": last.seconds["assembly"] - forms,
+        "solve": solve,
+    }
+
+
+class _Ascent:
+    """Poses the problem of each level; keeps the last posed problem and the seconds of its phases.
+
+    Args:
+        comm: The communicator that shares the meshes.
+        family: The problem.
+        kind: The kind of mesh and elements.
+    """
+
+    posed: Posed
+    phases: Phases
+
+    def __init__(self, comm: MPI.Comm, family: Family, kind: Kind):
+        self.comm, self.family, self.kind = comm, family, kind
+        self.points: list[DetachmentPoint] = []
+
+    def problem(self, n: int, coarser: SignoriniProblem | None) -> SignoriniProblem:
+        """The problem with n cells across; a coarser problem tells where to grade the mesh."""
+        if self.kind.mesh == "graded" and coarser is not None:
+            self.points = detachment_points(coarser)
+        self.phases = Phases(self.comm)
+        with self.phases("mesh"):
+            sided = self._mesh(n)
+        return self._posed(sided)
+
+    def on(self, sided: SidedMesh) -> SignoriniProblem:
+        """The problem on a mesh."""
+        self.phases = Phases(self.comm)
+        return self._posed(sided)
+
+    def _posed(self, sided: SidedMesh) -> SignoriniProblem:
+        with self.phases("assembly"):
+            self.posed = self.family.pose(sided, self.kind.degree)
+        return self.posed.problem
+
+    def _mesh(self, n: int) -> SidedMesh:
+        """The mesh with n cells across, graded towards the points known so far."""
+        halvings = 0
+        while self.points and n % 2 == 0 and n >= 2 * COARSEST:
+            n, halvings = n // 2, halvings + 1
+        sided = self.family.make(self.comm, n)
+        if not self.points:
+            return sided
+        width = self.family.width / (n * 2**halvings)
+        exponent = grading_exponent(self.kind.degree)
+        return graded_mesh(sided, self.points, width, exponent, halvings)

@@ -1,0 +1,119 @@
+"""Compiled forms that are looked up once: their values are those of exact integrals."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, jit, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini.base import compiled
+
+
+def integral(n, power, factor):
+    """The integral of factor * x^power over the half of the square with tag 2, by a tagged form."""
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, n, n)
+    x, c = ufl.SpatialCoordinate(domain), fem.Constant(domain, np.array([1.0, factor]))
+    f, count = (
+        fem.Function(fem.functionspace(domain, ("Lagrange", power))),
+        domain.topology.index_map(2),
+    )
+    f.interpolate(lambda x: x[0] ** (power - 1))
+    cells = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    left = mesh.compute_midpoints(domain, 2, cells)[:, 0] < 0.5
+    tags = mesh.meshtags(domain, 2, cells, np.where(left, 2, 1).astype(np.int32))
+    dx = ufl.Measure("dx", domain, subdomain_data=tags)
+    form = compiled.form(c[1] * f * x[0] * dx(2))
+    return domain.comm.allreduce(fem.assemble_scalar(form))
+
+
+@pytest.fixture
+def looked_up(monkeypatch):
+    """The list of what DOLFINx has looked up."""
+    items, look_up = [], jit.ffcx_jit
+
+    def count(comm, item, **options):
+        items.append(item)
+        return look_up(comm, item, **options)
+
+    monkeypatch.setattr(jit, "ffcx_jit", count)
+    monkeypatch.setattr(compiled, "_codes", {})
+    return items
+
+
+def test_forms_with_one_signature_are_looked_up_once_and_keep_their_data(looked_up):
+    for n, factor in ((4, 1.0), (6, -3.0)):
+        assert integral(n, 2, factor) == pytest.approx(factor / 24.0, rel=1e-12)
+    assert len([item for item in looked_up if isinstance(item, ufl.Form)]) == 1
+    assert integral(4, 3, 2.0) == pytest.approx(2.0 / 64.0, rel=1e-12)
+    assert len([item for item in looked_up if isinstance(item, ufl.Form)]) == 2
+
+
+def test_options_have_codes_of_their_own(looked_up):
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    area = 1.0 * ufl.dx(domain)
+    for options in ({}, {"form_compiler_options": {"sum_factorization": False}}, {}):
+        assert fem.assemble_scalar(compiled.form(area, **options)) >= 0.0
+    assert len(looked_up) == 2
+
+
+def test_expressions_are_looked_up_once_and_keep_their_data(looked_up):
+    points = np.array([[0.0, 0.0], [0.25, 0.5]])
+    for factor in (2.0, 5.0):
+        domain = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
+        x, c = ufl.SpatialCoordinate(domain), fem.Constant(domain, factor)
+        made = compiled.expression(c * x[0] + x[1], points, domain.comm)
+        cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+        corners = domain.geometry.x[domain.geometry.dofmap[cells]]
+        places = np.einsum("pv,cvd->cpd", [[1.0, 0.0, 0.0], [0.25, 0.25, 0.5]], corners)
+        expected = factor * places[..., 0] + places[..., 1]
+        assert np.allclose(made.eval(domain, cells).reshape(expected.shape), expected, atol=1e-14)
+    assert len([item for item in looked_up if isinstance(item, tuple)]) == 1
+
+
+def test_a_code_that_one_rank_knows_is_looked_up_by_all(looked_up):
+    domain = mesh.create_unit_square(MPI.COMM_SELF, 2, 2)
+    if MPI.COMM_WORLD.rank == 0:
+        assert fem.assemble_scalar(compiled.form(1.0 * ufl.dx(domain))) == pytest.approx(1.0)
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    area = domain.comm.allreduce(fem.assemble_scalar(compiled.form(1.0 * ufl.dx(domain))))
+    assert area == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("age", [0.0, 1000.0])
+def test_a_process_that_was_killed_while_it_compiled_stops_nobody(age, folder, monkeypatch):
+    monkeypatch.setattr(compiled, "LONGEST", 2.5)
+    domain, comm = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2), MPI.COMM_WORLD
+    options = {"jit_options": {"cache_dir": str(folder), "timeout": 1}}
+    for last in (False, True):
+        monkeypatch.setattr(compiled, "_codes", {})
+        form = compiled.form(3.0 * ufl.dx(domain), **options)
+        comm.barrier()
+        if comm.rank == 0 and not last:  # what a killed process leaves is an empty file
+            (begun,) = folder.glob("libffcx_forms_*.c")
+            for file in folder.iterdir():
+                file.unlink()
+            begun.touch()
+            os.utime(begun, (time.time() - age, time.time() - age))
+        comm.barrier()
+    assert comm.allreduce(fem.assemble_scalar(form)) == pytest.approx(3.0)
+
+
+def test_other_errors_of_a_compiler_are_raised(folder, monkeypatch):
+    monkeypatch.setattr(compiled, "_codes", {})
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    options = {"cache_dir": str(folder), "cffi_extra_compile_args": ["-no-such-option"]}
+    with pytest.raises(Exception, match=r"(?i)compil"):
+        compiled.form(4.0 * ufl.dx(domain), jit_options=options)
+
+
+def test_dolfinx_looks_up_by_itself_afterwards():
+    before = jit.ffcx_jit
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    compiled.form(1.0 * ufl.dx(domain))
+    nowhere = ufl.Mesh(domain.ufl_domain().ufl_coordinate_element())
+    with pytest.raises(RuntimeError, match="Mesh in the form"):
+        compiled.form(1.0 * ufl.dx(nowhere))
+    assert jit.ffcx_jit is before

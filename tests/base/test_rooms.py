@@ -1,0 +1,93 @@
+"""The rooms of the package: imports point one way, and the paper stays in its own room."""
+
+import ast
+import re
+from pathlib import Path
+
+import dolfinx_signorini
+
+ROOT = Path(dolfinx_signorini.__file__).parent
+TESTS = ROOT.parent / "tests"
+# Whoever imports the paper: its own room, and the command line.
+PAPER = "dolfinx_signorini.studies.paper."
+OF_THE_PAPER = {"studies", "commands"}
+
+
+def modules():
+    return {
+        ".".join(("dolfinx_signorini", *path.relative_to(ROOT).with_suffix("").parts)): path
+        for path in ROOT.rglob("*.py")
+    }
+
+
+def imports(path, names):
+    """The modules of the package that a module imports when it is imported itself."""
+    found = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dolfinx_signorini"):
+            parts = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {part if part in names else node.module for part in parts}
+    return {name if name in names else f"{name}.__init__" for name in found}
+
+
+def test_imports_make_no_circle():
+    names = modules()
+    graph = {name: imports(path, names) for name, path in names.items()}
+    done, order = set(), []
+
+    def visit(name, above):
+        assert name not in above, " -> ".join((*above, name))
+        if name not in done:
+            for other in sorted(graph[name]):
+                visit(other, (*above, name))
+            done.add(name)
+            order.append(name)
+
+    for name in graph:
+        visit(name, ())
+    assert len(order) == len(names) > 50
+
+
+def test_what_is_general_knows_nothing_of_the_paper():
+    names = modules()
+    knowing = {
+        name
+        for name, path in names.items()
+        if any(
+            other.startswith("dolfinx_signorini.studies.paper") for other in imports(path, names)
+        )
+    }
+    rooms = {name.split(".")[1] for name in knowing}
+    assert rooms - OF_THE_PAPER <= {"__init__"}
+
+
+def rooms_of_the_map():
+    text = (ROOT.parent / "CONTRIBUTING.md").read_text()
+    return re.findall(r"^\| `([a-z_/]+)/` \|", text, flags=re.MULTILINE)
+
+
+def test_the_map_for_contributors_has_every_room():
+    rooms = {path.parent.relative_to(ROOT).as_posix() for path in ROOT.rglob("*/__init__.py")}
+    listed = rooms_of_the_map()
+    assert set(listed) == rooms and len(listed) == len(rooms)
+    assert {path.name for path in ROOT.glob("*.py")} == {"__init__.py", "__main__.py"}
+    text = (ROOT.parent / "CONTRIBUTING.md").read_text()
+    files = {path.name for path in ROOT.rglob("*.py")}
+    for file in re.findall(r"`([A-Za-z_/]+\.(?:py|md|json))`", text):
+        inside = (ROOT / file).exists() or ("/" not in file and file in files)
+        assert inside or (ROOT.parent / file).exists(), file
+
+
+def test_rooms_import_what_the_map_lists_above_them():
+    order = [room for room in rooms_of_the_map() if "/" not in room]
+    names = modules()
+    for name, path in names.items():
+        room = name.split(".")[1]
+        if room in order:
+            others = {other.split(".")[1] for other in imports(path, names)} & set(order)
+            assert all(order.index(other) <= order.index(room) for other in others), (name, others)
+
+
+def test_the_tests_have_the_rooms_of_the_package():
+    tests = {path.parent.relative_to(TESTS).as_posix() for path in TESTS.rglob("test_*.py")}
+    assert tests - set(rooms_of_the_map()) <= {".", "extremes"}

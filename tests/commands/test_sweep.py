@@ -1,0 +1,206 @@
+"""The job `sweep`, options that all jobs have, and the messages of the logger."""
+
+import csv
+import json
+import logging
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from dolfinx_signorini import __version__
+from dolfinx_signorini.base import logs
+from dolfinx_signorini.base.errors import InputError, NotConvergedError
+from dolfinx_signorini.commands import main as cli
+from dolfinx_signorini.commands.options import completion
+from dolfinx_signorini.commands.sweep import draw_sweep
+from dolfinx_signorini.scenes.solving import solve_scene
+
+COMM = MPI.COMM_WORLD
+SCENES = Path(__file__).parents[2] / "demos" / "scenes"
+# -u'' = 0 between a flux at the top and the floor 0 at the bottom: the floor bears the whole flux.
+PRESSED = """
+[domain]
+shape = "square"
+cells = 4
+
+[contact]
+sides = "bottom"
+obstacle = 0
+
+[[neumann]]
+sides = "top"
+flux = -1
+
+[solution]
+u = "-y"
+"""
+
+
+@pytest.fixture(autouse=True)
+def keep_stdout(monkeypatch):
+    """The command line silences stdout of all ranks but one."""
+    monkeypatch.setattr(sys, "stdout", sys.stdout)
+
+
+@pytest.fixture
+def scene(folder):
+    if COMM.rank == 0:
+        (folder / "pressed.toml").write_text(PRESSED)
+    COMM.barrier()
+    return folder / "pressed.toml"
+
+
+def sweep(scene, folder, *values, more=()):
+    arguments = ["sweep", str(scene), "neumann.1.flux", *values, "--out", str(folder / "out")]
+    return cli.main([*arguments, *more])
+
+
+def test_the_table_has_the_force_of_each_value(scene, folder, capsys):
+    assert sweep(scene, folder, "-1", "-2.5") == 0
+    said = capsys.readouterr()
+    if COMM.rank:
+        assert said.out == said.err == ""
+        return
+    rows = list(csv.DictReader((folder / "out" / "sweep.csv").read_text().splitlines()))
+    assert [row["neumann.1.flux"] for row in rows] == ["-1", "-2.5"]
+    for row, force in zip(rows, (1.0, 2.5), strict=True):
+        assert float(row["force of contact"]) == pytest.approx(force, rel=1e-6)
+        assert float(row["in contact"]) == pytest.approx(1.0)
+    assert float(rows[0]["error L2"]) < 1e-6
+    assert float(rows[1]["error L2"]) == pytest.approx(1.5 / 3**0.5, rel=1e-6)  # of -2.5 y
+    assert (folder / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    assert "neumann.1.flux = -2.5: 25 unknowns" in said.err
+    assert said.out.count("\n") == 4
+
+
+def test_a_sweep_goes_on_with_further_values(scene, folder, capsys):
+    assert sweep(scene, folder, "-1", more=["-q"]) == 0
+    assert capsys.readouterr().err == ""
+    if COMM.rank == 0:
+        assert not (folder / "out" / "sweep.png").exists()  # no plot of one point
+    assert sweep(scene, folder, "-1", "-2") == 0
+    said = capsys.readouterr().err
+    if COMM.rank == 0:
+        assert "neumann.1.flux = -1: already done" in said
+        assert "neumann.1.flux = -2: 25 unknowns" in said
+        lines = (folder / "out" / "rows.jsonl").read_text().splitlines()
+        assert [json.loads(line).get("value") for line in lines] == [None, "-1", "-2"]
+    assert sweep(scene, folder, "-1", "x^") == 2
+    if COMM.rank == 0:
+        assert "--set neumann.1.flux" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fails", "code", "why"),
+    [
+        ("1", 2, "is not negative"),  # found when the problem is posed
+        ("x^", 2, "--set neumann.1.flux"),  # found in the scene file
+        ("-3", 3, "a residual too large"),
+    ],
+)
+def test_a_value_that_fails_costs_its_own_row_only(
+    scene, folder, capsys, monkeypatch, fails, code, why
+):
+    def solve(scene, comm):
+        if "neumann.1.flux=-3" in scene.overrides:
+            raise NotConvergedError("a residual too large", 1.0, "no more steps")
+        return solve_scene(scene, comm)
+
+    monkeypatch.setattr("dolfinx_signorini.commands.sweep.solve_scene", solve)
+    assert sweep(scene, folder, "-1", fails, "-2", more=["-q"]) == code
+    said = capsys.readouterr()
+    if COMM.rank:
+        assert said.out == said.err == ""
+        return
+    assert said.err.count("\n") == 1
+    assert f"neumann.1.flux = {fails}: not solved: " in said.err and why in said.err
+    line = said.out.splitlines()[3]
+    assert line.split()[:3] == [fails, "not", "solved:"] and why in line
+    rows = list(csv.DictReader((folder / "out" / "sweep.csv").read_text().splitlines()))
+    assert [row["neumann.1.flux"] for row in rows] == ["-1", fails, "-2"]
+    assert [bool(row["not solved"]) for row in rows] == [False, True, False]
+    assert float(rows[2]["force of contact"]) == pytest.approx(2.0, rel=1e-6)
+    lines = (folder / "out" / "rows.jsonl").read_text().splitlines()
+    assert [json.loads(line).get("value") for line in lines] == [None, "-1", "-2"]
+    assert (folder / "out" / "sweep.png").exists()
+
+
+def test_a_sweep_without_any_solution_says_why(scene, folder, capsys):
+    assert sweep(scene, folder, "1", "2") == 2
+    said = capsys.readouterr()
+    if COMM.rank == 0:
+        assert said.out.count("is not negative") == 2
+        assert not (folder / "out" / "sweep.png").exists()
+
+
+def test_values_may_begin_with_a_minus(scene, folder, capsys):
+    assert sweep(scene, folder, "-1e0", "-2-0*x", "-(1 + 2)") == 0
+    if COMM.rank == 0:
+        lines = (folder / "out" / "sweep.csv").read_text().splitlines()
+        assert [line.split(",")[0] for line in lines[1:]] == ["-1e0", "-2-0*x", "-(1 + 2)"]
+    for values in (["-x"], ["-1", "-x"]):
+        capsys.readouterr()
+        assert sweep(scene, folder, *values) == 2
+        assert COMM.rank or "goes behind --" in capsys.readouterr().err
+
+
+def test_rows_of_another_sweep_are_refused(scene, folder, capsys):
+    assert sweep(scene, folder, "-1") == 0
+    assert sweep(scene, folder, "-1", more=["--set", "domain.cells=5"]) == 2
+    if COMM.rank == 0:
+        assert "holds results for set = []" in capsys.readouterr().err
+
+
+def test_one_point_is_no_plot():
+    row = {"value": "1", "in contact": 0.5, "force of contact": 1.0}
+    with pytest.raises(InputError, match="two values"):
+        draw_sweep("key", [row])
+    figure = draw_sweep("key", [row, row | {"value": "two"}])
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1", "two"]
+
+
+def test_versions_and_completion(capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["--version"])
+    assert caught.value.code == 0
+    said = capsys.readouterr().out
+    assert (f"dolfinx_signorini {__version__}, dolfinx 0." in said) == (COMM.rank == 0)
+    pytest.importorskip("shtab")
+    script = completion(cli.make_parser(), "bash")
+    assert "--max-unknowns" in script and "sweep" in script
+
+
+def test_completion_without_shtab_is_refused(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert cli.main(["--completion", "bash"]) == 2
+    if COMM.rank == 0:
+        assert "apt install python3-shtab" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize(("option", "told"), [("-q", ()), ("-v", ("matrix", "1 linear solves"))])
+def test_quiet_and_verbose(scene, capsys, option, told, before):
+    arguments = [option, "solve", str(scene)] if before else ["solve", str(scene), option]
+    assert cli.main(arguments) == 0
+    said = capsys.readouterr()
+    if COMM.rank:
+        assert said.out == said.err == ""
+        return
+    assert "force of contact" in said.out
+    assert all(word in said.err for word in told)
+    assert bool(said.err) == bool(told)
+
+
+def test_what_takes_long_is_told_while_it_lasts_and_in_the_end(monkeypatch, caplog, serial):
+    with caplog.at_level(logging.INFO, logger="dolfinx_signorini"):
+        with logs.telling("a short step"):
+            pass
+        assert not caplog.records
+        monkeypatch.setattr(logs, "PATIENCE", 0.02)
+        with logs.telling("a long step"):
+            time.sleep(0.2)
+            assert [record.getMessage() for record in caplog.records] == ["a long step ..."]
+    assert caplog.records[1].getMessage().startswith("a long step: 0.")

@@ -1,0 +1,147 @@
+"""Meshes fitted to jumps of formulas: straight ones on facets, curves next to facets."""
+
+import basix
+import numpy as np
+import pytest
+
+from dolfinx_signorini.data import parsing
+from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
+from dolfinx_signorini.data.interfaces.following import follow
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    facet_nodes,
+    facet_scale,
+)
+from dolfinx_signorini.scenes.domains.kinds import Cube, Square
+
+STRAIGHT = [
+    (2, "where(3*x < 1, 1, 1000)", lambda x: 3.0 * x[..., 0] < 1.0),
+    (2, "where(x + 0.37*y < 0.71, 1, 9)", lambda x: x[..., 0] + 0.37 * x[..., 1] < 0.71),
+    (
+        2,
+        "where(max(abs(x - 0.47), abs(y - 0.52)) < 0.21, 1, 9)",
+        lambda x: np.maximum(abs(x[..., 0] - 0.47), abs(x[..., 1] - 0.52)) < 0.21,
+    ),
+    (3, "where(x + 0.3*y + 0.5*z < 0.7, 1, 9)", lambda x: x @ (1.0, 0.3, 0.5) < 0.7),
+]
+
+
+def inner_points(domain):
+    """Points inside of the owned cells, shape (cells, points, dimension), and the volumes."""
+    dim = domain.topology.dim
+    kind = basix.CellType[domain.topology.cell_name()]
+    lattice = basix.create_lattice(kind, 12, basix.LatticeType.equispaced, False)
+    count = domain.topology.index_map(dim).size_local
+    edges = cell_edges(domain, np.arange(count, dtype=np.int32))
+    first = domain.geometry.x[domain.geometry.dofmap[:count, 0], :dim]
+    return first[:, None] + np.einsum("cij,qj->cqi", edges, lattice), abs(np.linalg.det(edges))
+
+
+@pytest.mark.parametrize(("dim", "text", "inside"), STRAIGHT)
+def test_no_cell_is_on_both_sides_of_a_straight_jump(dim, text, inside, comm):
+    plain = (Square(4) if dim == 2 else Cube(2)).make(comm)
+    fitted = fitted_mesh(plain, [parsing.parse(text, dim)], 3000)
+    points, volumes = inner_points(fitted.mesh)
+    sides = inside(points)
+    assert (sides.all(axis=1) | ~sides.any(axis=1)).all()
+    assert not comm.allreduce(bool((volumes < 1e-6).any()))
+    total = comm.allreduce(volumes.sum()) / (2.0 if dim == 2 else 6.0)
+    assert total == pytest.approx(1.0, abs=1e-12)
+    boundary = boundary_facets(fitted.mesh)
+    for k, (name, facets) in enumerate(fitted.sides.items()):
+        mine = np.intersect1d(facets, boundary).astype(np.int32)
+        area = comm.allreduce(facet_scale(fitted.mesh, facet_cells(fitted.mesh, mine)).sum())
+        assert area == pytest.approx(1.0 if dim == 2 else 2.0, abs=1e-12), name
+        nodes = facet_nodes(fitted.mesh, mine)
+        nodes = fitted.mesh.geometry.x[np.unique(nodes)]
+        assert (abs(nodes[:, k // 2] - k % 2) < 1e-14).all()
+
+
+def test_a_fitted_mesh_has_any_number_of_sides(comm):
+    # Each facet of the boundary has a side of its own, and one more side has the four corners.
+    count = 20
+    plain = Square(count).make(comm)
+    facets = boundary_facets(plain.mesh)
+
+    def places(domain, facets):
+        middles = domain.geometry.x[facet_nodes(domain, facets)].mean(axis=1) - 0.5
+        return np.degrees(np.arctan2(middles[:, 1], middles[:, 0])).round(6)
+
+    angles = np.unique(np.concatenate(comm.allgather(places(plain.mesh, facets))))
+    sides = {str(k): facets[places(plain.mesh, facets) == angle] for k, angle in enumerate(angles)}
+    assert len(sides) == 4 * count
+    sided = SidedMesh(plain.mesh, sides | {"all": facets})
+    fitted = fitted_mesh(sided, [parsing.parse("where(x + 0.37*y < 0.713, 1, 9)")], 3000)
+    cells = fitted.mesh.topology.index_map(2).size_global
+    assert cells > plain.mesh.topology.index_map(2).size_global
+    for name, facets in fitted.sides.items():
+        area = comm.allreduce(facet_scale(fitted.mesh, facet_cells(fitted.mesh, facets)).sum())
+        if name == "all":
+            assert area == pytest.approx(4.0, abs=1e-12)
+            continue
+        # Vertices are moved along straight parts of the boundary between facets of one side.
+        assert area == pytest.approx(1.0 / count, abs=1e-12), name
+        near = np.abs(places(fitted.mesh, facets) - angles[int(name)])
+        assert (near < 180.0 / count).all()
+
+
+def test_a_mesh_without_a_jump_inside_cells_stays_as_it_is(comm):
+    plain = Square(4).make(comm)
+    assert fitted_mesh(plain, [parsing.parse("where(2*x < 1, 1, 2)")], 3000) is plain
+    assert fitted_mesh(plain, [parsing.parse("1 + x^2")], 3000) is plain
+
+
+def test_a_strip_narrower_than_a_cell_has_facets_on_both_sides(comm):
+    plain = Square(4).make(comm)
+    strip = parsing.parse("where(5*(x - 0.26)*(0.37 - x) > 0, 20*y, 0)")
+    points, _ = inner_points(fitted_mesh(plain, [], 3000, straight=[strip]).mesh)
+    inside = abs(points[..., 0] - 0.315) < 0.055
+    assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
+    assert comm.allreduce(bool(inside.any()))
+
+
+def test_of_loads_only_straight_jumps_get_facets(comm):
+    plain = Square(4).make(comm)
+    circle = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
+    line = parsing.parse("max(x + 0.37*y - 0.71, 0)")
+    assert fitted_mesh(plain, [], 3000, straight=[circle]) is plain
+    assert fitted_mesh(plain, [], 32, straight=[line]) is plain  # 32 cells are there already
+    both = fitted_mesh(plain, [], 3000, straight=[circle, line])
+    points, _ = inner_points(both.mesh)
+    inside = points @ (1.0, 0.37) < 0.71
+    assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
+
+
+def test_lines_that_are_nearly_straight_get_facets_next_to_them(comm):
+    wave = parsing.parse("where(y < 0.4091 + 0.0004*sin(6*x), 0, 40)")
+    points, _ = inner_points(fitted_mesh(Square(4).make(comm), [], 3000, straight=[wave]).mesh)
+    above = points[..., 1] - 0.4091
+    assert ((above > -1e-3).all(axis=1) | (above < 1e-3).all(axis=1)).all()
+
+
+def test_refined_meshes_follow_a_circle(comm):
+    formula = parsing.parse("where(hypot(x - 0.5, y - 0.45) < 0.3, 1, 9)")
+    sided = fitted_mesh(Square(4).make(comm), [formula], 3000)
+    wrong = []
+    for _ in range(3):
+        points, volumes = inner_points(sided.mesh)
+        within = np.linalg.norm(points.mean(axis=1) - (0.5, 0.45), axis=1) < 0.3
+        area = comm.allreduce(float(0.5 * volumes[within].sum()))
+        wrong.append(abs(area - np.pi * 0.09))
+        sided = refined(sided).sided
+        follow(sided, [formula])
+    assert wrong[0] < 0.02
+    assert wrong[1] < 0.35 * wrong[0] and wrong[2] < 0.35 * wrong[1]  # 1/4; chords stay as wrong
+
+
+def test_vertices_that_are_not_moved_keep_every_digit(comm):
+    """A formula such as atan2(y, x) jumps where rounding moves the boundary y = 0."""
+    formula = parsing.parse("where(y < 0.37, 1, 50)")
+    sided = refined(fitted_mesh(Square(4).make(comm), [formula], 3000)).sided
+    before = sided.mesh.geometry.x.copy()
+    follow(sided, [formula])
+    assert (sided.mesh.geometry.x == before).all()

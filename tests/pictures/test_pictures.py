@@ -1,0 +1,242 @@
+"""Pictures: the names of sides, the facets in contact, peaks that are cut off, and solids."""
+
+import io
+from itertools import product
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from matplotlib import colormaps
+from matplotlib.collections import TriMesh
+from matplotlib.image import imread
+from mpi4py import MPI
+
+from dolfinx_signorini import InputError, SignoriniProblem
+from dolfinx_signorini.pictures import solid_pictures
+from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
+from dolfinx_signorini.pictures.contact_pictures import draw_contact
+from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
+from dolfinx_signorini.pictures.plane_field import gather_plane_field
+
+COMM = MPI.COMM_WORLD
+
+
+def solved(domain, degree=1, pressed=0.5):
+    """A body with a reaction on the floor 0, which is pressed down where x < pressed.
+
+    u = f on the whole boundary but for diffusion, which is small: contact is where f < 0.
+    """
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    a = (1e-6 * ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    problem = SignoriniProblem(a, (x[0] - pressed) * v * ufl.dx, contact=facets)
+    problem.solve()
+    return problem
+
+
+def square(n=12):
+    domain = mesh.create_unit_square(COMM, n, n)
+    domain.topology.create_connectivity(1, 2)
+    return domain
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_cells_that_are_no_simplices_are_drawn_whole(cell, degree):
+    kind = mesh.CellType[cell]
+    if cell == "quadrilateral":
+        domain = mesh.create_unit_square(COMM, 3, 4, kind)
+    else:
+        domain = mesh.create_unit_cube(COMM, 2, 3, 2, kind)
+    domain.topology.create_connectivity(domain.topology.dim - 1, domain.topology.dim)
+    problem = solved(domain, degree)
+    boundary = gather_contact_boundary(problem)
+    u = problem.u
+    if cell == "quadrilateral":
+        drawn, whole = gather_plane_field(u, {}), 1.0
+    else:
+        drawn, whole = solid_pictures.gather_surface(u), 6.0
+    if COMM.rank == 0:
+        assert boundary.sizes.sum() == pytest.approx(4.0 if cell == "quadrilateral" else 6.0)
+        corners = drawn.points[drawn.triangles]
+        edges = corners[:, 1:] - corners[:, :1]
+        areas = 0.5 * np.sqrt(np.linalg.det(edges @ edges.transpose(0, 2, 1)))
+        assert areas.sum() == pytest.approx(whole)
+    assert (problem.plot(what="solution") is None) == (COMM.rank > 0)
+    assert (problem.plot() is None) == (COMM.rank > 0)
+    problem.destroy()
+
+
+def side(domain, axis, value):
+    dim = domain.topology.dim - 1
+    return mesh.locate_entities_boundary(domain, dim, lambda x: np.isclose(x[axis], value))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_sides_are_named_where_they_are(degree):
+    domain = square()
+    sides = {"left": side(domain, 0, 0.0), "top": side(domain, 1, 1.0)}
+    problem = solved(domain, degree)
+    boundary = gather_contact_boundary(problem, sides)
+    problem.destroy()
+    if boundary is None:
+        return
+    middles = boundary.points[boundary.pieces].mean(axis=1)
+    expected = np.where(middles[:, 0] == 0.0, 0, np.where(middles[:, 1] > 1.0 - 1e-9, 1, -1))
+    assert np.array_equal(boundary.sides, expected)
+    above = draw_contact(boundary).axes[0]
+    (chain,) = boundary.chains()
+    x = boundary.points[chain]
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(x, axis=0).T))))
+    for text in above.texts:  # a name is written where its side is
+        x_there = [np.interp(text.get_position()[0], s, x[:, axis]) for axis in (0, 1)]
+        assert x_there[0 if text.get_text() == "left" else 1] == pytest.approx(
+            {"left": 0.0, "top": 1.0}[text.get_text()]
+        )
+    assert {text.get_text() for text in above.texts} == {"left", "top"}
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_the_active_set_is_drawn_on_the_mesh(degree):
+    problem = solved(square(), degree)
+    figure = problem.plot(what="solution")
+    with pytest.raises(InputError, match="what"):
+        problem.plot(what="everything")
+    problem.destroy()
+    if figure is None:
+        return
+    drawn = {c.get_label(): np.array(c.get_segments()) for c in figure.axes[0].collections[1:]}
+    parts = drawn["in contact"]
+    assert len(drawn["contact boundary"]) == 48
+    assert parts[:, :, 0].max() == pytest.approx(0.5, abs=1.1 / 12)
+    assert parts[:, :, 0].min() == 0.0
+    lengths = np.hypot(*(parts[:, 1] - parts[:, 0]).T).sum()
+    assert lengths == pytest.approx(2.0, abs=0.3)  # the left side, and half of bottom and top
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def boundary_with(pressure):
+    count = len(pressure)
+    x = np.linspace(0.0, 1.0, count)
+    points = np.column_stack((x, np.zeros(count)))
+    values = np.column_stack((x, x, pressure))
+    pieces = np.column_stack((np.arange(count - 1), np.arange(1, count)))
+    touching = np.zeros(count, dtype=bool)
+    return ContactBoundary(points, values, pieces, touching, touching, False)
+
+
+def test_a_peak_of_the_pressure_does_not_hide_the_rest():
+    pressure = np.linspace(1.0, 2.0, 200)
+    below = draw_contact(boundary_with(pressure)).axes[1]
+    assert below.get_ylim()[1] >= 2.0 and below.get_title() == ""
+    pressure[100] = 1e5
+    below = draw_contact(boundary_with(pressure)).axes[1]
+    assert 2.0 < below.get_ylim()[1] < 10.0
+    assert "1e+05" in below.get_title()
+
+
+def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
+    domain = mesh.create_unit_cube(COMM, 2, 3, 4)
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
+    u.interpolate(lambda x: x[0] + 2.0 * x[1] - x[2])
+    surface = solid_pictures.gather_surface(u)
+    if surface is None:
+        return
+    corners = surface.points[surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(normals, axis=1).sum() / 2.0 == pytest.approx(6.0)
+    assert np.allclose(surface.values, surface.points @ [1.0, 2.0, -1.0])
+    monkeypatch.setattr(solid_pictures, "_render", lambda *_: None)
+    faces = solid_pictures.draw_solid(surface).axes[0].collections[0]
+    assert len(faces.get_array()) == len(surface.triangles)
+    image = np.full((6, 9, 3), 255, dtype=np.uint8)
+    image[1:5, 2:7] = 0
+    monkeypatch.setattr(solid_pictures, "_render", lambda *_: image)
+    drawn = solid_pictures.draw_solid(surface).axes[0].images[0]
+    assert np.array_equal(drawn.get_array(), np.zeros((4, 5, 3)))  # without the margins
+
+
+def test_a_solid_is_seen_from_where_contact_is():
+    corners = np.array(list(product([1.0, 3.0], [-2.0, 0.0], [0.0, 1e-3])))
+    surface = solid_pictures.Surface(corners, np.zeros(8), np.array([[0, 1, 2]]))
+    for axis, end in product(range(3), (0, 1)):
+        side = corners[corners[:, axis] == np.unique(corners[:, axis])[end]]
+        nothing = np.zeros(4, dtype=bool)
+        pieces = np.array([[0, 1, 2], [1, 2, 3]])
+        boundary = ContactBoundary(side, np.zeros((4, 3)), pieces, nothing, nothing, False)
+        view = solid_pictures.view_of(surface, boundary)
+        assert view[axis] == 2 * end - 1 and np.delete(view, axis).tolist() == [1.0, 1.0]
+
+
+def test_pyvista_draws_a_solid(serial):
+    pytest.importorskip("pyvista")
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+    surface = solid_pictures.Surface(points, np.zeros(4), triangles)
+    image = solid_pictures._render(surface, np.ones(3))
+    if image is None:
+        pytest.skip("PyVista finds neither a display nor a library that draws without one")
+    # Where the function is constant the surface has the lowest colour of the map, cividis.
+    colour = np.array([0, 34, 78])
+    near = (np.abs(image.astype(int) - colour) < 40).all(axis=2)
+    assert 0.1 < near.mean() < 0.6
+
+
+def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path, serial):
+    surface = solid_pictures.Surface(np.eye(3), np.arange(3.0), np.array([[0, 1, 2]]))
+    program = tmp_path / "renderer.py"
+    monkeypatch.setattr(solid_pictures, "RENDERER", program)
+    monkeypatch.setattr(solid_pictures, "find_spec", lambda _: object())
+    monkeypatch.setattr(solid_pictures, "which", lambda _: None)
+    for text in ("import os; os.abort()", "raise SystemExit(1)", "pass"):
+        program.write_text(text)
+        assert solid_pictures._render(surface, np.ones(3)) is None
+    for shade, shown in ((255, False), (10, True)):
+        program.write_text(
+            "import sys, numpy\n"
+            f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
+        )
+        assert (solid_pictures._render(surface, np.ones(3)) is not None) == shown
+
+
+def test_triangles_have_the_colours_of_their_values_and_are_no_objects(monkeypatch):
+    def objects(*_):
+        raise AssertionError("an object of each triangle")
+
+    monkeypatch.setattr(TriMesh, "convert_mesh_to_paths", objects)
+    picture = Picture(figsize=(2.0, 2.0), dpi=50)
+    axes = picture.add_axes((0.0, 0.0, 1.0, 1.0))
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    add_triangles(axes, points, triangles, points @ [0.25, 0.0], cmap="viridis")
+    axes.margins(0.0)
+    assert axes.get_xlim() == (0.0, 4.0) and axes.get_ylim() == (0.0, 2.0)
+    row = imread(io.BytesIO(picture.png()))[50, 10:90, :3]
+    # Gouraud's colours are linear in red, green and blue between the vertices.
+    ends = colormaps["viridis"]([0.0, 1.0])[:, :3]
+    wanted = ends[0] + (ends[1] - ends[0]) * ((np.arange(10, 90) + 0.5) / 100.0)[:, None]
+    np.testing.assert_allclose(row, wanted, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("L4", "$L^{4}$"),
+        ("Linf", r"$L^{\infty}$"),
+        ("W1_16", "$W^{1,16}$"),
+        ("W1_inf", r"$W^{1,\infty}$"),
+        ("Linf_sampled", r"$L^{\infty}$ sampled"),
+        ("H1", "$H^{1}$"),
+        ("H1_2_boundary", r"$H^{1/2}(\partial\Omega)$"),
+        ("H1_2_boundary_spectral", r"$H^{1/2}(\partial\Omega)$ spectral"),
+        ("L2_boundary", r"$L^{2}(\partial\Omega)$"),
+        ("a functional", "a functional"),
+    ],
+)
+def test_norms_are_typeset(name, label):
+    assert typeset_norm(name) == label
+    figure = Picture()
+    figure.text(0.5, 0.5, typeset_norm(name))
+    assert figure.png().startswith(b"\x89PNG")  # matplotlib reads it

@@ -1,0 +1,157 @@
+"""The primal-dual active set method: its short cuts, and what holds without them."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.solvers import active_set
+from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
+
+COMM = MPI.COMM_WORLD
+RTOL = 1e-9
+
+
+def make(n, reaction, load, obstacle):
+    """A problem on the unit square with contact everywhere; load and obstacle of (3, n)."""
+    domain = friedrichs_keller(COMM, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + reaction * u * v) * ufl.dx
+    L = load(x) * v * ufl.dx(metadata={"quadrature_degree": 3})
+    return SignoriniProblem(a, L, contact=boundary_facets(domain), obstacle=obstacle)
+
+
+@pytest.fixture
+def pressed():
+    problem = make(60, 1.0, lambda x: 40.0 * (0.35 - x[0] + 0.2 * x[1]), 0.0)
+    yield problem
+    problem.destroy()
+
+
+def solution(problem):
+    """The active set and the owned values of the solution, by TAO alone."""
+    values = problem.solve("bntr", rtol=1e-12).x.array[: problem.b.getLocalSize()].copy()
+    dofs = problem.contact_dofs
+    return values[dofs] == problem.obstacle, values
+
+
+def run(problem, held, trusted):
+    """Run the method from a guess; return solver, values, and the residual that it reached."""
+    system = problem.system
+    solver, measure = HeldSolver(system), NaturalResidual(system, RTOL)
+    x = system.start()
+    trust = np.inf if trusted else 0.0
+    residual = solve_active_set(system, solver, measure, x, held, RTOL, trust)
+    values = x.array_r.copy()
+    for item in (solver, measure, x):
+        item.destroy()
+    return solver, values, residual
+
+
+def largest(values):
+    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+
+
+def test_the_right_set_takes_one_solve_and_one_off_by_a_dof_no_second_setup(pressed):
+    held, values = solution(pressed)
+    solver, found, residual = run(pressed, held, True)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+    assert (solver.solves, solver.setups) == (1, 1)
+    once = solver.iterations
+    assert once > 5
+    # Release the dof that is pressed most.
+    x = pressed.system.start(values)
+    measure = NaturalResidual(pressed.system)
+    measure(x)
+    pressure = measure.multiplier.array_r[pressed.contact_dofs]
+    wrong = held & (pressure != COMM.allreduce(float(pressure.max(initial=0.0)), op=MPI.MAX))
+    measure.destroy()
+    x.destroy()
+    assert COMM.allreduce(int((wrong != held).sum())) == 1
+    solver, found, residual = run(pressed, wrong, True)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+    assert ((found[pressed.contact_dofs] == pressed.obstacle) == held).all()
+    assert (solver.solves, solver.setups) == (2, 1)
+    assert solver.iterations < 1.4 * once  # the set was mended before the end of a solve
+
+
+def test_ends_that_reach_too_far_are_released_together(pressed):
+    """Each linear solve without a local correction releases a dof or two at an end."""
+    held, values = solution(pressed)
+    gap = values[pressed.contact_dofs] - pressed.obstacle
+    gaps = np.sort(np.concatenate(COMM.allgather(gap[~held])))
+    wrong = held | (gap <= gaps[11])
+    assert COMM.allreduce(int((wrong != held).sum())) == 12
+    solver, found, residual = run(pressed, wrong, True)
+    assert residual <= RTOL
+    assert ((found[pressed.contact_dofs] == pressed.obstacle) == held).all()
+    assert solver.solves <= 4
+
+
+def test_what_a_solve_to_few_digits_leaves_is_no_news_of_the_set(monkeypatch):
+    """On most of the paper's boundary u and its flux vanish: any error changes signs there."""
+    problem = paper_problem(christof_haubner(friedrichs_keller(COMM, 60)))
+    held, values = solution(problem)
+    solve, free = HeldSolver.solve, problem.contact_dofs[~held]
+    left = [1e-3 * largest(values)]
+
+    def rough(solver, system, x, held, *target):
+        solve(solver, system, x, held, *target)
+        if left:
+            x.array_w[free] -= left.pop()
+
+    monkeypatch.setattr(HeldSolver, "solve", rough)
+    solver, found, residual = run(problem, held, True)
+    problem.destroy()
+    assert not left and residual <= RTOL
+    assert solver.solves == 1
+    assert largest(found - values) <= 1e-6 * largest(values)
+
+
+def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
+    """A local correction that always turns the set around would go on for ever."""
+    monkeypatch.setattr(
+        active_set,
+        "_correct_locally",
+        lambda system, measure, x, held, reach: ~held,
+    )
+    held, values = solution(pressed)
+    _, found, residual = run(pressed, ~held, False)
+    assert residual <= RTOL
+    assert largest(found - values) <= 1e-7 * largest(values)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-18])
+def test_without_reaction_some_dof_is_always_held(size, monkeypatch):
+    """However small a load is: it is borne where the body, flat by then, touches the obstacle."""
+    summit, counts = 2.0, []
+    solve = HeldSolver.solve
+
+    def counted(solver, system, x, held, *target):
+        counts.append(COMM.allreduce(int(held.sum())))
+        solve(solver, system, x, held, *target)
+
+    monkeypatch.setattr(HeldSolver, "solve", counted)
+
+    def obstacle(x):
+        return summit - (x[0] - 0.5) ** 2 - (x[1] - 1.0) ** 2  # a node is at the summit
+
+    problem = make(20, 0.0, lambda x: -size + 0.0 * x[0], obstacle)
+    _, values, residual = run(problem, np.zeros(len(problem.contact_dofs), dtype=bool), False)
+    touching = values[problem.contact_dofs] <= problem.obstacle
+    problem.destroy()
+    assert residual <= RTOL
+    assert COMM.allreduce(int(touching.sum())) >= 1
+    assert counts[0] == min(counts) == 1  # the summit alone, to begin with
+    if size < 1e-10:
+        assert largest(values - summit) <= 1e-12
