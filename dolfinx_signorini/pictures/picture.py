@@ -50,7 +50,8 @@ def add_triangles(
         values: The values at the points.
         options: Arguments of matplotlib's collections, such as `norm`.
     """
-    mesh = TriMesh(Triangulation(*points.T, triangles), array=values, rasterized=True, **options)
+    x, y = points.T
+    mesh = TriMesh(Triangulation(x, y, triangles), array=values, rasterized=True, **options)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)
     axes.update_datalim(points)
