@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION, solve_active_set
+from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
@@ -28,7 +28,6 @@ Mask = npt.NDArray[np.bool_]
 # TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier). At a dof
 # in contact whose multiplier is negative within the tolerance that is twice the natural residual.
 FISCHER = 2.5
-LOOP_FRACTION = 0.5  # as LINEAR_FRACTION, from guesses that are near already: no worse an error
 TRUST = 1e-2  # relative residual of a guess whose active set is solved for to the end at once
 
 
@@ -82,17 +81,16 @@ class ActiveSetSolver:
         """
         began, linear = time.perf_counter(), self.linear
         counts = linear.solves, linear.iterations
-        measure, trust, fraction = NaturalResidual(system, rtol), 0.0, LINEAR_FRACTION
-        stop = Stop() if early else None
+        measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
             if coarse is not None:
-                held, trust = predict(system, coarse), math.inf
-            elif held is None:
-                held, trust = _guessed(system, measure, history, x), TRUST
-                fraction = LOOP_FRACTION
+                start = Start(x, predict(system, coarse), trust=math.inf)
+            elif held is not None:
+                start = Start(x, held)
+            else:
+                start = Start(x, _guessed(system, measure, history, x), TRUST)
             predicted = time.perf_counter()
-            args = measure, x, held, rtol, trust, fraction
-            residual = solve_active_set(system, linear, *args, stop)
+            residual = solve_active_set(system, linear, measure, start, rtol, stop)
             if stop is not None and stop.settled:
                 rtol = max(rtol, residual)
             solved = time.perf_counter()

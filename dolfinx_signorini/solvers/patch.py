@@ -43,7 +43,7 @@ def patch_dofs(system: System, seeds: Indices, layers: int) -> Indices:
 
 
 def active_in_patch(
-    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices, reach: int = 1
+    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices
 ) -> Mask:
     """Solve the patch problem near the seeds, and return the active set with that of the patch.
 
@@ -55,10 +55,9 @@ def active_in_patch(
         multiplier: A x - b, right in the patch.
         held: The active set so far, one entry per contact dof of this rank.
         seeds: Owned dofs around which to correct it, local indices.
-        reach: How many times as far as usual the patch goes.
     """
     dimension = system.space.mesh.topology.dim
-    dofs = patch_dofs(system, seeds, reach * RINGS[dimension])
+    dofs = patch_dofs(system, seeds, RINGS[dimension])
     if len(dofs) > LARGE[dimension] * system.unknowns:
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
     lower = system.A.createVecRight()

@@ -10,7 +10,7 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
-from dolfinx_signorini.solvers.active_set import solve_active_set
+from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.linear.held import HeldSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
@@ -49,7 +49,7 @@ def run(problem, held, trusted):
     solver, measure = HeldSolver(system), NaturalResidual(system, RTOL)
     x = system.start()
     trust = np.inf if trusted else 0.0
-    residual = solve_active_set(system, solver, measure, x, held, RTOL, trust)
+    residual = solve_active_set(system, solver, measure, Start(x, held, trust), RTOL)
     values = x.array_r.copy()
     for item in (solver, measure, x):
         item.destroy()
@@ -123,7 +123,7 @@ def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
     monkeypatch.setattr(
         active_set,
         "_correct_locally",
-        lambda system, measure, x, held, reach: ~held,
+        lambda system, measure, x, held: ~held,
     )
     held, values = solution(pressed)
     _, found, residual = run(pressed, ~held, False)
