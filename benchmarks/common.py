@@ -33,7 +33,7 @@ from dolfinx_signorini.base.tables import markdown_table, text_table
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.linear.held import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.studies.paper.solution import paper_problem
 

@@ -29,7 +29,7 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.linear.held import BOOMERAMG, HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import BOOMERAMG, IterativeSolver
 
 COMM = MPI.COMM_WORLD
 # PETSc's own settings, where those of this package differ.
@@ -78,7 +78,7 @@ def solve(problem: SignoriniProblem, options: Mapping[str, Any], names: Any) -> 
     system = problem.system
     points = nodal_space(problem.space).tabulate_dof_coordinates()[system.contact_dofs]
     held = points[:, 1] < 1e-9
-    solver, x = HeldSolver(system, f"benchmark_{next(names)}_", options), system.start()
+    solver, x = IterativeSolver(system, f"benchmark_{next(names)}_", options), system.start()
     system.project(x)
     solver.solve(system, x, held, DEFAULT_RTOL * LINEAR_FRACTION * system.b.norm())
     iterations = solver.iterations

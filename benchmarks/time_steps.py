@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from dolfinx_signorini import SignoriniProblem, friedrichs_keller
 from dolfinx_signorini.base.tables import text_table
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.held import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.linear.options import options_set
 
 DT = 0.01

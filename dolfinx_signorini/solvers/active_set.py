@@ -19,7 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.solvers.linear.direct import LinearSolver
+from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop

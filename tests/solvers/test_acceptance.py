@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.solvers.active_set import MAX_STEPS, Start, solve_active_set
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 
@@ -44,7 +44,7 @@ def test_a_solution_is_not_solved_for_again(n):
 def test_a_residual_below_rounding_ends_the_iteration_when_a_set_comes_back(n):
     problem = paper_problem(christof_haubner(friedrichs_keller(COMM, n)))
     system, rtol = problem.system, 1e-19
-    solver, measure, x = HeldSolver(system), NaturalResidual(system, rtol), system.start()
+    solver, measure, x = IterativeSolver(system), NaturalResidual(system, rtol), system.start()
     held = np.full(len(system.contact_dofs), True)
     residual = solve_active_set(system, solver, measure, Start(x, held), rtol)
     assert rtol < residual <= 1e-13

@@ -11,7 +11,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 
@@ -46,7 +46,7 @@ def solution(problem):
 def run(problem, held, trusted):
     """Run the method from a guess; return solver, values, and the residual that it reached."""
     system = problem.system
-    solver, measure = HeldSolver(system), NaturalResidual(system, RTOL)
+    solver, measure = IterativeSolver(system), NaturalResidual(system, RTOL)
     x = system.start()
     trust = np.inf if trusted else 0.0
     residual = solve_active_set(system, solver, measure, Start(x, held, trust), RTOL)
@@ -102,7 +102,7 @@ def test_what_a_solve_to_few_digits_leaves_is_no_news_of_the_set(monkeypatch):
     """On most of the paper's boundary u and its flux vanish: any error changes signs there."""
     problem = paper_problem(christof_haubner(friedrichs_keller(COMM, 60)))
     held, values = solution(problem)
-    solve, free = HeldSolver.solve, problem.contact_dofs[~held]
+    solve, free = IterativeSolver.solve, problem.contact_dofs[~held]
     left = [1e-3 * largest(values)]
 
     def rough(solver, system, x, held, *target):
@@ -110,7 +110,7 @@ def test_what_a_solve_to_few_digits_leaves_is_no_news_of_the_set(monkeypatch):
         if left:
             x.array_w[free] -= left.pop()
 
-    monkeypatch.setattr(HeldSolver, "solve", rough)
+    monkeypatch.setattr(IterativeSolver, "solve", rough)
     solver, found, residual = run(problem, held, True)
     problem.destroy()
     assert not left and residual <= RTOL
@@ -135,13 +135,13 @@ def test_corrections_that_lead_nowhere_are_given_up(pressed, monkeypatch):
 def test_without_reaction_some_dof_is_always_held(size, monkeypatch):
     """However small a load is: it is borne where the body, flat by then, touches the obstacle."""
     summit, counts = 2.0, []
-    solve = HeldSolver.solve
+    solve = IterativeSolver.solve
 
     def counted(solver, system, x, held, *target):
         counts.append(COMM.allreduce(int(held.sum())))
         solve(solver, system, x, held, *target)
 
-    monkeypatch.setattr(HeldSolver, "solve", counted)
+    monkeypatch.setattr(IterativeSolver, "solve", counted)
 
     def obstacle(x):
         return summit - (x[0] - 0.5) ** 2 - (x[1] - 1.0) ** 2  # a node is at the summit

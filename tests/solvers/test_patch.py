@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
@@ -25,7 +25,7 @@ def test_an_end_that_is_off_by_some_dofs_is_put_right(off):
     local = float(x[bottom & right].min(initial=np.inf))
     end = COMM.allreduce(local, op=MPI.MIN)  # the first dof in contact
     wrong = np.where(bottom, x > end + (off - 0.5) / n, right)
-    solver, measure, v = HeldSolver(system), NaturalResidual(system), system.start()
+    solver, measure, v = IterativeSolver(system), NaturalResidual(system), system.start()
     solver.solve(system, v, wrong, 1e-12)
     system.project(v)
     measure(v)

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from dolfinx_signorini.solvers.linear.corrections import place, set_residual
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -22,55 +22,29 @@ Mask = npt.NDArray[np.bool_]
 MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
 
 
-class DirectSolver:
-    """A direct solver with the surface of `HeldSolver`:
+class DirectSolver(LinearSolver):
+    """A linear solver by Cholesky factorizations on one rank, see `LinearSolver`.
 
-        solver = DirectSolver(system)
-        solver.solve(system, x, held, atol=1e-10)
-
-    Where a factorization fails, as for indefinite matrices, a `HeldSolver` takes over.
-
-    Args:
-        system: One of the systems, on one rank.
-        prefix: The prefix of PETSc options.
-        options: PETSc options without prefix.
-
-    Attributes:
-        exact: Whether a solve leaves nothing but rounding.
-        solves, setups, iterations: See `HeldSolver`; a direct solve counts as one iteration.
+    Where a factorization fails, as for indefinite matrices, an `IterativeSolver` takes over.
     """
 
+    exact = True
+
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
-        self.exact = True
-        self.solves = self.setups = self.iterations = 0
-        self._names = prefix, options
-        self._iterative: HeldSolver | None = None
-        self._held: Mask | None = None  # the held dofs of the factors
-        self._assembled = 0  # how often the matrix of the factors had been assembled
-        self._matrix = system.A.copy()
-        self._rhs, self._correction = system.A.createVecs()
-        self._ksp = PETSc.KSP().create(system.comm)
+        super().__init__(system, prefix, options)
+        self._iterative: IterativeSolver | None = None
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        system.ledger.add("matrix", "A with held dofs", self._matrix)
 
-    def solve(
+    def _solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None = None,
-        stop: Stop | None = None,
+        multiplier: PETSc.Vec | None,
+        stop: Stop | None,
     ) -> None:
-        """Solve for the dofs that are not held; see `HeldSolver.solve`.
-
-        Raises:
-            InputError: The form turned out to be indefinite.
-        """
-        self.solves += 1
-        if place(system, x, held):
-            multiplier = None
         if self._iterative is None and self._factors(system, held):
             unit = set_residual(system, x, held, multiplier, self._rhs)
             self._ksp.solve(self._rhs, self._correction)
@@ -78,7 +52,8 @@ class DirectSolver:
             self.iterations += 1
             return
         if self._iterative is None:
-            self.exact, self._iterative = False, HeldSolver(system, *self._names)
+            self.exact = False
+            self._iterative = IterativeSolver(system, self._prefix, self._options)
         before = self._iterative.iterations
         self._iterative.solve(system, x, held, atol, multiplier, stop)
         self.iterations += self._iterative.iterations - before
@@ -92,20 +67,17 @@ class DirectSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        for item in (self._ksp, self._matrix, self._rhs, self._correction, self._iterative):
-            if item is not None:
-                item.destroy()
+        super().destroy()
+        if self._iterative is not None:
+            self._iterative.destroy()
 
     def _factors(self, system: System, held: Mask) -> bool:
         """Factor the matrix with held dofs, unless that has been done; return whether it worked."""
         known = self._held is not None and bool((self._held == held).all())
         if known and self._assembled == system.assembled:
             return True
-        if self.setups:
-            system.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
-        self._matrix.zeroRowsColumns(system.contact_dofs[held], diag=entry)
-        self._ksp.setOperators(self._matrix)
+        self._ksp.setOperators(self._hold(system, system.contact_dofs[held], entry))
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled
         self.setups += 1
@@ -119,9 +91,6 @@ class DirectSolver:
         return not (negative or zero)
 
 
-LinearSolver = DirectSolver | HeldSolver
-
-
 def is_small(system: System) -> bool:
     """Return whether a direct solve costs less than one with multigrid."""
     dimension = system.space.mesh.topology.dim
@@ -131,7 +100,7 @@ def is_small(system: System) -> bool:
 def linear_solver(system: System, prefix: str, options: Mapping[str, Any]) -> LinearSolver:
     """Return the linear solver for a system: the direct one for small problems.
 
-    Whoever sets an option of the linear solver gets a `HeldSolver`, which takes options.
+    Whoever sets an option of the linear solver gets a `IterativeSolver`, which takes options.
 
     Args:
         system: The system.
@@ -142,5 +111,5 @@ def linear_solver(system: System, prefix: str, options: Mapping[str, Any]) -> Li
     chosen = any(not name.startswith("tao_") for name in options) or any(
         name.startswith(("ksp_", "pc_", "mg_")) for name in set_before
     )
-    kind = DirectSolver if is_small(system) and not chosen else HeldSolver
+    kind = DirectSolver if is_small(system) and not chosen else IterativeSolver
     return kind(system, prefix, options)

@@ -10,7 +10,7 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.direct import DirectSolver, is_small, linear_solver
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 
 COMM = MPI.COMM_SELF  # small problems are direct on one rank; here each rank has its own
 
@@ -61,7 +61,7 @@ def test_who_sets_options_of_the_linear_solver_gets_the_solver_that_takes_them()
     problem, _ = make(4)
     for options, kind in (({}, DirectSolver), ({"tao_max_it": 3}, DirectSolver)):
         assert type(linear_solver(problem.system, "p_", options)) is kind
-    assert type(linear_solver(problem.system, "p_", {"ksp_rtol": 1e-3})) is HeldSolver
+    assert type(linear_solver(problem.system, "p_", {"ksp_rtol": 1e-3})) is IterativeSolver
     shared, _ = make(domain=friedrichs_keller(MPI.COMM_WORLD, 4))
     large, _ = make(60)
     assert is_small(shared.system) == (MPI.COMM_WORLD.size == 1)

@@ -12,7 +12,7 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.direct import DirectSolver
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 
 COMM = MPI.COMM_WORLD
 DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
@@ -33,7 +33,11 @@ def make(n=16, comm=COMM, **options):
 
 @pytest.mark.parametrize(
     ("kind", "options", "comm"),
-    [(HeldSolver, {}, COMM), (HeldSolver, PLAIN, COMM), (DirectSolver, {}, MPI.COMM_SELF)],
+    [
+        (IterativeSolver, {}, COMM),
+        (IterativeSolver, PLAIN, COMM),
+        (DirectSolver, {}, MPI.COMM_SELF),
+    ],
     ids=["multigrid", "Jacobi", "Cholesky"],
 )
 def test_an_indefinite_form_is_found_by_conjugate_gradients(kind, options, comm):
@@ -61,7 +65,7 @@ def test_a_linear_solve_reaches_the_residual_that_was_asked_for(size):
     system = problem.system
     held = np.arange(len(system.contact_dofs)) % 3 > 0
     for atol in (1e-3, 1e-6, 1e-10):
-        solver, x = HeldSolver(system), system.start()
+        solver, x = IterativeSolver(system), system.start()
         solver.solve(system, x, held, atol)
         residual = x.duplicate()
         system.A.mult(x, residual)
@@ -77,7 +81,7 @@ def test_a_linear_solve_reaches_the_residual_that_was_asked_for(size):
 def test_held_dofs_are_at_the_obstacle_wherever_the_start_was():
     problem, _, _ = make(obstacle=0.25)
     system = problem.system
-    solver, x = HeldSolver(system), system.A.createVecRight()
+    solver, x = IterativeSolver(system), system.A.createVecRight()
     x.set(9.0)
     solver.solve(system, x, np.full(len(system.contact_dofs), True), 1e-9)
     assert (x.array_r[system.contact_dofs] == 0.25).all()
@@ -112,7 +116,7 @@ def test_a_set_that_differs_a_little_costs_hardly_an_iteration_more():
     released = held.copy()
     released[:: max(len(held) // (8 // COMM.size), 1)] = False
     for first in (held, released):
-        solver, x = HeldSolver(system), system.start()
+        solver, x = IterativeSolver(system), system.start()
         solver.solve(system, x, first, 1e-8)
         before, _ = solver.iterations, x.set(0.0)
         solver.solve(system, x, released, 1e-8)
@@ -137,7 +141,7 @@ def test_every_set_up_reads_the_options(options, caplog):
     system, counts = problem.system, []
     held = np.full(len(system.contact_dofs), True)
     for chosen in ({}, options):
-        solver, before = HeldSolver(system, "levels_", chosen), 0
+        solver, before = IterativeSolver(system, "levels_", chosen), 0
         for _ in range(2):
             x = system.start()
             solver.solve(system, x, held, 1e-9)

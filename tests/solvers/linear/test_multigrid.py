@@ -15,8 +15,8 @@ from dolfinx_signorini.meshes.refinement import parent_mesh, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
-from dolfinx_signorini.solvers.linear.held import BOOMERAMG, SLOW, HeldSolver
 from dolfinx_signorini.solvers.linear.hierarchy import degree_prolongations, prolongations
+from dolfinx_signorini.solvers.linear.iterative import BOOMERAMG, SLOW, IterativeSolver
 from dolfinx_signorini.solvers.linear.lattice import coarsened, find_lattice
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 
@@ -139,7 +139,7 @@ def held_below(problem):
 def solved(problem, held, **settings):
     """Solve from zero; return the solver, and the relative residual at the free dofs."""
     system = problem.system
-    solver, x = HeldSolver(system, **settings), system.start()
+    solver, x = IterativeSolver(system, **settings), system.start()
     start = system.b.copy()
     start.array_w[system.contact_dofs[held]] = 0.0
     solver.solve(system, x, held, 1e-8 * start.norm())
@@ -198,7 +198,7 @@ def test_on_a_graded_mesh_changed_dofs_cost_few_iterations_and_small_local_solve
     assert 4 <= COMM.allreduce(int((changed != held).sum())) <= 16
     counts = []
     for first in (changed, held):
-        solver, y = HeldSolver(system), system.start()
+        solver, y = IterativeSolver(system), system.start()
         solver.solve(system, y, first, 1e-9)
         before, _ = solver.iterations, y.set(0.0)
         solver.solve(system, y, changed, 1e-9)

@@ -25,7 +25,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
 )
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.linear.held import HeldSolver
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.studies.paper.theory.examples import Example
@@ -152,7 +152,7 @@ class Discretisation(SignoriniProblem):
             return float(residual.norm())
 
         scale = defect()
-        solver = HeldSolver(system, self._prefix)
+        solver = IterativeSolver(system, self._prefix)
         if scale > 0.0:
             solver.solve(system, x, mask, THEORY_RTOL * scale)
         reached = defect() / scale if scale > 0.0 else 0.0

@@ -24,7 +24,8 @@ page and its pictures are written by
 failed (`tests/studies/paper/theory/test_wrong_input.py`). Orders are those between the two
 finest meshes, and must lie between the proven one and the one that the solution allows, to 0.05
 where the limits are not sharper; inequalities must hold up to 1e-9 of their size. "- eps" stands
-for "less any positive number". Numbers below that are printed as bounds, as they are different on every machine.
+for "less any positive number". Numbers below that are printed as bounds, as they are different on
+every machine.
 Meshes are Friedrichs-Keller triangulations with N cells per side where nothing else is said,
 h = 1/N; norms are those of `error_norms`, sup norms true maxima. Everything is the same on any
 number of processes.

@@ -19,10 +19,10 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
-from dolfinx_signorini.solvers.linear.corrections import place, set_residual
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.linear.projected import Projected
+from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -57,46 +57,22 @@ MAX_ITERATIONS = 200
 ROUNDED = 1e-6  # of the first residual: a negative curvature of a smaller one may be rounding
 
 
-class HeldSolver:
-    """A linear solver for systems with the same matrix, whose held dofs change from solve to solve.
+class IterativeSolver(LinearSolver):
+    """A linear solver by conjugate gradients, see `LinearSolver`.
 
-    A solve improves a vector in place:
-
-        solver = HeldSolver(system)
-        solver.solve(system, x, held, atol=1e-10)
-
-    Args:
-        system: One of the systems.
-        prefix: The prefix of PETSc options.
-        options: PETSc options without prefix; by default CG with multigrid over degrees and meshes
-            where coarser ones are known, else with BoomerAMG. An option that begins with "pc_"
-            chooses PETSc's preconditioners, of which BoomerAMG is the default.
-
-    Attributes:
-        exact: Whether a solve leaves nothing but rounding.
-        solves: The number of linear solves so far.
-        setups: The number of set-ups of the preconditioner so far.
-        iterations: The number of conjugate gradient iterations so far.
+    The preconditioner is multigrid over degrees and meshes where coarser ones are known, else
+    BoomerAMG. An option that begins with "pc_" chooses PETSc's preconditioners, of which BoomerAMG
+    is the default.
     """
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
-        self.exact = False
-        self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
-        self.solves = self.setups = self.iterations = 0
-        self._matrix: PETSc.Mat | None = None
-        self._held: Mask | None = None  # the held dofs of the set-up
-        self._assembled = 0  # how often the matrix of the set-up had been assembled
+        super().__init__(system, prefix, options)
         self._pace = self._excess = 0.0
         self._stop: Stop | None = None
         self._unit = 1.0  # of the correction
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
-        self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
-        self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
-        self.ledger.add("vector", "correction with held dofs", self._correction)
-        self._ksp = PETSc.KSP().create(self.comm)
         self._ksp.setOptionsPrefix(prefix)
-        self._prefix, self._options = prefix, dict(options or {})
         with options_set(prefix, self._options, DEFAULT_OPTIONS) as self._unread:
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
@@ -108,31 +84,15 @@ class HeldSolver:
         if self._multigrid is not None:
             self._ksp.addConvergenceTest(self._ended)
 
-    def solve(
+    def _solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None = None,
-        stop: Stop | None = None,
+        multiplier: PETSc.Vec | None,
+        stop: Stop | None,
     ) -> None:
-        """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
-
-        Args:
-            system: The system, with the matrix of this solver.
-            x: The start, overwritten by the solution.
-            held: Whether a contact dof of this rank is held at the obstacle.
-            atol: The norm of the residual to reach.
-            multiplier: A x - b for the start, where that is known.
-            stop: Ends the solve earlier, if coarser meshes are known to begin on.
-
-        Raises:
-            InputError: The form turned out to be indefinite.
-        """
-        dofs = system.contact_dofs[held]
-        if place(system, x, held):
-            multiplier = None
         fresh = self._prepare(system, held)
         self._stop = stop
         if stop is not None and fresh and self._multigrid is not None:
@@ -143,10 +103,9 @@ class HeldSolver:
             if fresh:
                 self._drop_levels()
             self._set_up(system, held)
-            self._projected.hold(system, dofs, None)
+            self._projected.hold(system, system.contact_dofs[held], None)
             fresh = True
             converged = self._correct(system, x, held, atol, fresh, None)
-        self.solves += 1
 
     def _begin_coarse(
         self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
@@ -171,11 +130,10 @@ class HeldSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        self.free()
+        super().destroy()
         if self._multigrid is not None:
             self._multigrid.destroy()
-        for item in (self._ksp, self._pc, self._rhs, self._correction):
-            item.destroy()
+        self._pc.destroy()
         self._projected.free()
 
     def _prepare(self, system: System, held: Mask) -> bool:
@@ -222,20 +180,13 @@ class HeldSolver:
             warn_of_unread(self._unread & unread, known, ("tao_",))
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:
-        if self._matrix is None:
-            self._matrix = self.A.copy()
-            self.ledger.add("matrix", "A with held dofs", self._matrix)
-        else:
-            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        first, dofs = self._matrix.getOwnershipRange()[0], system.contact_dofs[held]
+        dofs = system.contact_dofs[held]
         if self._multigrid is None:
-            self._matrix.zeroRowsColumns(dofs + first, diag=_typical(system))
-            self._pc.setOperators(self._matrix)
+            self._pc.setOperators(self._hold(system, dofs, _typical(system)))
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))
-            self._matrix.zeroRowsColumns(dofs + first, diag=0.0)
-            self._multigrid.set_up(self._matrix, dofs, _typical(system))
+            self._multigrid.set_up(self._hold(system, dofs, 0.0), dofs, _typical(system))
             self._projected.pc = self._multigrid.pc
             for level, matrix in enumerate(self._multigrid.matrices):
                 self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)

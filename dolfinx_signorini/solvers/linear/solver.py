@@ -1,0 +1,156 @@
+"""What the linear solvers share: held dofs are placed, and the rest is a correction with a unit."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.solvers.residual import power_of_two
+from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.system import System
+
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+
+
+class LinearSolver(ABC):
+    """A linear solver for systems with the same matrix, whose held dofs change from solve to solve.
+
+    A solve improves a vector in place:
+
+        solver = linear_solver(system, "", {})
+        solver.solve(system, x, held, atol=1e-10)
+
+    Args:
+        system: One of the systems.
+        prefix: The prefix of PETSc options.
+        options: PETSc options without prefix.
+
+    Attributes:
+        exact: Whether a solve leaves nothing but rounding.
+        solves: The number of linear solves so far.
+        setups: The number of factorizations, or of set-ups of the preconditioner, so far.
+        iterations: The number of iterations so far; a direct solve counts as one.
+    """
+
+    exact = False
+
+    def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
+        self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
+        self.solves = self.setups = self.iterations = 0
+        self._prefix, self._options = prefix, dict(options or {})
+        self._matrix: PETSc.Mat | None = None  # A with held dofs
+        self._held: Mask | None = None  # the held dofs of the set-up
+        self._assembled = 0  # how often the matrix of the set-up had been assembled
+        self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
+        self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
+        self.ledger.add("vector", "correction with held dofs", self._correction)
+        self._ksp = PETSc.KSP().create(self.comm)
+
+    def solve(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        held: Mask,
+        atol: float,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+    ) -> None:
+        """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
+
+        Args:
+            system: The system, with the matrix of this solver.
+            x: The start, overwritten by the solution.
+            held: Whether a contact dof of this rank is held at the obstacle.
+            atol: The norm of the residual to reach.
+            multiplier: A x - b for the start, where that is known.
+            stop: Ends the solve earlier, if coarser meshes are known to begin on.
+
+        Raises:
+            InputError: The form turned out to be indefinite.
+        """
+        if place(system, x, held):
+            multiplier = None
+        self._solve(system, x, held, atol, multiplier, stop)
+        self.solves += 1
+
+    @abstractmethod
+    def _solve(
+        self,
+        system: System,
+        x: PETSc.Vec,
+        held: Mask,
+        atol: float,
+        multiplier: PETSc.Vec | None,
+        stop: Stop | None,
+    ) -> None:
+        """Solve where the held dofs have their values already, see `solve`."""
+
+    @abstractmethod
+    def free(self) -> None:
+        """Free the set-up; a next solve makes a new one."""
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.free()
+        for item in (self._matrix, self._ksp, self._rhs, self._correction):
+            if item is not None:
+                item.destroy()
+        self._matrix = None
+
+    def _hold(self, system: System, dofs: Indices, diagonal: float) -> PETSc.Mat:
+        """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
+        if self._matrix is None:
+            self._matrix = self.A.copy()
+            self.ledger.add("matrix", "A with held dofs", self._matrix)
+        else:
+            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        first = self._matrix.getOwnershipRange()[0]
+        self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
+        return self._matrix
+
+
+def place(system: System, x: PETSc.Vec, held: Mask) -> bool:
+    """Set the held and the Dirichlet dofs of x, and return whether a rank has changed one.
+
+    Args:
+        system: The system.
+        x: The vector.
+        held: Whether a contact dof of this rank is held at the obstacle.
+    """
+    dofs = np.concatenate((system.contact_dofs[held], system.fixed_dofs))
+    values = np.concatenate((system.obstacle[held], system.fixed_values))
+    moved = bool((x.array_r[dofs] != values).any())
+    x.array_w[dofs] = values
+    return bool(system.comm.allreduce(moved, op=MPI.LOR))
+
+
+def set_residual(
+    system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, rhs: PETSc.Vec
+) -> float:
+    """Set rhs to b - A x on the free dofs, 0 on others, in a unit of its size; return the unit.
+
+    No square of an entry in this unit overflows or underflows.
+
+    Args:
+        system: The system.
+        x: The vector.
+        held: Whether a contact dof of this rank is held at the obstacle.
+        multiplier: A x - b, where that is known.
+        rhs: The vector to set.
+    """
+    if multiplier is None:
+        system.A.mult(x, rhs)
+        rhs.aypx(-1.0, system.b)
+    else:
+        multiplier.copy(rhs)
+        rhs.scale(-1.0)
+    rhs.array_w[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = 0.0
+    largest = rhs.norm(PETSc.NormType.INFINITY)
+    unit = power_of_two(largest) if largest > 0.0 else 1.0
+    rhs.scale(1.0 / unit)
+    return unit
