@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import TINY
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
@@ -29,7 +30,6 @@ BULK = 0.5  # of the error: the cells that make up so much are divided in any ca
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
 SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
 NEAR = 1e-6  # of the size of a cell
-TINY = 1e-300  # in place of 0, which has no logarithm
 
 
 @dataclass(frozen=True)

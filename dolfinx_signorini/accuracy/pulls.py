@@ -26,6 +26,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.cells import Array, Indices, collected
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
 from dolfinx_signorini.base.ranks import marked, summed
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.refinement import Transfer
@@ -36,7 +37,6 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 DOUBT = 2.0  # times the difference to the interpolation: more than the error of the density
 TOLERANCE = 1e-8  # of the density: what the iteration may leave
 ITERATIONS = 100  # at most; 5 to 15 are needed
-ROUNDING = 1e-9  # of coordinates in the reference facet
 
 
 def pulls(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
@@ -63,7 +63,7 @@ def pulls(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
     lack = np.where(negative, -pressure, 0.0).max(axis=1, initial=0.0)
     lack -= DOUBT * np.abs(unsure).max(axis=1, initial=0.0)
     size = facet_scale(domain, pairs[held]) * negative.mean(axis=1)
-    rim = np.column_stack((1.0 - lattice.sum(axis=1), lattice)).min(axis=1) < ROUNDING
+    rim = np.column_stack((1.0 - lattice.sum(axis=1), lattice)).min(axis=1) < SOLVED
     across = negative[:, rim].any(axis=1)  # the facet beside has a part of the gap, too
     length = size ** (1.0 / (dim - 1.0)) * np.where(across, 2.0, 1.0)
     parts = np.maximum(lack, 0.0) * (1.0 if norm.derivatives else 0.5 * length)

@@ -30,6 +30,7 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, QuadratureRule
@@ -47,7 +48,6 @@ Array = npt.NDArray[np.float64]
 NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends
 SLACK = 2.0  # edges about the point in which contact may end
-FLAT = 1e-9  # of the length of the boundary: rounding of coordinates
 AFFINE = 1e-8  # of the largest |u|: rounding of the obstacle
 
 
@@ -171,14 +171,14 @@ def _frame(problem: SignoriniProblem, boundary: _Boundary, p: Array) -> tuple[Ar
     distances = _distances(ends, p)
     nearest = int(np.argmin(distances))
     size = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
-    on = bool(distances[nearest] <= FLAT * size and boundary.contact[nearest])
+    on = bool(distances[nearest] <= SOLVED * size and boundary.contact[nearest])
     require(comm, on, f"{tuple(map(float, p))} is not on the contact boundary", "point")
     edge = ends[nearest, 1] - ends[nearest, 0]
     length = float(np.hypot(*edge))
     t = edge / length
     offsets = ends - p
     s, across = offsets @ t, offsets @ np.array([-t[1], t[0]])
-    straight = boundary.contact & (np.abs(across) <= FLAT * size).all(axis=1)
+    straight = boundary.contact & (np.abs(across) <= SOLVED * size).all(axis=1)
     beside = straight[:, None] & (np.abs(np.abs(s) / length - SLACK - 1.0) <= 1.0)
     held = [boundary.gap[beside & (side * s > 0.0)] == 0.0 for side in (1.0, -1.0)]
     ends_here = all(map(len, held)) and (

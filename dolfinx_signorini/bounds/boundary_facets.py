@@ -12,6 +12,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
@@ -26,7 +27,6 @@ Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
 PARTS = 8  # of a facet, each with its own answer to whether a function is positive
-TOUCHING = 1e-12  # of the largest |u|: gaps that are rounding
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def facet_kinds(
     kinds[contact & outer] = OPEN
     cells, facets, dofs = contact_closures(problem, frames, kinds)
     size = highest(comm, np.abs(problem.u.x.array))
-    touching = problem.gap.x.array <= TOUCHING * size
+    touching = problem.gap.x.array <= ROUNDING * size
     kinds[cells, facets] = _contact_kinds(problem, dofs, touching)
     vertices = problem.space.element.basix_element.entity_dofs[0]
     corners = np.array([dofs[0] for dofs in vertices])[frames.order]
@@ -244,7 +244,7 @@ def _weightless(problem: SignoriniProblem) -> Marks:
     outside = np.hstack((np.zeros((len(points), 1)), points))  # of the facet where x[0] = 0
     dofs = element.entity_closure_dofs[d - 1][1]
     means = weights @ element.tabulate(0, outside)[0, :, dofs, 0].T
-    return np.asarray(means <= TOUCHING)
+    return np.asarray(means <= ROUNDING)
 
 
 def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Marks:

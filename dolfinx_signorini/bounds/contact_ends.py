@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, PARTLY, CellData, condensed
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, on_parts, others
 
@@ -26,7 +27,6 @@ Indices = npt.NDArray[np.int64]
 RAISED = 2  # by how much polynomials are of higher degree than elsewhere
 PARTS = 8  # of a facet, on each of which Bernstein coefficients are not negative
 MOST_CELLS = 150  # around one end, or several that are close to each other
-ROUNDING = 1e-10  # of the largest flux: how far above 0 a flux stays
 
 
 def near_ends(comm: MPI.Comm, data: CellData) -> Indices:
@@ -135,7 +135,7 @@ def _limits(
     own = unknowns.places.reshape(start.shape)[cells, facets]
     limits[np.arange(len(cells))[:, None], own] = table.T
     pressure = start[cells, facets] @ table.T
-    least = ROUNDING * np.abs(pressure).max(initial=0.0) - pressure
+    least = SOLVED * np.abs(pressure).max(initial=0.0) - pressure
     return limits.transpose(0, 2, 1).reshape(-1, unknowns.count), least.ravel()
 
 
@@ -161,6 +161,6 @@ def _least(K: Array, b: Array, sums: Array, limits: Array, least: Array) -> Arra
         with np.errstate(all="ignore"):
             y -= far * rest[:-1] / rest[-1]
     x = np.asarray(basis @ solve_triangular(root.T, y))
-    rounding = 0.5 * ROUNDING * np.abs(least).max(initial=0.0)
+    rounding = 0.5 * SOLVED * np.abs(least).max(initial=0.0)
     good = np.isfinite(x).all() and (limits @ x >= least - rounding).all()
     return x if good else 0.0 * b

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dolfinx_signorini.base.tolerances import SOLVED
 
-ASYMMETRY = 1e-10  # of the entries of A: what rounding leaves between a_ij and a_ji
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Diffusion:
         if self.values.ndim == 3:
             return True
         apart = np.abs(self.values - self.values.swapaxes(2, 3)).max(axis=(2, 3))
-        return bool((apart <= ASYMMETRY * np.abs(self.values).max(axis=(2, 3))).all())
+        return bool((apart <= SOLVED * np.abs(self.values).max(axis=(2, 3))).all())
 
     def times(self, vectors: Array) -> Array:
         """Return the products of A with vectors, shape (cells, points, d)."""

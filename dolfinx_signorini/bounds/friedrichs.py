@@ -20,6 +20,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.transport import spread, transported
@@ -29,7 +30,6 @@ Indices = npt.NDArray[np.int64]
 Marks = npt.NDArray[np.bool_]
 
 ANGLES = 48  # of directions in the plane that are tried
-SKEW = 1e-9  # of a unit vector: facets along a direction
 
 
 def friedrichs(
@@ -69,7 +69,7 @@ def _by_directions(comm: MPI.Comm, frames: Frames, kinds: Indices) -> float:
     free = (kinds != INTERIOR) & (kinds != DIRICHLET)
     normals = -frames.gradients[free]
     slope = normals @ ways.T / np.linalg.norm(normals, axis=1)[:, None]
-    leaves = np.stack((slope, -slope)).max(axis=1, initial=-np.inf) > SKEW
+    leaves = np.stack((slope, -slope)).max(axis=1, initial=-np.inf) > SOLVED
     width = np.max(comm.allgather(extent), axis=0).sum(axis=0)
     forth, back = np.any(comm.allgather(leaves), axis=0)
     constants = np.where(forth, np.inf, np.where(back, 2.0, 1.0) / math.pi * width)

@@ -22,6 +22,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.boundary_facets import contact_closures
 from dolfinx_signorini.bounds.cell_values import FILLING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
@@ -44,7 +45,6 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-ROUNDING = 1e-12  # of the largest |u|: defects that are none
 OBSTACLE = "the obstacle is known at points of facets only"
 BELOW = "what is below the obstacle is known at points of facets only"
 DATA = "Dirichlet data are known at points of facets only"

@@ -22,12 +22,11 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import FUNCTION, check
 from dolfinx_signorini.base.records import on_first, whole_file
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 Array = npt.NDArray[np.float64]
-
-ROUNDING = 1e-9  # of coordinates, relative to the size of the domain
 
 
 def write_checkpoint(
@@ -99,7 +98,7 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
         extent = float(np.ptp(points, axis=0).max())
         distances, found = cKDTree(points).query(places)
         same = len(values) == function.function_space.dofmap.index_map.size_global
-        same &= bool((distances <= ROUNDING * extent).all())
+        same &= bool((distances <= SOLVED * extent).all())
         require(comm, same, f"{name!r} lives on another mesh, or is of another degree", str(path))
         basis, wanted = str(data.get(f"basis {name}", "")), _basis(function.function_space)
         if basis and basis != wanted:  # files of version 0.1 do not tell
@@ -164,7 +163,7 @@ def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
 def _check_places(points: Array, name: str) -> None:
     """Refuse two dofs at the same place, which could not be told apart when they are read."""
     extent = float(np.ptp(points, axis=0).max())
-    if len(cKDTree(points).query_pairs(ROUNDING * extent)):
+    if len(cKDTree(points).query_pairs(SOLVED * extent)):
         raise InputError(f"{name!r} has two dofs at the same place", "functions")
 
 

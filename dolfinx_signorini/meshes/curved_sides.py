@@ -17,6 +17,7 @@ from dolfinx import la
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import callable_, check, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -36,7 +37,6 @@ Projection = Callable[[Array], Array]
 ALTERNATIONS = 20  # of the projections onto all curves of a vertex that is on several ones
 FLAT = 1e-4  # radians: facets that turn by less are in one line or plane, but for rounding
 SHARP = 1.4  # radians: facets that turn by more meet at a corner; those of a pentagon are an arc
-ROUNDING = 1e-12  # of the size of the domain: vertices so near to a curve are on the curve
 REGULAR = 0.9  # of the distance from curves: where halved facets are as far, the mesh sees nothing
 
 

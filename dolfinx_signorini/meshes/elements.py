@@ -22,12 +22,12 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.kinds import LARGEST_DEGREE, check, integer, simplices
+from dolfinx_signorini.base.tolerances import SOLVED
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 HIGHEST_DEGREE = 4  # that problems are tested with
-ZERO = 1e-10  # entries of the small matrices between two bases that are rounding
 
 
 def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
@@ -139,7 +139,7 @@ def _shares(space: fem.FunctionSpace) -> Array:
     element = space.mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
     shares = np.array(element.tabulate(0, control_lattice(space))[0])
     for exact in (0.0, 1.0):
-        shares[np.abs(shares - exact) < ZERO] = exact
+        shares[np.abs(shares - exact) < SOLVED] = exact
     return shares
 
 
@@ -233,7 +233,7 @@ def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
     family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
     basis = basix.create_element(family, element.cell_type, element.degree, variant)
     values = np.array(basis.tabulate(0, element.points))[0, :, :, 0]
-    values[np.abs(values) < ZERO] = 0.0
+    values[np.abs(values) < SOLVED] = 0.0
     facets = element.entity_closure_dofs[space.mesh.topology.dim - 1]
     return np.array([values[np.ix_(dofs, dofs)] for dofs in facets])
 
@@ -282,5 +282,5 @@ def _bases(cell: basix.CellType, degree: int) -> tuple[Array, Array]:
     values = np.array(basis.tabulate(0, _nodal_element(cell, degree).points))[0, :, :, 0]
     pair: tuple[Array, Array] = values, np.linalg.inv(values)
     for matrix in pair:
-        matrix[np.abs(matrix) < ZERO] = 0.0
+        matrix[np.abs(matrix) < SOLVED] = 0.0
     return pair

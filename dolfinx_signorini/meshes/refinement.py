@@ -15,6 +15,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.kinds import check, simplices
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -27,8 +28,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
-
-ROUNDING = 1e-9  # of the longest edge of a cell: edges that differ by less are of one length
 
 
 # The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
@@ -119,7 +118,7 @@ def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
     edges, ends = _edges(domain, cells)
     length = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
     longest = length.max(axis=1, keepdims=True, initial=0.0)
-    return np.asarray(edges[length > (1.0 - ROUNDING) * longest])
+    return np.asarray(edges[length > (1.0 - SOLVED) * longest])
 
 
 def _edges(domain: mesh.Mesh, cells: Indices) -> tuple[Indices, Array]:

@@ -22,6 +22,7 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     cells_with_dofs,
@@ -34,7 +35,6 @@ from dolfinx_signorini.norms.references import Reference, interpolant
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-TOLERANCE = 1e-9  # relative to the values of u and of its flux
 CLEARANCE = 1.0  # relative to the largest |u|: how far below u an obstacle is made where u is free
 SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
 LOOKED_AT = 1000  # cells, about, that tell on each rank how large u and its flux are in the domain
@@ -158,9 +158,9 @@ def contact_violations(
     size, force = max(sizes[0], sizes[2]), sizes[1]
     order, sense = ("u <= g", "flux <= 0") if upper else ("u >= g", "flux >= 0")
     tests = [
-        (f"{sense} (the boundary may push and not pull)", -pressure, TOLERANCE * force),
-        (f"{order} (no penetration)", -gap, TOLERANCE * size),
-        ("flux = 0 where u does not touch g", pressed, TOLERANCE * size * force),
+        (f"{sense} (the boundary may push and not pull)", -pressure, SOLVED * force),
+        (f"{order} (no penetration)", -gap, SOLVED * size),
+        ("flux = 0 where u does not touch g", pressed, SOLVED * size * force),
     ]
     found = []
     for condition, defect, tolerance in tests[: 1 if obstacle is None else 3]:
@@ -191,7 +191,7 @@ def matching_obstacle(
     sign = -1.0 if upper else 1.0
     count = len(_facet_points(domain))
     values, (size, force) = _on_facets(domain, facets, [u, flux])
-    pushed = (abs(values[:, 1]).reshape(-1, count) > TOLERANCE * force).any(axis=1)
+    pushed = (abs(values[:, 1]).reshape(-1, count) > SOLVED * force).any(axis=1)
     touching, contact = fem.Function(space), fem.Function(space)
     for marks, marked in ((touching, _owned(domain, facets)[pushed]), (contact, facets)):
         marks.x.array[fem.locate_dofs_topological(space, tdim - 1, marked)] = 1.0

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from scipy.spatial import KDTree
 
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.points import Array, Indices, Points
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 
@@ -28,7 +29,7 @@ SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or 
 SCREENED, MOST = 0.03, 2000
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
-THRESHOLDS, ROUNDING = 64, 1e-12  # that values are counted above; of the largest value
+THRESHOLDS = 64  # that values are counted above
 SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: an unbounded function grows so

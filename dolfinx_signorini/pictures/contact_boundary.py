@@ -9,6 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
 from dolfinx_signorini.meshes.elements import (
     control_points,
@@ -25,7 +26,6 @@ Indices = npt.NDArray[np.int64]
 # and the size L of the boundary, what a mesh cannot tell from contact (a gap opens like r^{3/2}).
 TOUCHING = 1e-6
 CLEAR = 0.3
-ROUNDING = 1e-12  # of coordinates, relative to L
 
 
 class Solved(Protocol):

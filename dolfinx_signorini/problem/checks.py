@@ -13,6 +13,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, is_bernstein
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.system import Layout, System
@@ -20,10 +21,6 @@ from dolfinx_signorini.solvers.system import Layout, System
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
 
-SYMMETRY_TOLERANCE = 1e-10  # relative; assembly rounds at 1e-15
-ROUNDING = 1e-12  # relative; data that differ by so little are the same
-VANISHING = 1e-12  # relative; what is as small as that is nothing
-DOUBTFUL = 1e-9  # of the diagonal entry, or of the trace; smaller row sums may be rounding
 HATS = {
     1: 200,
     2: 13,
@@ -161,7 +158,7 @@ def check_symmetry(A: PETSc.Mat) -> None:
     comm = A.comm.tompi4py()
     for vec in (x, y, product):
         vec.destroy()
-    symmetric = defect <= SYMMETRY_TOLERANCE * size
+    symmetric = defect <= SOLVED * size
     require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
 
 
@@ -196,12 +193,12 @@ def vanishes_on_constants(
     sums = np.abs(product.array_r)
     x.destroy()
     product.destroy()
-    definite = energy >= -VANISHING * bound
+    definite = energy >= -ROUNDING * bound
     require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
-    if _held_in_all_cells(layout, sums > DOUBTFUL * np.abs(diagonal)):
+    if _held_in_all_cells(layout, sums > SOLVED * np.abs(diagonal)):
         return np.empty(0, dtype=bool)
     parts = layout.bodies
-    loose = (parts.sums(sums) <= DOUBTFUL * bound) & (parts.counts(layout.fixed_dofs) == 0)
+    loose = (parts.sums(sums) <= SOLVED * bound) & (parts.counts(layout.fixed_dofs) == 0)
     if not loose.any():
         return loose
     space = a.arguments()[0].ufl_function_space()
@@ -213,7 +210,7 @@ def vanishes_on_constants(
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     energies = parts.sums(vector.array_r)
     vector.destroy()
-    return loose & (energies <= VANISHING * _energy_of_coordinates(A, space))
+    return loose & (energies <= ROUNDING * _energy_of_coordinates(A, space))
 
 
 def _held_in_all_cells(layout: Layout, beyond_doubt: npt.NDArray[np.bool_]) -> bool:
@@ -290,12 +287,12 @@ def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diago
 
 
 def _nearly_definite(matrix: Array) -> bool:
-    """Whether all eigenvalues of a symmetric matrix with a diagonal of 0 to 1 exceed -VANISHING.
+    """Whether all eigenvalues of a symmetric matrix with a diagonal of 0 to 1 exceed -ROUNDING.
 
     A Cholesky factorization tells for a tenth of the price of the eigenvalues.
     """
     try:
-        np.linalg.cholesky(matrix + VANISHING * np.eye(len(matrix)))
+        np.linalg.cholesky(matrix + ROUNDING * np.eye(len(matrix)))
     except np.linalg.LinAlgError:
         return False
     return True
@@ -349,8 +346,8 @@ def check_held(system: System) -> None:
                 "give contact facets, a Dirichlet condition or a reaction term",
                 "contact",
             )
-        if not work[k] < -VANISHING * loads[k]:
-            unbounded = work[k] > VANISHING * loads[k]
+        if not work[k] < -ROUNDING * loads[k]:
+            unbounded = work[k] > ROUNDING * loads[k]
             raise InputError(
                 f"L(1) = {work[k]:.6g} is not negative{where} the form a vanishes on constants: "
                 + ("the energy is unbounded" if unbounded else "the solution is not unique")

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
@@ -32,7 +33,6 @@ WINDOW, EDGES = 0.125, 16.0
 # degree 1 to 3, the position is right to 0.04 edges in the median (with degrees 1 to 3: to 0.23),
 # and 9 times farther off than this says, by 0.07 edges at most where something was extrapolated.
 DEGREES, SAFETY = (2, 3, 4), 4.0
-ROUNDING = 1e-12  # of the size of the domain
 SPOILT = 1.0  # edges next to the end: on these the gap is of the size of its error
 ALIKE = 2  # digits of strengths and lengths: what differs by less has the order of the places
 NEWTON_STEPS = 20  # of which data that are about proportional take four

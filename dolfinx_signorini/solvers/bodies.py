@@ -9,12 +9,11 @@ import scipy.sparse as sp
 from dolfinx import fem, la
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.elements import control_points
 
 Indices = npt.NDArray[np.int32]
 Array = npt.NDArray[np.float64]
-
-ROUNDING = 1e-12  # of the largest coordinate
 
 
 @dataclass(frozen=True)

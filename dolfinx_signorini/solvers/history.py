@@ -17,13 +17,13 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.system import System
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 KEPT = 5  # solutions
-DEPENDENT = 1e-12  # of the largest eigenvalue: differences of solutions that are none
 
 
 @dataclass(frozen=True)
@@ -156,5 +156,5 @@ def _least_squares(products: Array) -> Array:
         return np.zeros(len(size))
     size[size == 0.0] = 1.0
     matrix = products[:-1, :-1] / np.outer(size, size)
-    inverse = np.linalg.pinv(matrix, DEPENDENT, hermitian=True)
+    inverse = np.linalg.pinv(matrix, ROUNDING, hermitian=True)
     return np.asarray(inverse @ (products[:-1, -1] / size) / size)

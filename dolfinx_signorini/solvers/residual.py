@@ -21,11 +21,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.solvers.system import System
 
 Array = npt.NDArray[np.float64]
 
-ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of A u where u is as high as the obstacle
+ROUNDING = 64 * PRECISION  # of A u where u is as high as the obstacle
 
 
 class NaturalResidual:

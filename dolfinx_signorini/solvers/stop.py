@@ -12,9 +12,10 @@ import math
 
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.tolerances import TINY
+
 SHARE = 1 / 50  # of the estimated discretisation error
 LOOSEST = 1e-2  # relative residual of a linear solve that may be ended
-TINY = 1e-300  # a step that is none
 SLOWEST_KNOWN = 0.5  # rate of convergence: a first step shows none, and may look better than it is
 
 

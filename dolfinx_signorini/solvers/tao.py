@@ -19,6 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
 from dolfinx_signorini.solvers.system import System
@@ -34,7 +35,6 @@ DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residu
 MAX_ITERATIONS = 50_000
 MAX_EVALUATIONS = 200_000
 STOP = 0.5  # of the residual asked for: where TAO's own tolerance is
-ROUNDED = 1e-12  # of |A| |v|^2: a negative v.A v above it may be rounding
 NOT_FINITE = 83  # PETSc's error where an energy or a gradient is not a finite number
 
 REASONS = {
@@ -279,7 +279,7 @@ class TaoRounds:
                 gradient.set(0.0)
             curvature = v.dot(gradient)
             # An exception from here would leave PETSc's line search half-way.
-            if curvature < 0.0 and curvature < -ROUNDED * v.dot(v):
+            if curvature < 0.0 and curvature < -ROUNDING * v.dot(v):
                 self._flaw = f"{INDEFINITE}, found by TAO {self.method}"
             elif falls_for_ever(self.system, v, curvature, v.dot(rhs), self._diagonal):
                 self._flaw = UNBOUNDED

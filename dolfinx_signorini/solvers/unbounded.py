@@ -12,11 +12,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.tolerances import TINY
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
 VANISHING = 1e-15  # of the sum of A_ii v_i^2: a smaller v.A v is rounding
-SMALLEST = 1e-300  # of a start that is looked at: products of smaller values lose digits
 UNBOUNDED = (
     "vanishes on functions that the load moves and no obstacle stops: the energy is unbounded below"
 )
@@ -59,7 +59,7 @@ def starts_in_infinity(
         diagonal: The diagonal of A, the rows of this rank.
     """
     largest = x.norm(PETSc.NormType.INFINITY)
-    if not SMALLEST < largest < 1.0 / SMALLEST:
+    if not TINY < largest < 1.0 / TINY:
         return False
     v, unit = x.copy(), power_of_two(largest)
     v.scale(1.0 / unit)

@@ -10,6 +10,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import lagrange_space
 from dolfinx_signorini.meshes.refinement import ends_of_edges, first_places, parent_mesh
 from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_lattice
@@ -24,7 +25,6 @@ STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
 # The same for a refinement, by dimension: what is less of a step is left to BoomerAMG, whose set-up
 # on a plane mesh costs less than all the levels of local refinements.
 REFINEMENT = {2: 0.35, 3: 1.0}
-ZERO = 1e-10  # entries of the matrix between the bases of two degrees that are rounding
 
 
 def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc.Mat]]:
@@ -65,7 +65,7 @@ def _degree_prolongation(coarse: fem.FunctionSpace, fine: fem.FunctionSpace) -> 
     """
     low, high = coarse.element.basix_element, fine.element.basix_element
     shares = high.interpolation_matrix @ low.tabulate(0, high.points)[0, :, :, 0]
-    shares[np.abs(shares) < ZERO] = 0.0
+    shares[np.abs(shares) < SOLVED] = 0.0
     owned, dofs = fine.dofmap.index_map.size_local, fine.dofmap.list
     cells, local = np.divmod(first_places(dofs.ravel())[1][:owned], dofs.shape[1])
     entries, columns = shares[local], coarse.dofmap.list[cells]

@@ -1,0 +1,14 @@
+"""Tolerances for rounding, derived from the precision of floating-point numbers.
+
+Every comparison that must not depend on rounding uses one of these numbers, times the size of what
+is compared.
+"""
+
+import numpy as np
+
+PRECISION = float(np.finfo(np.float64).eps)
+# Sums of some thousand terms, and coordinates after a few operations: 9e-13.
+ROUNDING = 2.0**12 * PRECISION
+# Solutions of small linear systems, points carried to reference cells, Newton's method: 9e-10.
+SOLVED = 2.0**22 * PRECISION
+TINY = 1e-300  # in place of 0 where a quotient or a logarithm follows
