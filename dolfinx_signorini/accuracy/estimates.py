@@ -22,9 +22,9 @@ from dolfinx_signorini.accuracy.indicators import (
     indicators,
     size,
 )
-from dolfinx_signorini.accuracy.marking import Outlook
-from dolfinx_signorini.accuracy.misfits import obstacle_misfits
+from dolfinx_signorini.accuracy.marking import Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
+from dolfinx_signorini.accuracy.obstacle_defects import obstacle_defects
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_functional
 from dolfinx_signorini.base.errors import together
@@ -32,7 +32,7 @@ from dolfinx_signorini.meshes.refinement import carried_across
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
-SAFETY = 1.3  # the estimate over what the measured rates say
+SAFETY = 1.3  # safety factor: the estimate over what the measured rates say
 SURE = 1.1  # the same in H1, where errors of levels are orthogonal
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 SIGNS = 2.0  # the same in L^1, whose dual solution knows the sign of the difference alone
@@ -64,12 +64,12 @@ class Estimator:
     Attributes:
         rates: The rates of the cells of the present mesh.
         found: The indicators of these cells.
-        outlook: What these cells leave in the error.
+        prediction: What these cells leave in the error.
         polygon: The part of the last estimate that facets in place of curves have.
     """
 
     found: Indicators
-    outlook: Outlook
+    prediction: Prediction
     polygon: float
     # The last solution, the parents of the cells of its mesh, and its uncorrected estimate.
     _last: tuple[fem.Function, Indices, float]
@@ -103,12 +103,12 @@ class Estimator:
             self.rates.measure(found.local)
         ends = cells_at_contact_ends(fine, parents, len(found.cells))
         self.rates.limit(ends, rate_at_ends(self._target))
-        self.outlook = self.rates.outlook(found.cells)
+        self.prediction = self.rates.prediction(found.cells)
         value = self._left_over(found)
         if math.isinf(self.rates.power):
             value = self._with_least(value, ends)
-        value = self._with_misfits(value, fine, parents)
-        return self._with_hidden(value, fine, parents)
+        value = self._with_obstacle(value, fine, parents)
+        return self._with_data(value, fine, parents)
 
     def settled(
         self,
@@ -134,24 +134,24 @@ class Estimator:
             self.polygon, cells = moved.left(fine.u)
             value = self._with_polygon(value, cells, moved.factor)
         if owners is not None:
-            value = self._tried_out(value, fine, owners[parents])
+            value = self._corrected_by_motion(value, fine, owners[parents])
         self._last = fine.u, parents, value
         safety = (SURE if self._target.is_energy else SAFETY) * self._correction
         self.polygon *= safety
         return safety * value
 
     def _with_polygon(self, value: float, cells: Array, factor: float) -> float:
-        """Add to an estimate, and to the outlook, what facets in place of curves leave."""
-        outlook, power = self.outlook, self.rates.power
-        whole = total(outlook.remaining, power, self._comm)
-        remaining = outlook.remaining * (value / whole if whole > 0.0 else 1.0)
+        """Add to an estimate, and to the prediction, what facets in place of curves leave."""
+        prediction, power = self.prediction, self.rates.power
+        whole = total(prediction.remaining, power, self._comm)
+        remaining = prediction.remaining * (value / whole if whole > 0.0 else 1.0)
         both = remaining + cells
         shares = np.divide(cells, both, out=np.zeros_like(both), where=both > 0.0)
-        self.outlook = replace(
-            outlook,
+        self.prediction = replace(
+            prediction,
             remaining=both,
-            factors=(1.0 - shares) * outlook.factors + shares * factor,
-            singular=outlook.singular & (shares < 0.5),
+            factors=(1.0 - shares) * prediction.factors + shares * factor,
+            singular=prediction.singular & (shares < 0.5),
         )
         return value + self.polygon
 
@@ -185,21 +185,21 @@ class Estimator:
     def _shares(self) -> Array:
         """What cells leave, over their indicators; 0 for cells without an indicator."""
         cells = self.found.cells
-        return np.asarray(self.outlook.remaining / np.where(cells > 0.0, cells, 1.0))
+        return np.asarray(self.prediction.remaining / np.where(cells > 0.0, cells, 1.0))
 
     def _with_least(self, value: float, ends: npt.NDArray[np.bool_]) -> float:
-        """Raise an estimate, and the outlook, to what cells leave at least in a sup norm.
+        """Raise an estimate, and the prediction, to what cells leave at least in a sup norm.
 
         Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
         farther apart than what the finer one has beyond its interpolant.
         """
-        outlook, found = self.outlook, self.found
-        least = np.where(outlook.singular, 0.0, found.left)
-        least = np.where(outlook.confirmed & ~ends, found.moved * self._shares(), least)
-        self.outlook = replace(outlook, remaining=np.maximum(outlook.remaining, least))
+        prediction, found = self.prediction, self.found
+        least = np.where(prediction.singular, 0.0, found.left)
+        least = np.where(prediction.confirmed & ~ends, found.moved * self._shares(), least)
+        self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, least))
         return max(value, total(least, self.rates.power, self._comm))
 
-    def _tried_out(self, value: float, fine: SignoriniProblem, cells: Indices) -> float:
+    def _corrected_by_motion(self, value: float, fine: SignoriniProblem, cells: Indices) -> float:
         """Correct later estimates if the solution has moved too far, and this one if too little.
 
         Where a dual solution weighs the cells, a few divisions may put an end to what single cells
@@ -215,29 +215,29 @@ class Estimator:
         least = math.sqrt(max(before**2 - moved**2, 0.0))
         return max(value, least) if few and self._target.weighted else value
 
-    def _with_misfits(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
-        """Add to an estimate, and to the outlook, what obstacle and pressure show between nodes."""
+    def _with_obstacle(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+        """Add to an estimate and the prediction what obstacle and pressure show between nodes."""
         norm = self._target.norm
         if norm is None or norm.boundary:
             return value
-        misfits = obstacle_misfits(fine, norm)
-        parts = collected(misfits, parents, len(self.outlook.remaining), norm.p)
-        parts = joined(parts, self.found.pulled, norm.p)
+        defects = obstacle_defects(fine, norm)
+        parts = collected(defects, parents, len(self.prediction.remaining), norm.p)
+        parts = joined(parts, self.found.gaps, norm.p)
         whole = total(parts, norm.p, self._comm)
         if whole == 0.0:
             return value
         if self._target.weighted:  # parts of cells add up as they are
-            remaining = self.outlook.remaining + shared_out(parts, norm.p, whole)
+            remaining = self.prediction.remaining + shared_out(parts, norm.p, whole)
         else:
-            remaining = joined(self.outlook.remaining, parts, norm.p)
-        self.outlook = replace(self.outlook, remaining=remaining)
+            remaining = joined(self.prediction.remaining, parts, norm.p)
+        self.prediction = replace(self.prediction, remaining=remaining)
         return float(joined(np.array(value), np.array(whole), norm.p))
 
-    def _with_hidden(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
-        """Add to an estimate, and to the outlook, what the data hide inside of cells."""
+    def _with_data(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+        """Add to an estimate, and to the prediction, what the data hide inside of cells."""
         if self._hidden is None:
             return value
-        power, remaining = self.rates.power, self.outlook.remaining
+        power, remaining = self.rates.power, self.prediction.remaining
         with together(self._comm, "hidden"):
             parts = SPREAD * self._hidden(fine, self._target)
         parts = collected(parts, parents, len(remaining), power)
@@ -245,5 +245,5 @@ class Estimator:
             return value
         whole = total(remaining, power, self._comm)
         remaining = np.maximum(remaining * (value / whole if whole > 0.0 else 1.0), parts)
-        self.outlook = replace(self.outlook, remaining=remaining)
+        self.prediction = replace(self.prediction, remaining=remaining)
         return max(value, total(remaining, power, self._comm))

@@ -25,7 +25,7 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
-from dolfinx_signorini.accuracy.pulls import pulls
+from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.ranks import highest
@@ -72,7 +72,7 @@ class Indicators:
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
             `cells`.
         left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
-        pulled: In norms of the domain what gaps add that w does not see in its contact set.
+        gaps: In norms of the domain what gaps inside facets in contact add, which w does not see.
     """
 
     difference: float
@@ -80,7 +80,7 @@ class Indicators:
     local: Array
     moved: Array
     left: Array
-    pulled: Array
+    gaps: Array
 
 
 def indicators(
@@ -99,9 +99,9 @@ def indicators(
     error = difference(fine.u, transfer.prolong(coarse.u))
     count = len(owned_cells(space.mesh))
     norm, zero = target.norm, np.zeros(count)
-    pulled: Array = zero
+    gaps: Array = zero
     if norm is not None and not norm.boundary:
-        pulled = collected(pulls(fine, transfer, norm), parents, count, norm.p)
+        gaps = collected(negative_pressure(fine, transfer, norm), parents, count, norm.p)
     if target.weighted:
         apart = size(error, target)
         dual, forces = fine.solve_linearised(_density(error, target, apart))
@@ -110,18 +110,18 @@ def indicators(
         released = coarse.forces, transfer.restrict(dual)
         changes = contact_changes(released, (forces, error), parents)
         cells = primal * weight + changes
-        return Indicators(apart, cells, primal, cells, zero, pulled)
+        return Indicators(apart, cells, primal, cells, zero, gaps)
     assert norm is not None
     norms = cell_norms(error, norm)
     apart, moved = total(norms, norm.p, space.mesh.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, moved, moved, zero, pulled)
+        return Indicators(apart, moved, moved, moved, zero, gaps)
     detail = _detail(transfer, fine.u)
     cells, left = (
         collected(values, parents, count, norm.p)
         for values in (cell_norms(detail, norm), left_by_derivatives(detail, norm.derivatives))
     )
-    return Indicators(apart, cells, cells, np.maximum(cells, moved), left, pulled)
+    return Indicators(apart, cells, cells, np.maximum(cells, moved), left, gaps)
 
 
 def difference(one: fem.Function, other: fem.Function) -> fem.Function:

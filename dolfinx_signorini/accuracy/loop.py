@@ -188,7 +188,7 @@ class Loop:
         """Note the step, after which the algebraic error is to be far below the estimate."""
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
-        remaining = self.estimator.outlook.remaining
+        remaining = self.estimator.prediction.remaining
         self.last = Result(step, self.division, remaining, self.keywords)
         if not self.steps or estimate < self.best.step.estimate:
             self.best = self.last
@@ -247,7 +247,7 @@ class Loop:
             growth = self._affordable()
             if growth < SMALLEST_GROWTH:
                 return None
-            marks = mark(self.sided, self.estimator.outlook, goal, min(growth, GROWTH))
+            marks = mark(self.sided, self.estimator.prediction, goal, min(growth, GROWTH))
             if not highest(self.comm, marks.levels) > 0.0:
                 self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None

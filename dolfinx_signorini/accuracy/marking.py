@@ -26,19 +26,19 @@ BISECTIONS = 60  # of the interval that the threshold is in
 AHEAD = 0.3  # of what the slowest cells come to: so small may others be made in a sup norm
 SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
-BULK = 0.5  # of the error: the cells that make up so much are divided in any case
+BULK = 0.5  # of the error: Doerfler's parameter, the cells that make up so much are divided
 DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
 SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
 NEAR = 1e-6  # of the size of a cell
 
 
 @dataclass(frozen=True)
-class Outlook:
+class Prediction:
     """What the cells of a mesh leave in the error, and what divisions are going to change.
 
     The rates of the cells tell:
 
-        marks = mark(sided, rates.outlook(cells), goal=0.5, growth=3.0)
+        marks = mark(sided, rates.prediction(cells), goal=0.5, growth=3.0)
 
     Attributes:
         remaining: What each owned cell leaves in the error.
@@ -160,20 +160,20 @@ def _rounded_up(levels: Array, multiple: Array | float) -> Array:
     return np.asarray(np.ceil(levels / multiple) * multiple)
 
 
-def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Marks:
+def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -> Marks:
     """Choose how often to divide the cells of a mesh; the call is collective.
 
     Args:
         sided: The mesh.
-        outlook: What the cells leave in the error, and how fast that falls.
+        prediction: What the cells leave in the error, and how fast that falls.
         goal: By how much the error is to be multiplied. A smaller factor than a division of all
             cells gives smooth solutions is not aimed at.
         growth: The largest ratio of the numbers of cells.
     """
     comm = sided.mesh.comm
-    points, isolated = _points(sided.mesh, outlook.remaining, outlook.singular)
-    choice = _Choice(comm, replace(outlook, singular=isolated), sided.mesh)
-    aim = max(goal, 2.0**-outlook.order)
+    points, isolated = _points(sided.mesh, prediction.remaining, prediction.singular)
+    choice = _Choice(comm, replace(prediction, singular=isolated), sided.mesh)
+    aim = max(goal, 2.0**-prediction.order)
     low, high = 1e-14, 1.0
     for _ in range(BISECTIONS):
         threshold = math.sqrt(low * high)
@@ -191,23 +191,23 @@ def mark(sided: SidedMesh, outlook: Outlook, goal: float, growth: float) -> Mark
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, comm: MPI.Comm, outlook: Outlook, domain: mesh.Mesh):
+    def __init__(self, comm: MPI.Comm, prediction: Prediction, domain: mesh.Mesh):
         dimension = domain.topology.dim
         x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
         room = volumes(domain) ** (1.0 / dimension) / (SMALLEST * np.abs(x).max(axis=(1, 2)))
-        self.comm, self.singular, self.power = comm, outlook.singular, outlook.power
-        self.dimension, remaining = dimension, outlook.remaining
+        self.comm, self.singular, self.power = comm, prediction.singular, prediction.power
+        self.dimension, remaining = dimension, prediction.remaining
         largest = highest(self.comm, remaining) or 1.0
         sup = math.isinf(self.power)
         power = 1.0 if sup else self.power
-        self.exponent = 1.0 if sup else outlook.exponent
+        self.exponent = 1.0 if sup else prediction.exponent
         self.parts = np.maximum((remaining / largest) ** power, TINY)
-        self.factors = np.clip(outlook.factors**self.exponent, TINY, 0.95)
+        self.factors = np.clip(prediction.factors**self.exponent, TINY, 0.95)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         child = np.where(self.singular, self.factors, shared)
         self._logarithms, self._steps = np.log(self.parts), -np.log(child)
-        towards = np.where(outlook.confirmed, DEEPEST, DEEPER)
+        towards = np.where(prediction.confirmed, DEEPEST, DEEPER)
         deepest = np.where(self.singular, towards, DEEP)
         self.deepest = np.minimum(deepest, np.floor(np.log2(np.maximum(room, 1.0))))
         # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.

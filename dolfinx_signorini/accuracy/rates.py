@@ -24,7 +24,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
-from dolfinx_signorini.accuracy.marking import Divided, Marks, Outlook
+from dolfinx_signorini.accuracy.marking import Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -44,7 +44,7 @@ class Rates:
     For example:
 
         rates = Rates(target("L4"), degree, count, dimension)
-        remaining = rates.outlook(cells).remaining
+        remaining = rates.prediction(cells).remaining
 
     Args:
         target: What is to be accurate.
@@ -77,7 +77,7 @@ class Rates:
         self.values = np.where(cells, np.minimum(self.values, rate), self.values)
         self._limited = cells
 
-    def outlook(self, cells: Array) -> Outlook:
+    def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
 
         Args:
@@ -92,7 +92,7 @@ class Rates:
         # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = np.maximum(rho / (1.0 - rho), AT_ENDS) if np.isinf(self.power) else 1.0
         remaining = cells * np.where(self._limited, at_ends, rho / rest)
-        return Outlook(
+        return Prediction(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
         )
 

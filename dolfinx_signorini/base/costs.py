@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 from ufl.differentiation import Derivative
 
-from dolfinx_signorini.base.squares import summands
+from dolfinx_signorini.base.sums_of_squares import summands
 from dolfinx_signorini.base.tables import text_table
 
 Item: TypeAlias = "PETSc.Mat | PETSc.Vec | ufl.Form | int | None"

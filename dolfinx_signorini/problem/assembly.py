@@ -18,10 +18,10 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.changes import Watch
+from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.base.errors import InputError, together
-from dolfinx_signorini.base.squares import is_sum_of_squares
+from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,

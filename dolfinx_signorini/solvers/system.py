@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
-from dolfinx_signorini.solvers.bodies import Bodies, bodies
+from dolfinx_signorini.solvers.connected_parts import Bodies, bodies
 from dolfinx_signorini.solvers.densities import Densities
 
 Indices = npt.NDArray[np.int32]

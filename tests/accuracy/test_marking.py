@@ -7,16 +7,16 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy import marking
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.marking import Marks, Outlook, mark, mark_worst
+from dolfinx_signorini.accuracy.marking import Marks, Prediction, mark, mark_worst
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 N = 8
 
 
-def outlook(remaining, rates, singular, power=2.0, exponent=None):
+def prediction(remaining, rates, singular, power=2.0, exponent=None):
     exponent = power if exponent is None else exponent
-    return Outlook(remaining, 2.0**-rates, singular, singular, power, exponent, 3.0)
+    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent, 3.0)
 
 
 def corners(sided):
@@ -89,7 +89,7 @@ def test_cells_with_the_error_are_divided(comm, power):
     bad = np.hypot(*(middle[:, :2] - 0.5).T) < 0.2
     values = np.where(bad, 1.0, 1e-4)
     smooth = np.zeros(len(bad), bool)
-    marks = mark(sided, outlook(values, np.full(len(bad), 3.0), smooth, power), 0.2, 3.0)
+    marks = mark(sided, prediction(values, np.full(len(bad), 3.0), smooth, power), 0.2, 3.0)
     assert (marks.levels[bad] >= 1).all()
     assert (marks.levels[~bad] == 0).all()
     divided = marks.apply(sided)
@@ -103,7 +103,7 @@ def test_the_error_that_is_asked_for_is_aimed_at(comm):
     values = 10.0 ** (-3.0 * middle[:, 0])
     rates, smooth = np.full(len(values), 2.0), np.zeros(len(values), bool)
     for goal in (0.9, 0.6, 0.3):
-        marks = mark(sided, outlook(values, rates, smooth), goal, 100.0)
+        marks = mark(sided, prediction(values, rates, smooth), goal, 100.0)
         after = comm.allreduce((values**2 * 4.0 ** (-2.0 * marks.levels)).sum())
         share = np.sqrt(after / comm.allreduce((values**2).sum()))
         # Half of the error's square is reduced in any case.
@@ -116,13 +116,13 @@ def test_lumps_with_small_parts_are_divided_with_the_others(comm):
     left, right = middle[:, 0] < 0.2, middle[:, 0] > 0.8
     lumps = np.where(left, 1.0, np.where(right, 0.3, 0.0))
     rates, smooth = np.full(len(lumps), 2.0), np.zeros(len(lumps), bool)
-    marks = mark(sided, outlook(lumps**4, rates, smooth, 1.0, 4.0), 0.27, 100.0)
+    marks = mark(sided, prediction(lumps**4, rates, smooth, 1.0, 4.0), 0.27, 100.0)
     after = lumps * 4.0 ** (-1.0 * marks.levels)
     assert (marks.levels[right] > 0).all()
     error = comm.allreduce(np.array([(after**4).sum(), (lumps**4).sum()])) ** 0.25
     assert marks.factor == pytest.approx(error[0] / error[1], rel=1e-9)
     # Parts that fell like the error itself would leave the smaller lump as it is.
-    marks = mark(sided, outlook(lumps**4, rates, smooth, 1.0), 0.27, 100.0)
+    marks = mark(sided, prediction(lumps**4, rates, smooth, 1.0), 0.27, 100.0)
     assert (marks.levels[right] == 0).all()
 
 
@@ -131,7 +131,7 @@ def test_meshes_grow_no_more_than_allowed(comm):
     values = 10.0 ** (-3.0 * middle[:, 0] - 0.3 * middle[:, 1])
     rates, smooth = np.full(len(values), 2.0), np.zeros(len(values), bool)
     for growth in (1.5, 2.0, 3.0):
-        marks = mark(sided, outlook(values, rates, smooth), 0.0, growth)
+        marks = mark(sided, prediction(values, rates, smooth), 0.0, growth)
         wanted = comm.allreduce((4.0**marks.levels).sum()) / (2 * N**2)
         assert 0.6 * growth <= wanted <= 1.1 * growth
 
@@ -144,7 +144,7 @@ def test_a_cell_is_divided_towards_its_singular_point(comm):
     sided, _middle = square(comm)
     at = at_centre(sided)
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
-    marks = mark(sided, outlook(values, rates, at), 0.05, 5.0)
+    marks = mark(sided, prediction(values, rates, at), 0.05, 5.0)
     assert (marks.singular == at).all()
     assert np.abs(marks.points[at] - (0.5, 0.5, 0.0)).max(initial=0.0) < 1e-9
     assert (marks.levels[at] >= 5).all()
@@ -163,7 +163,7 @@ def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
     for smallest, deepest in ((0.02, 3), (0.2, 0)):  # for cells of the size 1/8 at 1/2
         monkeypatch.setattr(marking, "SMALLEST", smallest)
-        marks = mark(sided, outlook(values, rates, at), 0.05, 5.0)
+        marks = mark(sided, prediction(values, rates, at), 0.05, 5.0)
         assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
 
 
@@ -171,6 +171,6 @@ def test_a_singular_line_is_no_point(comm):
     sided, middle = square(comm)
     bottom = (corners(sided)[:, :, 1] < 1e-9).sum(axis=1) == 2
     values, rates = np.where(bottom, 1.0, 1e-4), np.where(bottom, 0.5, 3.0)
-    marks = mark(sided, outlook(values, rates, bottom), 0.5, 5.0)
+    marks = mark(sided, prediction(values, rates, bottom), 0.5, 5.0)
     inner = bottom & (np.abs(middle[:, 0] - 0.5) < 0.3)
     assert not marks.singular[inner].any()

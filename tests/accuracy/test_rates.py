@@ -24,10 +24,10 @@ def test_what_remains_is_the_sum_of_all_later_differences(power, rate):
     later = 2.0 ** (-rate * np.arange(1, 200))
     # Differences add up as they are, or in squares where they are orthogonal.
     expected = later.sum() if power == 1.0 else np.sqrt((later**2).sum())
-    outlook = rates.outlook(cells)
-    assert outlook.remaining == pytest.approx(cells * expected, rel=1e-12)
-    assert outlook.factors == pytest.approx(2.0**-rate)
-    assert (outlook.singular == (rate < 0.75 * ORDER)).all()
+    prediction = rates.prediction(cells)
+    assert prediction.remaining == pytest.approx(cells * expected, rel=1e-12)
+    assert prediction.factors == pytest.approx(2.0**-rate)
+    assert (prediction.singular == (rate < 0.75 * ORDER)).all()
 
 
 def all_of_them(sided, count):

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from dolfinx_signorini.base.squares import is_sum_of_squares
+from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 
 grad, inner, dot = ufl.grad, ufl.inner, ufl.dot

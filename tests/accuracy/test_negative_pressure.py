@@ -9,7 +9,7 @@ from dolfinx import fem, mesh
 from known import Known, true_error
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.accuracy.pulls import pressure_density, pulls
+from dolfinx_signorini.accuracy.negative_pressure import negative_pressure, pressure_density
 from dolfinx_signorini.meshes.elements import bernstein_space, control_points
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
@@ -112,7 +112,7 @@ def test_a_pull_is_measured(comm, dim, centre):
     assert len(problem.active) == len(problem.contact_dofs)
     largest = {}
     for norm in ("W1_inf", "Linf"):
-        parts = pulls(problem, transfer, parse_norm(norm))
+        parts = negative_pressure(problem, transfer, parse_norm(norm))
         largest[norm] = max(comm.allgather(parts.max(initial=0.0)))
     problem.destroy()
     assert 0.8 * pull <= largest["W1_inf"] <= pull * (1.0 + 1e-5)
@@ -125,5 +125,5 @@ def test_a_pull_is_measured(comm, dim, centre):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_where_the_obstacle_pushes_nothing_is_added(comm, dim):
     problem, transfer = held(comm, dim, -1e-3)
-    assert not pulls(problem, transfer, parse_norm("L2")).any()
+    assert not negative_pressure(problem, transfer, parse_norm("L2")).any()
     problem.destroy()

@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import InputError, SignoriniProblem
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.bodies import bodies
+from dolfinx_signorini.solvers.connected_parts import bodies
 
 N = 12
 

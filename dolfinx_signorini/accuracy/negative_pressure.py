@@ -39,7 +39,7 @@ TOLERANCE = 1e-8  # of the density: what the iteration may leave
 ITERATIONS = 100  # at most; 5 to 15 are needed
 
 
-def pulls(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
+def negative_pressure(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
     """Return what gaps between dofs in contact add to the error on each owned cell.
 
     Args:

@@ -22,7 +22,7 @@ from dolfinx_signorini.problem.assembly import called
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 
-def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
+def obstacle_defects(problem: SignoriniProblem, norm: Norm) -> Array:
     """Return what the distance to the obstacle adds to the error on each owned cell.
 
     Args:
@@ -31,9 +31,9 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
             space, where differences along a facet are not formed.
     """
     domain, data = problem.space.mesh, problem.obstacle_data
-    misfits, dim = np.zeros(len(owned_cells(domain))), domain.topology.dim
+    defects, dim = np.zeros(len(owned_cells(domain))), domain.topology.dim
     if isinstance(data, int | float | np.number) or (norm.derivatives and dim > 2):
-        return misfits  # a number is met everywhere, and below it the nodes show
+        return defects  # a number is met everywhere, and below it the nodes show
     pairs, _, touching = contact_on_facets(problem)
     points = Points(domain, pairs, facet_lattice(problem.space))
     (u,) = points.values(problem.u)
@@ -45,13 +45,13 @@ def obstacle_misfits(problem: SignoriniProblem, norm: Norm) -> Array:
         off = np.diff(off, axis=1) * SAMPLES / scale[:, None]
     sizes: Array = np.abs(off)
     if math.isinf(norm.p):
-        np.maximum.at(misfits, pairs[:, 0], sizes.max(axis=1, initial=0.0))
-        return misfits
+        np.maximum.at(defects, pairs[:, 0], sizes.max(axis=1, initial=0.0))
+        return defects
     volume = 0.5 * scale ** (dim / (dim - 1.0))  # of what is near the facet
     largest = float(sizes.max(initial=0.0)) or 1.0
     powers = ((sizes / largest) ** norm.p).mean(axis=1) * volume if sizes.size else volume
-    np.add.at(misfits, pairs[:, 0], powers)
-    return np.asarray(largest * misfits ** (1.0 / norm.p))
+    np.add.at(defects, pairs[:, 0], powers)
+    return np.asarray(largest * defects ** (1.0 / norm.p))
 
 
 def _obstacle(problem: SignoriniProblem, points: Points) -> Array:
