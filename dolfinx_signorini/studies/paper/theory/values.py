@@ -45,14 +45,14 @@ def sharpness(row: Row) -> float:
 
 def both_parts(row: Row, norm: str) -> float:
     """Return the part near the point and the one away, in the 16th power, over the whole."""
-    parts = row["parts"]
-    return float(sum((parts[k][norm] / row["errors"][norm]) ** 16 for k in ("near", "far")))
+    parts, whole = row["parts"], row["by_paper_rule"][norm]
+    return float(sum((parts[k][norm] / whole) ** 16 for k in ("near", "far")))
 
 
 def over_table_1(row: Row, norm: str) -> float | None:
     """Return an error over that in the paper's Table 1; None for meshes that are not listed."""
     known = TABLE_1[norm].get(row["n"])
-    return None if known is None else float(row["errors"][norm] / known)
+    return None if known is None else float(row["by_paper_rule"][norm] / known)
 
 
 def worst(row: Row, part: str, key: str, over: str) -> float:
