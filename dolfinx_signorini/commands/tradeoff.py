@@ -54,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--page",
         type=Path,
         metavar="FILE",
-        help="also write a page of rules with the diagrams beside it; for the paper's problem",
+        help="also write a page of tables with the diagrams beside it; for the paper's problem",
     )
 
 
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         print(tables, end="", flush=True)
     if page := args.page:
         limit = args.max_unknowns
-        on_first(comm, page.parent, lambda: write_page(page, records.rows, limit))
+        on_first(comm, page.parent, lambda: write_page(page, records.rows, norms, limit))
     return 0
 
 

@@ -5,12 +5,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from dolfinx_signorini.base.tables import text_table
-from dolfinx_signorini.norms.orders import regression
-from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1, Kind
+from dolfinx_signorini.norms.orders import (
+    DETACHMENT_EXPONENT,
+    SMOOTH,
+    approximation_order,
+    regression,
+)
+from dolfinx_signorini.studies.tradeoff.kinds import KINDS, UNIFORM_P1, Kind
 from dolfinx_signorini.studies.tradeoff.runs import Configuration
 
 Row = Mapping[str, Any]
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 FEWEST = 4  # rows of which the slope is taken
 
@@ -147,12 +152,15 @@ def slope(rows: Sequence[Row], norm: str) -> float | None:
     return -regression(unknowns, [row["errors"][norm] for row in finer])
 
 
-def target_table(rows: Sequence[Row], norm: str) -> str:
+def target_table(rows: Sequence[Row], norm: str) -> Table:
     """Return a table of the cheapest configuration for each error, beside uniform P1.
 
     Args:
         rows: Rows that are compared in the norm.
         norm: The norm of the error.
+
+    Returns:
+        The heads of the columns, and the cells of each line.
     """
     baseline = [row for row in rows if is_baseline(row)]
     best = _best(rows, norm)
@@ -169,4 +177,43 @@ def target_table(rows: Sequence[Row], norm: str) -> str:
         own = (describe(row), str(row["unknowns"]), f"{row['total']:.3g}")
         lines.append((f"{target:.3e}{mark}", *own, *against))
     columns = ("at most", "the cheapest", "unknowns", "seconds", "against", "seconds", "times")
-    return text_table(columns, lines, f"for an error in {norm} of at most ...")
+    return columns, lines
+
+
+def order_table(rows: Sequence[Row], norms: Sequence[str]) -> Table:
+    """Return a table of the orders in h, measured and allowed by approximation.
+
+    Args:
+        rows: Rows on meshes of the plane.
+        norms: The norms of the error.
+
+    Returns:
+        The heads of the columns, and the cells of each line.
+    """
+    lines = []
+    for kind in KINDS:
+        exponent = DETACHMENT_EXPONENT if kind.mesh == "uniform" else SMOOTH
+        cells, most = [], 0
+        for norm in norms:
+            own = of_kind(compared(rows, norm), kind)
+            most = max([most, *(row["unknowns"] for row in own)])
+            order = slope(own, norm)
+            measured = "-" if order is None else f"{2.0 * order:.2f}"
+            cells.append(f"{measured} ({approximation_order(norm, kind.degree, exponent):g})")
+        lines.append((str(kind), str(most), *cells))
+    return ("mesh and elements", "unknowns, at most", *norms), lines
+
+
+def rivals(rows: Sequence[Row], norms: Sequence[str]) -> list[Row]:
+    """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm.
+
+    Args:
+        rows: All rows, with uniform P1 among these.
+        norms: The norms of the error.
+    """
+    result = [finest(compared(rows, norms[0]))]
+    for norm in norms:
+        row = cheapest(compared(rows, norm), norm, result[0]["errors"][norm])
+        if row is not None and row not in result:
+            result.append(row)
+    return result

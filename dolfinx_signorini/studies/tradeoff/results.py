@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_signorini.base.records import versions, write_file
-from dolfinx_signorini.base.tables import csv_table
+from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.pictures import plotting
 from dolfinx_signorini.studies.tradeoff import plots
 from dolfinx_signorini.studies.tradeoff.comparing import (
@@ -43,7 +43,9 @@ def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -
         f"median of {settings['repeats']}; compilation of the forms is left out\n"
         f"errors against: {settings['reference']}; *: the best of uniform P1 here\n"
     )
-    tables = "\n".join([notes, *(target_table(main[norm], norm) for norm in norms)])
+    found = ((norm, target_table(main[norm], norm)) for norm in norms)
+    titles = (text_table(*table, f"for an error in {norm} of at most ...") for norm, table in found)
+    tables = "\n".join([notes, *titles])
     write_file(folder / TARGETS, tables)
     fronts = {norm: [_short(row, norm) for row in pareto_front(main[norm], norm)] for norm in norms}
     report = {"versions": versions(), "settings": settings, "rows": rows, "pareto": fronts}

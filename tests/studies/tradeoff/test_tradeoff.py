@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import InputError, friedrichs_keller
 from dolfinx_signorini.base.records import Records
+from dolfinx_signorini.base.tables import markdown_table
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -23,8 +24,10 @@ from dolfinx_signorini.studies.tradeoff.comparing import (
     accuracies,
     cheapest,
     compared,
+    order_table,
     pareto_front,
     slope,
+    target_table,
     targets,
 )
 from dolfinx_signorini.studies.tradeoff.grid import FIRST, Item, adapted_kinds, grid, ladder
@@ -277,7 +280,41 @@ def test_the_command_on_the_paper(comm: MPI.Comm, folder: Path) -> None:
         assert "uniform P1" in (out / "targets.txt").read_text()
         written = {path.name for path in out.iterdir()} - {"rows.jsonl"}
         assert written == set(result_files(report["settings"]["norms"]))
-    assert main([*arguments, "--page", str(folder / "page.md")]) == 2  # rows are missing
+    assert main([*arguments, "--page", str(folder / "page.md")]) == 0
+    if comm.rank == 0:
+        page = (folder / "page.md").read_text()
+        for norm in report["settings"]["norms"]:
+            cheapest_rows = target_table(compared(report["rows"], norm), norm)
+            assert markdown_table(*cheapest_rows) in page
+            assert f"(page/work_precision_{norm}.png)" in page
+            assert (folder / "page" / f"work_precision_{norm}.png").stat().st_size > 10_000
+        assert (folder / "page" / "phases.png").stat().st_size > 10_000
+
+
+def test_the_table_of_targets_has_the_fastest_of_all_beside_uniform_p1() -> None:
+    common = {"n": 4, "rtol": None, "max_unknowns": None}
+    rows = [
+        row(0.5, 1.0, unknowns=10, **common),
+        row(0.02, 8.0, unknowns=90, **common),
+        row(0.003, 2.0, degree=2, unknowns=40, **common),
+    ]
+    _, lines = target_table(rows, "L2")
+    own = ("uniform P2, N = 4", "40", "2", "uniform P1, N = 4", "8", "4.0")
+    assert lines == [
+        ("1.000e-01", *own),
+        ("2.000e-02*", *own),
+        ("1.000e-02", *own[:3], *lines[2][4:]),
+    ]
+    assert lines[2][4] == "uniform P1 does not get there"
+
+
+def test_orders_are_told_beside_what_approximation_allows() -> None:
+    rows = [row(n**-1.0, 1.0, unknowns=n * n) for n in (4, 8, 16, 32)]
+    columns, lines = order_table(rows, ["L2"])
+    assert columns[-1] == "L2"
+    assert lines[0] == ("uniform P1", "1024", "1.00 (2)")
+    assert ("uniform P2", "0", "- (2.5)") in lines
+    assert ("graded P2", "0", "- (3)") in lines
 
 
 @pytest.mark.slow

@@ -21,9 +21,9 @@ The command runs them over families of meshes and tells the results:
     measures          what a row holds
     families          the families of meshes, and their rows on disk
     checks            a figure beside what is proven, and the rule that says whether they agree
-    section2, section3, section4, section5, beyond
-                      the checks of each statement
-    statements        the list of statements
+    values            figures of rows that are no plain entries
+    tables            the checks whose orders follow from theorems
+    statements        the list of statements, with their checks as `data/statements.toml` has them
     figures           pictures
     report            the document
 """

@@ -18,7 +18,7 @@ ROUNDING = 1e-9  # of an inequality; linear systems are solved to 1e-11
 
 Row = Mapping[str, Any]
 Rows = Mapping[str, Sequence[Row]]
-Value = Callable[[Row], Any]
+Value = Callable[[Any], Any]
 Figures = Sequence[tuple[int, float]]  # cells per side and value, mesh by mesh
 
 
@@ -149,13 +149,18 @@ class Settles:
         return Verdict(text, b > 0.0 and abs(b - a) <= self.tolerance * b)
 
 
+RULES: Mapping[str, Callable[..., Rule]] = {
+    rule.__name__.lower(): rule for rule in (Order, Within, Slope, Limit, Settles)
+}
+
+
 @dataclass(frozen=True)
 class Check:
     """A measurement and the rule that judges it.
 
     A check reads rows and knows nothing else of the experiments:
 
-        check = Check("u - u_h in L4", "2 - eps", ("paper",), entry("errors", "L4"), Order(2, 2))
+        check = Check("u - u_h in L4", "2 - eps", ("paper",), entry("errors/L4"), Order(2, 2))
         print(check.verdict(rows))
 
     Attributes:
@@ -196,13 +201,23 @@ class Check:
         return self.rule.judge(self.figures(rows))
 
 
-def entry(*keys: str | int) -> Value:
-    """Return the function that reads an entry of a row, by the keys on the way to the entry."""
+@dataclass(frozen=True)
+class Together(Check):
+    """A check of one figure of all rows: `value` reads a list of rows of each experiment."""
+
+    def figures(self, rows: Rows) -> list[tuple[int, float]]:
+        """Return the figure, for the finest mesh of the first experiment."""
+        families = [fine(rows[name], self.first) for name in self.experiments]
+        return [(families[0][-1]["n"], float(self.value(families)))]
+
+
+def entry(path: str) -> Value:
+    """Return the function that reads an entry of a row, by the keys on the way, joined by "/"."""
 
     def read(row: Row) -> Any:
         item: Any = row
-        for key in keys:
-            item = item[key]
+        for key in path.split("/"):
+            item = item[int(key) if isinstance(item, list | tuple) else key]
         return item
 
     return read

@@ -19,6 +19,7 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import ROWS, Records
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.theory import measures, parts, triangulations
 from dolfinx_signorini.studies.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import EPSILONS
@@ -51,6 +52,7 @@ SETTINGS = {
     "refinement": measures.REFINEMENT,
     "norms": measures.ERROR_NORMS,
     "second": measures.SECOND,
+    "rule": str(PAPER_RULE),
 }
 
 

@@ -26,10 +26,11 @@ from dolfinx_signorini.studies.paper.theory.families import POWER_EXPONENTS, pla
 from dolfinx_signorini.studies.paper.theory.measures import TRACE
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.studies.paper.theory.proven import allowed_order, proven_order
-from dolfinx_signorini.studies.paper.theory.section4 import NAMES, PLACED, TRANSITION
-from dolfinx_signorini.studies.paper.theory.section5 import contact_set, detachment_error
+from dolfinx_signorini.studies.paper.theory.tables import NAMES
+from dolfinx_signorini.studies.paper.theory.values import PLACED, contact_set, detachment_error
 
 FINE = 31  # cells per side of the paper's solution
+TRANSITION = {"L16": (1.625, 2.0), "W1_16": (0.625, 1.0)}  # near the point and away from there
 LAST = 0.72  # arc length up to which the one-sided approximation is drawn
 TERMS = {
     "plus": ("interpolation", "bumps", "bump_load", "remainder"),
@@ -58,7 +59,7 @@ def draw_projection(rows: Rows) -> Figure:
         proven |= {f"L{p}_boundary": 2.0 - 1.0 / p, f"L{p}": 2.0}
         for i, (norm, order) in enumerate(proven.items()):
             name = norm.replace("_spectral", "")
-            _curve(axes, family, entry("ritz", norm), f"{name}, order {order:.3g}", i, order)
+            _curve(axes, family, entry(f"ritz/{norm}"), f"{name}, order {order:.3g}", i, order)
         _finish(axes, family, f"$u - R_h(u)$, {example} solution", "error", "below")
     return _tight(figure)
 
@@ -68,11 +69,11 @@ def draw_supercloseness(rows: Rows) -> Figure:
     figure, axes = plt.subplots(figsize=(7.4, 5.4))
     family = fine(rows["paper"], 101)
     curves = (
-        ("$u - u_h$, order 1", entry("errors", "H1"), 1.0),
-        ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided", "norm"), 1.5),
+        ("$u - u_h$, order 1", entry("errors/H1"), 1.0),
+        ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided/norm"), 1.5),
         ("$R_h(u) - u_h$", entry("supercloseness"), None),
-        ("its part near, order 3/2", entry("supercloseness_parts", "near"), 1.5),
-        ("its part far, order 2", entry("supercloseness_parts", "far"), 2.0),
+        ("its part near, order 3/2", entry("supercloseness_parts/near"), 1.5),
+        ("its part far, order 2", entry("supercloseness_parts/far"), 2.0),
     )
     for i, (label, value, order) in enumerate(curves):
         _curve(axes, family, value, label, i, order)
@@ -88,7 +89,7 @@ def draw_powers(rows: Rows) -> Figure:
         proven = [proven_order(p, norm).value for p in POWER_EXPONENTS]
         allowed = [allowed_order(p, norm) for p in POWER_EXPONENTS]
         families = [rows[power_name(p)] for p in POWER_EXPONENTS]
-        measured = [orders(family, entry("errors", norm))[-1] for family in families]
+        measured = [orders(family, entry(f"errors/{norm}"))[-1] for family in families]
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
         axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
@@ -103,7 +104,7 @@ def draw_powers(rows: Rows) -> Figure:
 def draw_logarithms(rows: Rows) -> Figure:
     """Draw the fourth power of the normalised W^{1,4} error against ln N (Remark 4.4, 1)."""
     figure, axes = plt.subplots(figsize=(6.4, 4.2))
-    family, value = rows[power_name(np.inf)], over(entry("errors", "W1_4"), 1.0, to=4.0)
+    family, value = rows[power_name(np.inf)], over(entry("errors/W1_4"), 1.0, to=4.0)
     x = np.log([row["n"] for row in family])
     y = np.array([value(row) for row in family])
     B = interpolation_constant()
@@ -159,7 +160,7 @@ def draw_dual(rows: Rows) -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(11.5, 6.2), sharey=True)
     titles = {"plus": "(20), (21): $(u - u_h)^+$", "minus": "(26): $(u - u_h)^-$"}
     for axes, (part, title) in zip(panels, titles.items(), strict=True):
-        _band(axes, rows["dual"], entry(part, "error"), "error (left-hand side)")
+        _band(axes, rows["dual"], entry(f"{part}/error"), "error (left-hand side)")
         for i, (name, label) in enumerate(TERM_NAMES.items()):
             if name in TERMS[part]:
                 _curve(axes, rows["dual"], _size(part, name), label, i, None)
@@ -214,9 +215,9 @@ def draw_transition(rows: Rows) -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.8))
     family = fine(rows["paper"], 101)
     for axes, (norm, (near, far)) in zip(panels, TRANSITION.items(), strict=True):
-        _band(axes, family, entry("errors", norm), "whole")
-        _curve(axes, family, entry("parts", "near", norm), f"near, order {near}", 1, near)
-        _curve(axes, family, entry("parts", "far", norm), f"far, order {far:g}", 0, far)
+        _band(axes, family, entry(f"errors/{norm}"), "whole")
+        _curve(axes, family, entry(f"parts/near/{norm}"), f"near, order {near}", 1, near)
+        _curve(axes, family, entry(f"parts/far/{norm}"), f"far, order {far:g}", 0, far)
         _finish(axes, family, norm, "error $u - u_h$")
     return _tight(figure)
 

@@ -17,6 +17,7 @@ from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem.detachment import detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.theory import parts, ritz, triangulations
 from dolfinx_signorini.studies.paper.theory.cea import smallest_one_sided
 from dolfinx_signorini.studies.paper.theory.contact_sets import discrete_contact_set
@@ -87,8 +88,9 @@ def obstacle(d: Discretisation) -> Row:
 
 
 def near(d: Discretisation) -> Row:
-    """Return the parts of the error near the detachment point and away from there."""
-    return {"parts": parts.near_and_far(d, ["L16", "W1_16"])}
+    """Return parts of the error near the detachment point and away, and norms by the same rule."""
+    sampled = error_norms(d.u_h, d.exact, ["L4", "L16", "W1_4", "W1_16"], PAPER_RULE)
+    return {"parts": parts.near_and_far(d, ["L16", "W1_16"]), "by_paper_rule": sampled}
 
 
 def contact(d: Discretisation) -> Row:

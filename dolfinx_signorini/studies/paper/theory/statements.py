@@ -1,6 +1,6 @@
 """The statements of the paper: what they claim, what is computed for them, what is seen.
 
-The texts are in `data/statements.toml`; the checks are in the modules of the sections.
+Texts and checks are in `data/statements.toml`, whose first lines say how to read a check.
 """
 
 import tomllib
@@ -9,15 +9,19 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from dolfinx_signorini.studies.paper.theory import beyond, section2, section3, section4, section5
-from dolfinx_signorini.studies.paper.theory.checks import Check
+from dolfinx_signorini.studies.paper.theory import values
+from dolfinx_signorini.studies.paper.theory.checks import (
+    RULES,
+    Check,
+    Row,
+    Together,
+    Value,
+    entry,
+)
 from dolfinx_signorini.studies.paper.theory.families import POWER_EXPONENTS, power_name
+from dolfinx_signorini.studies.paper.theory.tables import TABLES
 
-CHECKS: Mapping[str, tuple[Check, ...]] = {
-    key: checks
-    for section in (section2, section3, section4, section5, beyond)
-    for key, checks in section.CHECKS.items()
-}
+Texts = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -67,20 +71,72 @@ DRAWN = {
 }
 
 
-def _statement(key: str, texts: Mapping[str, Any]) -> Statement:
+def _statement(key: str, texts: Texts) -> Statement:
     fields = ("name", "claim", "comment", "reason", "figure")
     name, claim, comment, reason, figure = (
         " ".join(str(texts.get(field, "")).split()) for field in fields
     )
-    beyond, checks = bool(texts.get("beyond")), CHECKS.get(key, ())
+    checks = tuple(check for entry in texts.get("checks", ()) for check in _checks(entry))
+    beyond = bool(texts.get("beyond"))
     return Statement(key, name, claim, comment, reason, figure, beyond, checks)
+
+
+def _checks(texts: Texts) -> list[Check]:
+    """The checks of an entry of the file, one for each item of "each"."""
+    items = [[item] if isinstance(item, str) else item for item in texts.get("each", [[]])]
+    return [check for item in items for check in _checks_of(_filled(texts, item), item)]
+
+
+def _filled(texts: Texts, item: Sequence[str]) -> Texts:
+    """The entry with the parts of an item in place of $1, $2, ..."""
+    filled = {"on": item[0] if item else ""} | dict(texts)
+    for number, part in enumerate(item, start=1):
+        for key, value in filled.items():
+            if isinstance(value, str):
+                filled[key] = value.replace(f"${number}", part)
+    return filled
+
+
+def _checks_of(texts: Texts, item: Sequence[str]) -> list[Check]:
+    """The checks of an entry without placeholders."""
+    if "use" in texts:
+        own = {k: v for k, v in texts.items() if k not in ("use", "each", "on")}
+        given = item or [texts["on"]] if texts["use"] != "logarithms" else ()
+        return TABLES[texts["use"]](*given, **own)
+    kind, rule = next((RULES[key], value) for key, value in texts.items() if key in RULES)
+    on = _GROUPS.get(texts["on"], [texts["on"]]) if isinstance(texts["on"], str) else texts["on"]
+    whole = texts.get("together")
+    value = getattr(values, whole) if whole else _value(texts)
+    make = Together if whole else Check
+    what, proven, column = texts["what"], texts["proven"], texts.get("column", "")
+    numbers = map(float, rule)
+    return [make(what, proven, tuple(on), value, kind(*numbers), texts.get("first", 0), column)]
+
+
+def _value(texts: Texts) -> Value:
+    """What a check reads from a row."""
+    name, *arguments = texts["of"].split()
+    own, less, by = getattr(values, name, None), texts.get("less", 0.0), texts.get("by")
+
+    def read(row: Row) -> float | None:
+        value = entry(name)(row) if own is None else own(row, *arguments)
+        divisor = 1.0 if by is None else entry(by)(row)
+        if value is None or divisor is None:
+            return None
+        value -= entry(less)(row) if isinstance(less, str) else less
+        value *= row["n"] ** texts.get("power", 0) / divisor
+        return abs(value) if texts.get("size") else float(value)
+
+    return read
 
 
 _FILE = resources.files("dolfinx_signorini.studies.paper").joinpath("data/statements.toml")
 _TEXTS = tomllib.loads(_FILE.read_text(encoding="utf-8"))
 # Where each numbered formula of the paper is measured, or why not.
 EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
+_GROUPS: Mapping[str, list[str]] = _TEXTS.pop("groups")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
+CHECKS = {statement.key: statement.checks for statement in STATEMENTS if statement.checks}
 MEASURED = tuple(statement for statement in STATEMENTS if statement.checks)
 
 

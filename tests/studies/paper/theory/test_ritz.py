@@ -31,7 +31,7 @@ from dolfinx_signorini.studies.paper.theory.ritz import (
     ritz_errors,
     supercloseness,
 )
-from dolfinx_signorini.studies.paper.theory.section3 import CHECKS
+from dolfinx_signorini.studies.paper.theory.statements import CHECKS
 
 
 def order(coarse, fine, ratio):

@@ -1,0 +1,81 @@
+"""What checks read: figures of one row, and figures of all rows of some experiments together."""
+
+import math
+from collections.abc import Sequence
+
+from dolfinx_signorini.studies.paper.theory.checks import Row
+from dolfinx_signorini.studies.paper.theory.contact_sets import ContactSet, condition_a_h
+from dolfinx_signorini.studies.paper.theory.families import SHARP_EXPONENT
+from dolfinx_signorini.studies.paper.theory.measures import TRACE
+
+CORNERS = (0.0, 1.0, 2.0, 3.0)  # arc length on the boundary of the unit square
+STRENGTH = 10.0  # the factor of r^{3/2} of the paper's solution
+TABLE_1 = {"L4": {101: 5.8745e-4, 1001: 6.0007e-6}, "W1_4": {101: 1.3044e-1, 1001: 1.3395e-2}}
+PLACED = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", TRACE)
+
+
+def contact_set(row: Row) -> ContactSet:
+    """Return the discrete contact set of a row."""
+    found = row["contact_set"]
+    intervals = tuple((a, b) for a, b in found["intervals"])
+    return ContactSet(found["length"], intervals, tuple(found["detachments"]))
+
+
+def detachment_error(row: Row) -> float:
+    """Return the distance of the point of Section 7 from the nearest detachment point found."""
+    return min(abs(s - 0.5) for s in row["contact_set"]["detachments"])
+
+
+def outside(row: Row) -> float:
+    """Return how far w_h lies below R_h(u) - u or above R_h(u)."""
+    return float(max(row["one_sided"]["below"], row["one_sided"]["above"]))
+
+
+def outer_width(row: Row) -> float:
+    """Return how far the outer enclosure reaches beyond the contact set, in (e / b)^{2/3}."""
+    found = row["enclosure"]
+    return float((0.5 - found["outer"]) / (found["value"] / STRENGTH) ** (2.0 / 3.0))
+
+
+def sharpness(row: Row) -> float:
+    """Return the supercloseness over h^{3/2 - 1/p} / log2(1/h)."""
+    n = row["n"]
+    return float(row["supercloseness"] * n ** (1.5 - 1.0 / SHARP_EXPONENT) * math.log2(n))
+
+
+def both_parts(row: Row, norm: str) -> float:
+    """Return the part near the point and the one away, in the 16th power, over the whole."""
+    parts, whole = row["parts"], row["by_paper_rule"][norm]
+    return float(sum((parts[k][norm] / whole) ** 16 for k in ("near", "far")))
+
+
+def over_table_1(row: Row, norm: str) -> float | None:
+    """Return an error over that in the paper's Table 1; None for meshes that are not listed."""
+    known = TABLE_1[norm].get(row["n"])
+    return None if known is None else float(row["by_paper_rule"][norm] / known)
+
+
+def worst(row: Row, part: str, key: str, over: str) -> float:
+    """Return the largest quotient of two entries of a dual problem over all epsilon."""
+    item = row[part]
+    above = item[key] if isinstance(item[key], dict) else dict.fromkeys(item[over], item[key])
+    return float(max(above[e] / item[over][e] for e in item[over]))
+
+
+def violations(families: Sequence[Sequence[Row]]) -> int:
+    """Return in how many ways the contact sets of one family of meshes violate (A_h)."""
+    (rows,) = families
+    return len(condition_a_h([contact_set(row) for row in rows], CORNERS).violations)
+
+
+def middle(families: Sequence[Sequence[Row]]) -> float:
+    """Return the error with the point at a half of an edge over the largest at other places.
+
+    Args:
+        families: The rows of the places 0, 1/4, 1/2, 3/4 of an edge.
+
+    Returns:
+        The quotient in the norm where it is largest, on the finest meshes.
+    """
+    zero, quarter, half, last = (rows[-1]["errors"] for rows in families)
+    return max(half[norm] / max(e[norm] for e in (zero, quarter, last)) for norm in PLACED)
