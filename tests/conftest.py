@@ -18,8 +18,12 @@ from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes import Scene
+from dolfinx_signorini.scenes.files.reading import parse_scene
 
 Array = npt.NDArray[np.float64]
+
+DEMOS = Path(__file__).parents[1] / "demos" / "scenes"
 
 # Without a clock, a random seed or a database all ranks draw the same examples.
 settings.register_profile(
@@ -52,6 +56,18 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def comm() -> MPI.Comm:
     """The communicator of all meshes."""
     return MPI.COMM_WORLD
+
+
+@pytest.fixture(scope="session")
+def demos() -> Path:
+    """The folder of the scene files."""
+    return DEMOS
+
+
+@pytest.fixture(scope="session")
+def parse() -> Callable[[str], Scene]:
+    """Make a scene from the text of a scene file."""
+    return lambda text: parse_scene(text, DEMOS / "test.toml", MPI.COMM_WORLD)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from dolfinx_signorini.data.enclosures import enclosed_linearly, enclosed_on_simplices, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided
-from dolfinx_signorini.data.interfaces.roughness import chosen, factors, switch, switches
+from dolfinx_signorini.data.interfaces.roughness import chosen, factors, margins, switch
 from dolfinx_signorini.data.names import Names
 
 Array = npt.NDArray[np.float64]
@@ -68,9 +68,9 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         The formulas themselves, with shares 0, where choices are too many.
     """
     names = Names()
-    margins = {names[m]: m for m in switches(*formulas)}
+    known = {names[m]: m for m in margins(*formulas)}
     count, every = len(corners), np.arange(len(corners))
-    found = [_sides(Formula("", margin), corners) for margin in margins.values()]
+    found = [_sides(Formula("", margin), corners) for margin in known.values()]
     signs = np.array([sign for sign, _ in found]).reshape(len(found), count)
     patterns, which = np.unique(signs, axis=1, return_inverse=True)
     if not found or patterns.shape[1] > MOST_PATTERNS:
@@ -78,13 +78,13 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
     shares = np.minimum(np.sum([share for _, share in found], axis=0), 1.0)
 
     def made(pattern: Sequence[bool]) -> list[Formula]:
-        signs = dict(zip(margins, pattern, strict=True))
+        signs = dict(zip(known, pattern, strict=True))
         chosen = _Chosen(signs, names)
         return [Formula(f.text, chosen(f.root)) for f in formulas]
 
     others = [list(formulas)]
-    if len(margins) <= MOST_SWITCHES:
-        others = [made(pattern) for pattern in product((True, False), repeat=len(margins))]
+    if len(known) <= MOST_SWITCHES:
+        others = [made(pattern) for pattern in product((True, False), repeat=len(known))]
     parts = []
     for k, pattern in enumerate(patterns.T):
         cells = np.flatnonzero(which.ravel() == k)
@@ -99,7 +99,7 @@ def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Arra
     where they are simpler, (x - a) (b - x) for example next to the lines x = a and x = b.
     """
     positive, share = _sides_of_one(margin, corners)
-    parts = [Formula("", part) for part in factors(margin.root)]
+    parts = [Formula("", part) for part in factors(margin.root, signs=True)]
     if len(parts) < 2:
         return positive, share
     middle = corners.mean(axis=1)

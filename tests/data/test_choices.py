@@ -93,3 +93,10 @@ def test_shares_next_to_lines_and_planes(signs):
         negative = (shares @ values < 0.0).mean()
         truth = min(negative, 1.0 - negative)
         assert truth - 0.01 <= part.shares[0] <= truth + {2: 0.01, 3: 0.06}[d]
+
+
+def test_a_quotient_changes_its_sign_with_its_denominator():
+    formula = parse("where((2 - x)*(2 - y)/(x - 0.43) > 0, 1, 2)")
+    (part,) = decided([formula], np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]))
+    negative = 0.5 - 0.57**2 / 2.0  # the area with x < 0.43
+    assert part.shares[0] >= min(2.0 * negative, 1.0 - 2.0 * negative)

@@ -1,37 +1,18 @@
-"""What the tests of scenes share: scenes from texts, and a solver that shares nothing with them."""
+"""What the tests of scenes share: the streams, and a solver that shares nothing with them."""
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from mpi4py import MPI
 from scipy.sparse.linalg import splu
-
-from dolfinx_signorini.scenes import Scene
-from dolfinx_signorini.scenes.files.reading import parse_scene
-
-DEMOS = Path(__file__).parents[2] / "demos" / "scenes"
 
 
 @pytest.fixture(autouse=True)
 def same_streams(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line silences the other ranks for good; here only while a test runs."""
     monkeypatch.setattr(sys, "stdout", sys.stdout)
-
-
-@pytest.fixture(scope="session")
-def demos() -> Path:
-    """The folder of the scene files."""
-    return DEMOS
-
-
-@pytest.fixture(scope="session")
-def parse() -> Callable[[str], Scene]:
-    """Make a scene from the text of a scene file."""
-    return lambda text: parse_scene(text, DEMOS / "test.toml", MPI.COMM_WORLD)
 
 
 @pytest.fixture(scope="session")

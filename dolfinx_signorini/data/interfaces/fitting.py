@@ -27,7 +27,7 @@ from dolfinx_signorini.data.interfaces.cutting import (
     depths,
     fitted,
 )
-from dolfinx_signorini.data.interfaces.roughness import factors, switches
+from dolfinx_signorini.data.interfaces.roughness import switches
 from dolfinx_signorini.meshes.mesh_defects import all_cells
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -62,7 +62,7 @@ def fitted_mesh(
         that the cells follow a curve, this curve is left inside of cells.
     """
     nodes = switches(*formulas)[::-1]
-    lines = [part for node in switches(*straight) for part in factors(node)]
+    lines = switches(*straight)
     comm, best = sided.mesh.comm, sided
     for attempt in range(ROUNDS if nodes or lines else 0):
         whole, marks = _fitted(_gathered(sided), nodes, lines, max_cells)

@@ -24,15 +24,22 @@ def rough(formula: Formula) -> bool:
 def switches(*formulas: Formula) -> list[Node]:
     """Return the parts of formulas at whose zeros one of the formulas may jump or have a kink.
 
-    Parts that are equal are named once. What is inside of another part comes after that part.
+    A product changes its sign where one of its factors does: the parts are factors. Parts that are
+    equal are named once. What is inside of another part comes after that part.
     """
     names, found = Names(), dict[int, Node]()
-    for formula in formulas:
-        for part in map(switch, reversed(nodes(formula.root))):
-            if part is not None:
+    for margin in margins(*formulas):
+        for part in factors(margin, signs=True):
+            if not _is_even(part):
                 found.pop(names[part], None)
                 found[names[part]] = part
     return list(found.values())
+
+
+def margins(*formulas: Formula) -> list[Node]:
+    """Return what decides by its sign in each choice of formulas, the outer choices first."""
+    found = (switch(node) for formula in formulas for node in reversed(nodes(formula.root)))
+    return [margin for margin in found if margin is not None]
 
 
 def switch(node: Node) -> Node | None:
@@ -89,15 +96,26 @@ def poles(formula: Formula) -> list[Node]:
     return list(found.values())
 
 
-def factors(node: Node) -> list[Node]:
-    """Return the parts at whose zeros a part of a formula vanishes."""
-    if node.op in ("*", "/"):
-        return [f for a in node.args[: 2 if node.op == "*" else 1] for f in factors(a)]
-    if node.op in ("^", "sqrt", "negative", "abs"):
-        return factors(node.args[0])
+def factors(node: Node, signs: bool = False) -> list[Node]:
+    """Return the parts at whose zeros a part of a formula vanishes.
+
+    Args:
+        node: The part.
+        signs: Whether the parts are those that the sign depends on: denominators as well, and even
+            powers and absolute values undivided, which are zero or positive.
+    """
+    operands = list(node.args)
     if node.op == "-":  # a comparison with 0 is such a difference
-        others = [a for a in node.args if a.op != "number" or a.value != 0.0]
-        if len(others) == 1:
-            return factors(others[0])
+        operands = [a for a in node.args if a.op != "number" or a.value != 0.0]
+    if node.op == "^" or (node.op == "/" and not signs):
+        operands = operands[:1]
+    single = node.op in ("^", "-", "abs", "sqrt", "negative") and len(operands) == 1
+    if (single and not (signs and _is_even(node))) or node.op in ("*", "/"):
+        return [factor for a in operands for factor in factors(a, signs)]
     constant = all(part.op != "coordinate" for part in nodes(node))
     return [] if constant or node.op in POSITIVE else [node]
+
+
+def _is_even(node: Node) -> bool:
+    """Whether an operation has the same values for a and -a, none of them negative."""
+    return node.op in ("abs", "hypot") or (node.op == "^" and node.args[1].value % 2.0 == 0.0)
