@@ -1,4 +1,4 @@
-"""What dofs add to an error that are in contact in one of two solutions only.
+"""The part in an error of dofs that are in contact in one of two solutions only.
 
 Let w be the solution on the divided mesh and u_h the solution before, with forces F_i >= 0 at the
 dofs i in contact. Let z be the dual solution of a functional J, which vanishes at the dofs in

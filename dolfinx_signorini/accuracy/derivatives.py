@@ -1,4 +1,4 @@
-"""What the derivatives of a solution tell of its error in sup norms.
+"""Errors in sup norms, as the highest derivatives of a solution tell them.
 
 Let w be the solution of degree k on the mesh with every cell divided, and I w its interpolation on
 the undivided mesh. On each part of a cell the derivatives of order k of w are constant. These

@@ -2,7 +2,7 @@
 
 Each step solves the problem on a mesh and on the mesh with every cell divided. The second solution
 is the one that is handed out. The cells that leave most of its error are divided for the next step.
-The estimate of the first step is not believed.
+The first estimate is discarded: no convergence rate has been measured yet.
 """
 
 import math

@@ -27,7 +27,7 @@ AHEAD = 0.3  # of what the slowest cells come to: so small may others be made in
 SLACK = 1.2  # what deeper divisions would gain, and is given up
 NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
 BULK = 0.5  # of the error: Doerfler's parameter, the cells that make up so much are divided
-DOUBT = 0.25  # of the part of a divided cell: smaller errors are not believed to be small
+DOUBT = 0.25  # of the part of a divided cell: a smaller error is raised to this share
 SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
 NEAR = 1e-6  # of the size of a cell
 

@@ -1,4 +1,4 @@
-"""What facets in place of curves leave in the error.
+"""The geometric error of facets in place of curves.
 
 Two solutions on one polygon do not tell how far the solution on a curved domain is. So the problem
 is solved on the divided mesh twice: before and after the new vertices of curved sides go onto the

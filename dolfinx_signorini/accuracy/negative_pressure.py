@@ -1,4 +1,4 @@
-"""Facets in contact where the obstacle would have to pull.
+"""Negative contact pressure inside of facets: gaps that are narrower than the distance of nodes.
 
 An obstacle pushes and never pulls. The forces on the dofs in contact are not negative, and yet the
 density of the pressure may be negative between the dofs: there the contact set has a gap that is

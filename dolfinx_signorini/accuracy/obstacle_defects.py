@@ -1,4 +1,4 @@
-"""How far a solution is from the obstacle between the nodes of the mesh.
+"""Defects of contact: the distance of a solution from the obstacle between the nodes of the mesh.
 
 A solution meets the obstacle at nodes. Where the obstacle has a kink or a pin between the nodes, no
 comparison of discrete solutions shows the error, but the obstacle itself does: the trace of the

@@ -1,4 +1,4 @@
-"""How fast the indicators of cells fall, and what a division of all cells leaves of the error.
+"""Rates of convergence of single cells, and the error that a division of all cells leaves.
 
 The indicator eta of a cell tells what the cell adds to the difference between a solution and the
 solution w on the divided mesh. If a division multiplies the error by rho = 2^-s, the cell leaves in

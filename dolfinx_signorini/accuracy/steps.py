@@ -1,4 +1,4 @@
-"""What the adaptive loop is asked for, and what each of its steps came to."""
+"""The request to the adaptive loop, and the result of each of its steps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

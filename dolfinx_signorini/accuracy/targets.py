@@ -1,4 +1,4 @@
-"""What an accuracy is asked for: a norm of the error, or a functional of the solution."""
+"""Targets of an accuracy: a norm of the error, or a functional of the solution."""
 
 import math
 from collections.abc import Callable

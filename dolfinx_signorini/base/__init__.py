@@ -1,1 +1,1 @@
-"""What every room uses: errors on all ranks, kinds of arguments, progress, records, versions."""
+"""The base of every room: errors on all ranks, kinds of arguments, progress, records, versions."""

@@ -1,4 +1,4 @@
-"""Which data of a form have changed since they were looked at last."""
+"""Changed values of the data in a form, since they were looked at last."""
 
 import hashlib
 

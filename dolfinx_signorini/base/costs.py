@@ -1,4 +1,4 @@
-"""What a problem costs: the forms, matrices, vectors and arrays made for it, in bytes and seconds.
+"""Costs of a problem: the forms, matrices, vectors and arrays made for it, in bytes and seconds.
 
 Every problem keeps a ledger. To note an entry takes a few numbers and no communication; the ranks
 are added up, and the terms of the forms put into words, when somebody reads the ledger.

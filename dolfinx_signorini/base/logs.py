@@ -1,4 +1,4 @@
-"""What the program tells while it works: the logger `dolfinx_signorini`, on rank 0 only.
+"""Progress and messages: the logger `dolfinx_signorini`, on rank 0 only.
 
 A script that wants to hear progress asks the standard library:
 

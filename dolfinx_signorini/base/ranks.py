@@ -1,4 +1,4 @@
-"""What ranks tell each other of dofs, vertices and facets that they share: sums, maxima, marks."""
+"""Exchange between ranks of sums, maxima and marks of the dofs, vertices and facets they share."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Before the modules are loaded: dolfinx, which pip cannot install, is there, or is named.
+"""Requirements that pip cannot install: dolfinx is there before modules are loaded, or is named.
 
 The modules take seconds to load: who interrupts the command line meanwhile sees no traceback.
 """

@@ -1,4 +1,4 @@
-"""What Neumann and Robin conditions say about the flux through facets."""
+"""Fluxes through facets, as Neumann and Robin conditions give them."""
 
 import numpy as np
 import numpy.typing as npt

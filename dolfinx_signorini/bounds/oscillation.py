@@ -1,4 +1,4 @@
-"""What load, reaction and fluxes have beside polynomials, as a part of a bound."""
+"""Data oscillation: load, reaction and fluxes beside polynomials, as a part of a bound."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How far data are from the polynomials that stand for the data in a bound.
+"""Remainders: how far data are from the polynomials in place of the data in a bound.
 
 The proof is in docs/accuracy.md.
 """

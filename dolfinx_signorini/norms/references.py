@@ -1,4 +1,4 @@
-"""What errors are measured against: a function and its gradient on one mesh.
+"""References that errors are measured against: a function and its gradient on one mesh.
 
 A reference is a closed form, a closed form interpolated into finite elements, or a much more
 accurate discrete solution carried over from another mesh.

@@ -1,4 +1,4 @@
-"""How pictures are saved."""
+"""Files of pictures."""
 
 from collections.abc import Iterable
 from pathlib import Path

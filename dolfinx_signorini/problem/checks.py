@@ -1,4 +1,4 @@
-"""Checks of an assembled problem: what makes no sense is refused before anything is solved."""
+"""Checks of an assembled problem: forms and data without a solution are refused before a solve."""
 
 from collections.abc import Callable
 

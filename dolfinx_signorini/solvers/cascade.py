@@ -1,4 +1,4 @@
-"""From coarse to fine: contact for about the price of one linear solve.
+"""The cascade from coarse to fine meshes: contact for about the price of one linear solve.
 
 A coarse solution predicts the active set on the next mesh; one linear solve with this set follows,
 and TAO accepts the result. `solve_cascade` is the driver of all computations on several meshes, and

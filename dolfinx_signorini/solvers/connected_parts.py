@@ -1,4 +1,4 @@
-"""Bodies: the connected parts of a mesh, each of which has to be held."""
+"""Connected parts of a mesh: bodies, each of which has to be held."""
 
 import functools
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How far a vector is from solving the discrete problem: the natural residual.
+"""The natural residual: how far a vector is from solving the discrete problem.
 
 At a solution the gap u - g and the multiplier lambda = A u - b satisfy gap >= 0, lambda >= 0 and
 gap * lambda = 0 at the contact dofs, and lambda = 0 at all others, that is

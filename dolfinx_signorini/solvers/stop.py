@@ -1,4 +1,4 @@
-"""When algebra may stop: its error is a small share of the discretisation error.
+"""The stopping rule: the algebraic error is a small share of the discretisation error.
 
 On nested meshes the linear solve begins on the next coarser one. The distance of its solution to
 the present iterate tells the errors of the coarser mesh and of the finer one: with degree 1 a mesh

@@ -1,4 +1,4 @@
-"""What the linear solvers share: held dofs are placed, and the rest is a correction with a unit."""
+"""The base of the linear solvers: held dofs are set, and a correction is found in its own unit."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
