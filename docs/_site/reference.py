@@ -44,6 +44,8 @@ GROUPS = {
     "Meshes, elements and quadrature": (
         "friedrichs_keller",
         "box_mesh",
+        "gmsh_mesh",
+        "gmsh_projection",
         "boundary_facets",
         "SidedMesh",
         "bernstein_space",
@@ -53,15 +55,15 @@ GROUPS = {
 }
 # Modules whose public names are documented as a whole.
 MODULES = {
-    "Norms": "norms",
-    "Orders of convergence": "orders",
-    "Checks of known solutions": "manufactured",
-    "Checkpoints": "checkpoints",
-    "The contact boundary as data": "contact_boundary",
-    "Refined meshes": "refinement",
-    "Costs": "costs",
-    "Messages": "logs",
-    "Records of jobs": "records",
+    "Norms": "norms.error_norms",
+    "Orders of convergence": "norms.orders",
+    "Checks of known solutions": "norms.manufactured",
+    "Checkpoints": "meshes.checkpoints",
+    "The contact boundary as data": "pictures.contact_boundary",
+    "Refined meshes": "meshes.refinement",
+    "Costs": "base.costs",
+    "Messages": "base.logs",
+    "Records of jobs": "base.records",
 }
 API_HEAD = """# Python
 

@@ -21,7 +21,7 @@ from mpi4py import MPI
 log = logging.getLogger("dolfinx_signorini")
 log.addFilter(lambda record: MPI.COMM_WORLD.rank == 0)
 
-PATIENCE = 2.0  # seconds of silence after which a job tells how far it is
+PATIENCE = 2.0  # seconds of silence after which a job tells how far it is, or for whom it waits
 
 
 def tell_duration(seconds: float, text: str, *values: object) -> None:
