@@ -10,7 +10,7 @@ from dolfinx_signorini.accuracy.estimates import Hidden
 from dolfinx_signorini.accuracy.loop import Loop, Pose
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
-from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     by_text,
     callable_,
@@ -26,7 +26,6 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.cascade import ascend
 
 POLYGON = "the polygon is taken as the domain"
 BENDS = (
@@ -174,16 +173,7 @@ def solve_adaptively(
     for name, distance in polygonal.items():
         log.warning(BENDS, name, POLYGON, distance)
     loop = Loop(poses, sided, request, on_step, began, hidden, fit, curves)
-
-    def posed(level: SidedMesh) -> SignoriniProblem:
-        with together(sided.mesh.comm, "pose"):
-            problem = loop.pose(level)
-        if isinstance(problem, SignoriniProblem) and problem.space.mesh is not level.mesh:
-            raise InputError("poses the problem on another mesh than that of its argument", "pose")
-        return problem
-
-    for problem in ascend(lambda level, _: posed(level), loop.levels(), solve=loop.solve):
-        loop.problem = problem
+    loop.run()
     return AdaptiveSolution(
         problem=loop.problem,
         sided=loop.last.division.sided,

@@ -5,9 +5,10 @@ is the one that is handed out. The cells that leave most of its error are divide
 The first estimate is discarded: no convergence rate has been measured yet.
 """
 
+import functools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +27,7 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
-from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.cascade import Cascade
 
 AIM = 0.9  # estimate aimed at, over the accuracy
 LEAST = 0.8  # of the estimate: to fall less is not worth a step
@@ -105,53 +106,74 @@ class Loop:
         self.stopped = ""
         self.keywords: dict[str, Any] = {}
 
-    def levels(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
-        """Yield the meshes to solve on: a mesh and its division in turn."""
-        self.division = refined(self.sided)
-        yield self.sided, {}
-        self._require_room()
-        self._begin()
-        while True:
-            coarse = Solution(self.problem.u, self.problem.forces)
-            yield self.division.sided, self.keywords
-            cells = self.division.parents, self.owners
-            value = self.estimator.compared(coarse, self.problem, *cells)
-            target, u = self.request.target, self.problem.u
-            moved = MovedSides(self.curves, self.sided, self.division, u, target)
-            if moved:
-                yield self.division.sided, self.keywords
-            self._note(self.estimator.settled(value, self.problem, *cells, moved))
-            if self._takes_another_degree():
-                self.division = refined(self.sided)  # with the vertices before they were moved
-                yield self.sided, self.keywords
-                self._begin()
-                continue
-            divided = self._next_mesh()
-            if divided is None:
-                yield from self._back()
-                return
-            yield divided.sided, self.keywords
+    def run(self) -> None:
+        """Solve, solve on the divided mesh, estimate, mark and refine until the loop ends.
 
-    def solve(
-        self, problem: SignoriniProblem, coarse: ContactState | None, keywords: Mapping[str, Any]
-    ) -> None:
-        """Solve to the residual that is asked for, or to the one that rounding allows."""
+        Raises:
+            InputError: A problem is refused, or there is no room for the first meshes.
+            NotConvergedError: A solve failed.
+        """
+        with Cascade(self._posed) as self._cascade:
+            self.division = refined(self.sided)
+            self._solve(self.sided)
+            self._require_room()
+            self._begin()
+            while True:
+                coarse = Solution(self.problem.u, self.problem.forces)
+                self._solve(self.division.sided)
+                self._estimate(coarse)
+                if self._takes_another_degree():
+                    self.division = refined(self.sided)  # with the vertices before they were moved
+                    self._solve(self.sided)
+                    self._begin()
+                    continue
+                divided = self._next_mesh()
+                if divided is None:
+                    break
+                self._solve(divided.sided)
+            self._solve_best_again()
+
+    def _posed(self, sided: SidedMesh, _: SignoriniProblem | None) -> SignoriniProblem:
+        """Pose the problem on a mesh by the user's function."""
+        with together(self.comm, "pose"):
+            problem = self.pose(sided)
+        if isinstance(problem, SignoriniProblem) and problem.space.mesh is not sided.mesh:
+            raise InputError("poses the problem on another mesh than that of its argument", "pose")
+        return problem
+
+    def _solve(self, sided: SidedMesh) -> None:
+        """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""
+        keywords = self.keywords
+        solve: Callable[..., object] = functools.partial(self._cascade.solve, sided)
         while True:
             try:
-                problem.solve(coarse=coarse, **keywords)
-                return
+                solve(**keywords)
+                break
             except NotConvergedError:
                 rtol = 10.0 * keywords.get("rtol", DEFAULT_RTOL)
-                if rtol > ROUNDED_RTOL:
+                if rtol > ROUNDED_RTOL or self._cascade.problem is None:
                     raise
                 keywords = {"rtol": rtol}
+                solve = functools.partial(self._cascade.problem.solve, coarse=self._cascade.coarse)
+        assert self._cascade.problem is not None
+        self.problem = self._cascade.problem
 
-    def _back(self) -> Iterator[tuple[SidedMesh, dict[str, Any]]]:
+    def _estimate(self, coarse: Solution) -> None:
+        """Compare the solution with the one on the mesh before the division, and note the step."""
+        cells = self.division.parents, self.owners
+        value = self.estimator.compared(coarse, self.problem, *cells)
+        target, u = self.request.target, self.problem.u
+        moved = MovedSides(self.curves, self.sided, self.division, u, target)
+        if moved:
+            self._solve(self.division.sided)
+        self._note(self.estimator.settled(value, self.problem, *cells, moved))
+
+    def _solve_best_again(self) -> None:
         """Solve on the mesh of the best result again if rounding has spoilt the results since."""
         if not self.stopped.startswith(ROUNDED) or self.last is self.best:
             return
-        self.last = self.best
-        yield self.best.division.sided, dict(self.best.keywords)
+        self.last, self.keywords = self.best, dict(self.best.keywords)
+        self._solve(self.best.division.sided)
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         self._tell(replace(self.best.step, seconds=seconds))
 

@@ -5,8 +5,8 @@ and TAO accepts the result. `solve_cascade` is the driver of all computations on
 `coarse_levels` is the rule for these meshes.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, Protocol, TypeVar
 
 from dolfinx import fem
 from mpi4py import MPI
@@ -77,47 +77,60 @@ def coarse_levels(
     return levels
 
 
-def ascend(
-    make_problem: Callable[[Level, Problem | None], Problem],
-    levels: Iterable[tuple[Level, Mapping[str, Any]]],
-    coarse: ContactState | None = None,
-    solve: Callable[[Problem, ContactState | None, Mapping[str, Any]], None] | None = None,
-) -> Iterator[Problem]:
-    """Solve a problem on one mesh after the other, and yield each problem when solved.
+class Cascade(Generic[Level, Problem]):
+    """Problems on one mesh after the other, each started from the contact state of the one before.
 
-    Each level starts from the contact state of the level before, whose problem is destroyed when
-    the problem of the next level has been posed. The meshes need not be nested.
+    The meshes need not be nested. A problem is destroyed when the problem of the next level has
+    been posed, and the last one where an exception leaves the `with` statement:
+
+        with Cascade(make_problem) as cascade:
+            for cells in (8, 64, 512):
+                problem = cascade.solve(cells)
 
     Args:
         make_problem: See `solve_cascade`.
-        levels: The levels, each with the keywords of its solve. An iterator may decide on a level
-            when the level before has been solved.
         coarse: A contact state to start the first level from.
-        solve: Solves a problem, from a contact state and with keywords; `Problem.solve` by default.
 
-    Raises:
-        InputError: A problem is refused.
-        NotConvergedError: A level did not converge.
+    Attributes:
+        problem: The problem of the last level; None before the first one.
+        coarse: The contact state that the last level started from.
     """
-    problem: Problem | None = None
-    try:
-        for level, keywords in levels:
-            posed = make_problem(level, problem)
-            check(make_problem=(posed, _problem))
-            coarser, problem = problem, posed
-            if coarser is not None:
-                coarse = coarser.contact_state()
-                coarser.destroy()
-            known = coarse if keywords.get("method", "cascade") == "cascade" else None
-            if solve is None:
-                problem.solve(coarse=known, **keywords)
-            else:
-                solve(problem, known, keywords)
-            yield problem
-    except BaseException:
-        if problem is not None:
-            problem.destroy()
-        raise
+
+    def __init__(
+        self,
+        make_problem: Callable[[Level, Problem | None], Problem],
+        coarse: ContactState | None = None,
+    ):
+        self._make_problem, self.coarse = make_problem, coarse
+        self.problem: Problem | None = None
+
+    def __enter__(self) -> "Cascade[Level, Problem]":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None and self.problem is not None:
+            self.problem.destroy()
+
+    def solve(self, level: Level, **keywords: Any) -> Problem:
+        """Pose and solve the problem of the next level.
+
+        Args:
+            level: The level.
+            keywords: Those of the problem's own `solve`.
+
+        Raises:
+            InputError: The problem is refused.
+            NotConvergedError: The solve failed.
+        """
+        posed = self._make_problem(level, self.problem)
+        check(make_problem=(posed, _problem))
+        if self.problem is not None:
+            self.coarse = self.problem.contact_state()
+            self.problem.destroy()
+        self.problem = posed
+        known = self.coarse if keywords.get("method", "cascade") == "cascade" else None
+        posed.solve(coarse=known, **keywords)
+        return posed
 
 
 def _problem(value: Any) -> str:
@@ -167,9 +180,10 @@ def solve_cascade(
     checked_tolerance(rtol, 1.0)
     checked_tolerance(coarse_rtol, 1.0, "coarse_rtol")
     loose = {"rtol": rtol if coarse_rtol is None else coarse_rtol}
-    steps: list[tuple[Level, dict[str, Any]]] = [(level, loose) for level in levels[:-1]]
-    steps.append((levels[-1], {"method": method, "rtol": rtol}))
-    for problem in ascend(make_problem, steps, coarse):
-        with together(problem.comm, "on_level"):
-            on_level(problem)
+    with Cascade(make_problem, coarse) as cascade:
+        for number, level in enumerate(levels, start=1):
+            last = number == len(levels)
+            problem = cascade.solve(level, **({"method": method, "rtol": rtol} if last else loose))
+            with together(problem.comm, "on_level"):
+                on_level(problem)
     return problem
