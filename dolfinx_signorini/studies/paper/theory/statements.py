@@ -100,6 +100,7 @@ def _checks_of(texts: Texts, item: Sequence[str]) -> list[Check]:
 _TEXTS = read_data("statements")
 # Where each numbered formula of the paper is measured, or why not.
 EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
+INTRODUCTION: str = _TEXTS.pop("introduction")  # of the document, with places for its figures
 _GROUPS: Mapping[str, list[str]] = _TEXTS.pop("groups")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
 CHECKS = {statement.key: statement.checks for statement in STATEMENTS if statement.checks}
