@@ -12,8 +12,7 @@ import numpy as np
 import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
-from ufl.core.expr import Expr
-from ufl.corealg.traversal import unique_pre_traversal
+from ufl.algorithms import extract_arguments, extract_type
 from ufl.differentiation import Derivative
 
 from dolfinx_signorini.base.sums_of_squares import summands
@@ -45,14 +44,6 @@ class Cost:
     seconds: float
 
 
-@dataclass
-class _Entry:
-    count: int = 0
-    bytes: int = 0
-    seconds: float = 0.0
-    form: ufl.Form | None = None
-
-
 class Ledger:
     """The objects made so far: the same entries on all ranks, each rank with its own numbers:
 
@@ -61,7 +52,8 @@ class Ledger:
     """
 
     def __init__(self) -> None:
-        self._entries: dict[tuple[str, str], _Entry] = {}
+        self._own: dict[tuple[str, str], Cost] = {}  # of this rank
+        self._forms: dict[str, ufl.Form] = {}
 
     def add(self, kind: str, name: str, item: Item = None, seconds: float = 0.0) -> None:
         """Note that an object was made, or that a phase has ended.
@@ -72,29 +64,23 @@ class Ledger:
             item: The object, its size in bytes on this rank, or the form to describe.
             seconds: The wall-clock seconds on this rank.
         """
-        entry = self._entries.setdefault((kind, name), _Entry())
-        entry.count += 1
-        entry.seconds += seconds
+        old = self._own.get((kind, name), Cost(kind, name, 0, 0, 0.0))
         if isinstance(item, ufl.Form):
-            entry.form = item
-        elif item is not None:
-            entry.bytes = max(entry.bytes, item if isinstance(item, int) else _bytes(item))
+            self._forms[name], item = item, None
+        size = item if isinstance(item, int) else 0 if item is None else _bytes(item)
+        new = Cost(kind, name, old.count + 1, max(old.bytes, size), old.seconds + seconds)
+        self._own[kind, name] = new
 
     def read(self, comm: MPI.Comm) -> list[Cost]:
         """Return the costs, all ranks together; the call is collective."""
-        numbers = np.array([(e.bytes, e.seconds) for e in self._entries.values()]).reshape(-1, 2)
-        parts = np.array(comm.allgather(numbers))
-        size, seconds = parts[:, :, 0].sum(axis=0), parts[:, :, 1].max(axis=0)
-        return [
-            Cost(
-                kind=kind,
-                name=name if entry.form is None else f"{name}: {describe(entry.form)}",
-                count=entry.count,
-                bytes=int(size[i]),
-                seconds=float(seconds[i]),
-            )
-            for i, ((kind, name), entry) in enumerate(self._entries.items())
-        ]
+        costs = []
+        for of_ranks in zip(*comm.allgather(list(self._own.values())), strict=True):
+            own, form = of_ranks[0], self._forms.get(of_ranks[0].name)
+            name = own.name if form is None else f"{own.name}: {describe(form)}"
+            size = sum(cost.bytes for cost in of_ranks)
+            seconds = max(cost.seconds for cost in of_ranks)
+            costs.append(Cost(own.kind, name, own.count, size, seconds))
+        return costs
 
 
 def cost_text(costs: Iterable[Cost]) -> str:
@@ -119,27 +105,16 @@ def describe(form: ufl.Form) -> str:
     A term of a bilinear form is called "diffusion" where it differentiates an argument, else
     "reaction". A term of a linear form is called "load" on cells and "flux" on facets.
     """
-    bilinear = len(form.arguments()) == 2
-    words = []
+    words = set()
     for integral in form.integrals():
         kind = integral.integral_type()
         for term in summands(integral.integrand()):
-            if bilinear:
-                word = "diffusion" if _differentiates_arguments(term) else "reaction"
-            else:
-                word = "load" if kind == "cell" else "flux"
-            words.append(f"{word} on {PLACES.get(kind, kind)}")
-    return ", ".join(sorted(set(words))) or "no term"
-
-
-def _differentiates_arguments(term: Expr) -> bool:
-    """Whether a term has a derivative of a test or trial function."""
-    return any(
-        isinstance(inner, ufl.Argument)
-        for node in unique_pre_traversal(term)
-        if isinstance(node, Derivative)
-        for inner in unique_pre_traversal(node)
-    )
+            word = "load" if kind == "cell" else "flux"
+            if len(form.arguments()) == 2:
+                slopes = extract_type(term, Derivative)
+                word = "diffusion" if any(map(extract_arguments, slopes)) else "reaction"
+            words.add(f"{word} on {PLACES.get(kind, kind)}")
+    return ", ".join(sorted(words)) or "no term"
 
 
 def _bytes(item: PETSc.Mat | PETSc.Vec) -> int:

@@ -1,9 +1,11 @@
 """The solution of Christof and Haubner's experiment, and its problem."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import ufl
 from dolfinx import mesh
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.kinds import check, coordinates, positive, simplices
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
@@ -38,7 +40,7 @@ def christof_haubner(
     left of the detachment point and touches the obstacle 0 to the right of that point.
 
     All expressions are free of trigonometric functions and of cancellation, and are finite at the
-    detachment point: with C + iS = (x + iy)^{1/2}, r^{3/2} sin(3/2 theta) = S (3 C^2 - S^2).
+    detachment point: with C + iS = (x + iy)^{1/2}, r^{3/2} sin(3/2 theta) = Im (C + iS)^3.
 
     Args:
         domain: A mesh of the unit square.
@@ -56,39 +58,66 @@ def christof_haubner(
         radius=(radius, positive),
     )
     x = ufl.SpatialCoordinate(domain)
-    x0, x1 = x[0] - detachment[0], x[1] - detachment[1]
-    # Scaled like hypot, so that the squares of tiny distances do not underflow.
-    largest = ufl.max_value(abs(x0), abs(x1))
-    scale = ufl.conditional(ufl.gt(largest, 0.0), largest, 1.0)
-    r = scale * ufl.sqrt((x0 / scale) * (x0 / scale) + (x1 / scale) * (x1 / scale))
-    # The larger of sqrt(r) cos(theta/2) and sqrt(r) sin(theta/2), then the other one by division.
-    large = ufl.sqrt(0.5 * (r + abs(x0)))
-    small = 0.5 * x1 / ufl.conditional(ufl.gt(large, 0.0), large, 1.0)
-    left = ufl.lt(x0, 0.0)
-    c = ufl.conditional(left, small, large)
-    s = ufl.conditional(left, large, small)
-    w = s * (3.0 * c * c - s * s)
-
-    t = ufl.min_value(r / radius, 1.0)
-    t3 = t * t * t
-    q = 1.0 - t
-    q3 = q * q * q
-    psi = q3 * q * q * (1.0 + t * (5.0 + t * (15.0 + t * (35.0 + t * 70.0))))
-    dpsi_over_r = -630.0 * t3 * q3 * q / radius**2
-    laplacian = -2520.0 * t3 * q3 * (2.0 - 3.0 * t) / radius**2  # psi'' + 4 psi' / r
-
+    value, slope, laplacian = local_piece(x[0] - detachment[0], x[1] - detachment[1], radius)
     centre = float(detachment[0]), float(detachment[1])
     return ManufacturedSolution(
         mesh=domain,
-        u=-AMPLITUDE * psi * w,
-        grad=(
-            -AMPLITUDE * (1.5 * psi * s + w * dpsi_over_r * x0),
-            -AMPLITUDE * (1.5 * psi * c + w * dpsi_over_r * x1),
-        ),
-        load=AMPLITUDE * w * (laplacian - psi),
+        u=AMPLITUDE * value,
+        grad=(AMPLITUDE * slope[0], AMPLITUDE * slope[1]),
+        load=AMPLITUDE * (value - laplacian),
         support=(centre, float(radius)),
         singular=(centre,),
     )
+
+
+def local_piece(
+    X: Expr, Y: Expr, radius: float, exponent: float = 1.5
+) -> tuple[Expr, tuple[Expr, Expr], Expr]:
+    """Return -psi Im (X + iY)^k, its gradient in X and Y, and its Laplacian.
+
+    Args:
+        X, Y: Coordinates along the boundary into the contact set, and into the domain.
+        radius: Where psi ends.
+        exponent: k, a multiple of 1/2, at least 3/2.
+    """
+    r, *root = half_angle(X, Y)
+    w = _power(root, round(2.0 * exponent))[1]
+    slope = _power(root, round(2.0 * exponent) - 2)
+    t = ufl.min_value(r / radius, 1.0)
+    q, t3 = 1.0 - t, t * t * t
+    q3 = q * q * q
+    psi = q3 * q * q * (1.0 + t * (5.0 + t * (15.0 + t * (35.0 + t * 70.0))))
+    decay = -630.0 * t3 * q3 * q / radius**2  # psi' / r
+    bend = -2520.0 * t3 * q3 * (1.0 - 2.0 * t) / radius**2  # psi''
+    along, inward = (
+        -(exponent * psi * part + w * decay * x) for part, x in ((slope[1], X), (slope[0], Y))
+    )
+    return -psi * w, (along, inward), -w * (bend + (1.0 + 2.0 * exponent) * decay)
+
+
+def half_angle(X: Expr, Y: Expr) -> tuple[Expr, Expr, Expr]:
+    """Return r, the distance from the origin, and C and S with C + iS the root of X + iY, Y >= 0.
+
+    Args:
+        X, Y: The coordinates, which may be tiny.
+    """
+    # Scaled like hypot, so that the squares of tiny distances do not underflow.
+    largest = ufl.max_value(abs(X), abs(Y))
+    scale = ufl.conditional(ufl.gt(largest, 0.0), largest, 1.0)
+    r = scale * ufl.sqrt((X / scale) * (X / scale) + (Y / scale) * (Y / scale))
+    # The larger of sqrt(r) cos(theta/2) and sqrt(r) sin(theta/2), then the other one by division.
+    large = ufl.sqrt(0.5 * (r + abs(X)))
+    small = 0.5 * Y / ufl.conditional(ufl.gt(large, 0.0), large, 1.0)
+    left = ufl.lt(X, 0.0)
+    return r, ufl.conditional(left, small, large), ufl.conditional(left, large, small)
+
+
+def _power(root: Sequence[Expr], n: int) -> Sequence[Expr]:
+    """The n-th power of a complex number."""
+    c, s = root
+    for _ in range(n - 1):
+        c, s = c * root[0] - s * root[1], c * root[1] + s * root[0]
+    return c, s
 
 
 def paper_problem(

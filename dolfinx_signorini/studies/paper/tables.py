@@ -5,6 +5,7 @@ agree where truncation to the digits that the paper prints gives what the paper 
 """
 
 import csv
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_DOWN, Decimal, localcontext
@@ -176,6 +177,16 @@ def paper_table(number: int) -> dict[str, dict[str, Decimal]]:
         row.pop("cells_per_side"): {norm: Decimal(figure) for norm, figure in row.items()}
         for row in csv.DictReader(lines)
     }
+
+
+def read_data(name: str) -> dict[str, Any]:
+    """Read one of the TOML files that belong to the package.
+
+    Args:
+        name: The name of the file without its ending.
+    """
+    file = resources.files(__package__).joinpath(f"data/{name}.toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def _columns(norms: Sequence[str]) -> tuple[str, ...]:

@@ -223,19 +223,17 @@ def entry(path: str) -> Value:
     return read
 
 
-def over(value: Value, power: float, logarithm: float = 0.0, to: float = 1.0) -> Value:
-    """Return the function that reads a normalised value: (value / (h^a |ln h|^b))^c.
+def over(value: Value, power: float, to: float = 1.0) -> Value:
+    """Return the function that reads a normalised value: (value / h^a)^c.
 
     Args:
         value: What to read from a row.
         power: a, with h = 1/N.
-        logarithm: b.
         to: c.
     """
 
     def read(row: Row) -> float:
-        n = row["n"]
-        return float((value(row) * n**power / math.log(n) ** logarithm) ** to)
+        return float((value(row) * row["n"] ** power) ** to)
 
     return read
 

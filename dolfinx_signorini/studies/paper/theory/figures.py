@@ -1,6 +1,7 @@
 """The pictures of the theory, one per group of statements."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,6 +12,7 @@ from matplotlib.ticker import NullLocator
 
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 from dolfinx_signorini.studies.paper.pictures import draw_convergence
+from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory.checks import (
     Row,
     Rows,
@@ -22,27 +24,20 @@ from dolfinx_signorini.studies.paper.theory.checks import (
     over,
 )
 from dolfinx_signorini.studies.paper.theory.examples import PLACES
-from dolfinx_signorini.studies.paper.theory.families import POWER_EXPONENTS, placed_name, power_name
 from dolfinx_signorini.studies.paper.theory.measures import TRACE
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.studies.paper.theory.proven import allowed_order, proven_order
 from dolfinx_signorini.studies.paper.theory.tables import NAMES
-from dolfinx_signorini.studies.paper.theory.values import PLACED, contact_set, detachment_error
+from dolfinx_signorini.studies.paper.theory.values import (
+    PLACED,
+    contact_set,
+    detachment_error,
+    value_of,
+)
 
 FINE = 31  # cells per side of the paper's solution
-TRANSITION = {"L16": (1.625, 2.0), "W1_16": (0.625, 1.0)}  # near the point and away from there
+POWER_EXPONENTS = (2.5, 3.5, 6.0, 16.0, np.inf)
 LAST = 0.72  # arc length up to which the one-sided approximation is drawn
-TERMS = {
-    "plus": ("interpolation", "bumps", "bump_load", "remainder"),
-    "minus": ("interpolation", "sign", "remainder"),
-}
-TERM_NAMES = {
-    "interpolation": "$(z - I_h z, w)$",
-    "bumps": "$(z, \\Sigma)$, hat functions",
-    "bump_load": "load of $\\Sigma$",
-    "remainder": "approximation of $z$",
-    "sign": "$-(I_h z, w)$",
-}
 LEGENDS: dict[str, dict[str, Any]] = {
     "inside": {"loc": "lower left"},
     "right": {"loc": "center left", "bbox_to_anchor": (1, 0.5)},
@@ -50,34 +45,25 @@ LEGENDS: dict[str, dict[str, Any]] = {
 }
 
 
-def draw_projection(rows: Rows) -> Figure:
-    """Draw the errors of the Ritz projection with their proven orders (Lemma 3.2)."""
-    figure, panels = plt.subplots(1, 2, figsize=(11, 5.6))
-    for axes, example, p in zip(panels, ("paper", "smooth"), (3, 4), strict=True):
-        family = fine(rows[example], FINE)
-        proven = {f"W1_{p}": 1.0, "H1_2_boundary_spectral": 1.5}
-        proven |= {f"L{p}_boundary": 2.0 - 1.0 / p, f"L{p}": 2.0}
-        for i, (norm, order) in enumerate(proven.items()):
-            name = norm.replace("_spectral", "")
-            _curve(axes, family, entry(f"ritz/{norm}"), f"{name}, order {order:.3g}", i, order)
-        _finish(axes, family, f"$u - R_h(u)$, {example} solution", "error", "below")
-    return _tight(figure)
+def draw_curves(rows: Rows, panels: Sequence[Mapping[str, Any]], **style: Any) -> Figure:
+    """Draw panels of curves against the cells per side.
 
-
-def draw_supercloseness(rows: Rows) -> Figure:
-    """Draw supercloseness beside the H^1 error and the bound of Lemma 3.4 (Theorem 3.6)."""
-    figure, axes = plt.subplots(figsize=(7.4, 5.4))
-    family = fine(rows["paper"], 101)
-    curves = (
-        ("$u - u_h$, order 1", entry("errors/H1"), 1.0),
-        ("$w_h$ (Lemma 3.5), order 3/2", entry("one_sided/norm"), 1.5),
-        ("$R_h(u) - u_h$", entry("supercloseness"), None),
-        ("its part near, order 3/2", entry("supercloseness_parts/near"), 1.5),
-        ("its part far, order 2", entry("supercloseness_parts/far"), 2.0),
-    )
-    for i, (label, value, order) in enumerate(curves):
-        _curve(axes, family, value, label, i, order)
-    _finish(axes, family, "Supercloseness, the paper's solution", "$H^1$ norm", "right")
+    Args:
+        rows: The rows of the experiments.
+        panels: The panels as `data/curves.toml` has them.
+        style: Arguments of `subplots`.
+    """
+    figure, axes_of = plt.subplots(1, len(panels), squeeze=False, **style)
+    for axes, panel in zip(axes_of[0], panels, strict=True):
+        family = fine(rows[panel["on"]], panel.get("first", 0))
+        if broad := panel.get("broad"):
+            values = [entry(broad["of"])(row) for row in family]
+            n = [row["n"] for row in family]
+            axes.loglog(n, values, color="0.75", linewidth=7, label=broad["label"])
+        for i, curve in enumerate(panel["curves"]):
+            index, order = curve.get("colour", i), curve.get("order")
+            _curve(axes, family, value_of(curve), curve["label"], index, order)
+        _finish(axes, family, panel["title"], panel["quantity"], panel.get("legend", "inside"))
     return _tight(figure)
 
 
@@ -88,7 +74,7 @@ def draw_powers(rows: Rows) -> Figure:
     for axes, norm in zip(panels.flat, ("W1_inf", "Linf", "W1_4", TRACE), strict=True):
         proven = [proven_order(p, norm).value for p in POWER_EXPONENTS]
         allowed = [allowed_order(p, norm) for p in POWER_EXPONENTS]
-        families = [rows[power_name(p)] for p in POWER_EXPONENTS]
+        families = [rows[f"power {p:g}"] for p in POWER_EXPONENTS]
         measured = [orders(family, entry(f"errors/{norm}"))[-1] for family in families]
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
@@ -104,7 +90,7 @@ def draw_powers(rows: Rows) -> Figure:
 def draw_logarithms(rows: Rows) -> Figure:
     """Draw the fourth power of the normalised W^{1,4} error against ln N (Remark 4.4, 1)."""
     figure, axes = plt.subplots(figsize=(6.4, 4.2))
-    family, value = rows[power_name(np.inf)], over(entry("errors/W1_4"), 1.0, to=4.0)
+    family, value = rows["power inf"], over(entry("errors/W1_4"), 1.0, to=4.0)
     x = np.log([row["n"] for row in family])
     y = np.array([value(row) for row in family])
     B = interpolation_constant()
@@ -114,22 +100,6 @@ def draw_logarithms(rows: Rows) -> Figure:
     axes.set_title("The logarithm in $W^{1,4}$, $u = -r^{3/2} \\sin(3\\theta/2)$")
     axes.grid(alpha=0.3)
     axes.legend()
-    return _tight(figure)
-
-
-def draw_factors(rows: Rows) -> Figure:
-    """Draw how the factors of the singularities converge."""
-    figure, axes = plt.subplots(figsize=(6.8, 4.4))
-    family = fine(rows["paper"], FINE)
-    curves = (
-        ("b - 10, order 2", lambda row: abs(row["factors"]["three_halves"] - 10.0), 2.0),
-        ("a, order 2", lambda row: abs(row["factors"]["half"]), 2.0),
-        ("corrected point - 1/2, order 2", lambda row: abs(row["factors"]["corrected"] - 0.5), 2.0),
-        ("point by the contact set - 1/2", detachment_error, None),
-    )
-    for i, (label, value, order) in enumerate(curves):
-        _curve(axes, family, value, label, i, order)
-    _finish(axes, family, "Factors of $r^{1/2}$ and $r^{3/2}$, paper", "error", "right")
     return _tight(figure)
 
 
@@ -153,19 +123,6 @@ def draw_errors(rows: Rows) -> Figure:
     return draw_convergence(
         fine(rows["paper"], FINE), ("W1_inf", "W1_4", "Linf", "H1_2_boundary", "L4")
     )
-
-
-def draw_dual(rows: Rows) -> Figure:
-    """Draw the terms of the chains (20), (21) and (26) (Propositions 5.4 and 5.7)."""
-    figure, panels = plt.subplots(1, 2, figsize=(11.5, 6.2), sharey=True)
-    titles = {"plus": "(20), (21): $(u - u_h)^+$", "minus": "(26): $(u - u_h)^-$"}
-    for axes, (part, title) in zip(panels, titles.items(), strict=True):
-        _band(axes, rows["dual"], entry(f"{part}/error"), "error (left-hand side)")
-        for i, (name, label) in enumerate(TERM_NAMES.items()):
-            if name in TERMS[part]:
-                _curve(axes, rows["dual"], _size(part, name), label, i, None)
-        _finish(axes, rows["dual"], title, "size of the term", "below")
-    return _tight(figure)
 
 
 def draw_contact_sets(rows: Rows) -> Figure:
@@ -194,7 +151,7 @@ def draw_contact_sets(rows: Rows) -> Figure:
 def draw_placement(rows: Rows) -> Figure:
     """Draw the errors by the place of the detachment point (Section 7)."""
     figure, axes = plt.subplots(figsize=(8, 5))
-    families = {place: rows[placed_name(place)] for place in PLACES}
+    families = {place: rows[f"placed {place:g}"] for place in PLACES}
     for i, norm in enumerate(PLACED):
         last = {place: family[-1]["errors"][norm] for place, family in families.items()}
         label = NAMES[norm]
@@ -207,18 +164,6 @@ def draw_placement(rows: Rows) -> Figure:
     axes.set_title(f"Place of the detachment point, N = {n}")
     axes.grid(alpha=0.3)
     axes.legend(**LEGENDS["right"])
-    return _tight(figure)
-
-
-def draw_transition(rows: Rows) -> Figure:
-    """Draw the L^16 and W^{1,16} errors and their parts (Table 2)."""
-    figure, panels = plt.subplots(1, 2, figsize=(11, 4.8))
-    family = fine(rows["paper"], 101)
-    for axes, (norm, (near, far)) in zip(panels, TRANSITION.items(), strict=True):
-        _band(axes, family, entry(f"errors/{norm}"), "whole")
-        _curve(axes, family, entry(f"parts/near/{norm}"), f"near, order {near}", 1, near)
-        _curve(axes, family, entry(f"parts/far/{norm}"), f"far, order {far:g}", 0, far)
-        _finish(axes, family, norm, "error $u - u_h$")
     return _tight(figure)
 
 
@@ -244,22 +189,14 @@ def draw_one_sided(found: OneSided) -> Figure:
 
 # By name; `draw_one_sided` draws what is in no row.
 FIGURES: dict[str, Callable[[Rows], Figure]] = {
-    "projection": draw_projection,
-    "supercloseness": draw_supercloseness,
+    **{name: partial(draw_curves, **given) for name, given in read_data("curves").items()},
     "powers": draw_powers,
     "logarithms": draw_logarithms,
-    "factors": draw_factors,
     "enclosure": draw_enclosure,
     "errors": draw_errors,
-    "dual": draw_dual,
     "contact_sets": draw_contact_sets,
     "placement": draw_placement,
-    "transition": draw_transition,
 }
-
-
-def _size(part: str, name: str) -> Value:
-    return lambda row: abs(row[part][name])
 
 
 def _curve(
@@ -274,12 +211,6 @@ def _curve(
     axes.loglog(n, values, marker + line, label=label, linewidth=0.9, **style)
     if order is not None:
         axes.loglog(n, values[-1] * (n / n[-1]) ** -order, linewidth=0.9, **style)
-
-
-def _band(axes: Axes, rows: Sequence[Row], value: Value, label: str) -> None:
-    """A broad line, for what others are compared with."""
-    n = [row["n"] for row in rows]
-    axes.loglog(n, [value(row) for row in rows], color="0.75", linewidth=7, label=label)
 
 
 def _finish(

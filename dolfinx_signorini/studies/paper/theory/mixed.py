@@ -23,7 +23,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.norms.references import Reference, interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
-from dolfinx_signorini.studies.paper.solution import DETACHMENT
+from dolfinx_signorini.studies.paper.solution import DETACHMENT, half_angle
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     NEAR_CELL_RULE,
     THEORY_RTOL,
@@ -85,10 +85,8 @@ def _powers(
 ) -> tuple[Reference, ufl.core.expr.Expr]:
     """The solution and its load; the exponents are no part of the generated code."""
     x = ufl.SpatialCoordinate(domain) - ufl.as_vector(DETACHMENT)
-    r = ufl.max_value(ufl.sqrt(ufl.dot(x, x)), 1e-30)
-    large = ufl.sqrt(0.5 * (r + abs(x[0])))
-    small, left = 0.5 * x[1] / large, ufl.lt(x[0], 0.0)
-    c, s = ufl.conditional(left, small, large), ufl.conditional(left, large, small)
+    distance, c, s = half_angle(x[0], x[1])
+    r = ufl.max_value(distance, 1e-30)
     w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
     value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
     for b in exponents:

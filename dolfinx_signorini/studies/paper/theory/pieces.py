@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import ufl
 from dolfinx import mesh
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+from dolfinx_signorini.studies.paper.solution import local_piece
 
 BUMP_RADIUS = 0.45  # in widths of a bump
 
@@ -46,35 +46,6 @@ class Piece:
     radius: float
     exponent: float = 1.5
     amplitude: float = 10.0
-
-
-def local_piece(
-    X: Expr, Y: Expr, radius: float, exponent: float
-) -> tuple[Expr, tuple[Expr, Expr], Expr]:
-    """Return -psi Im z^k, its gradient in local coordinates and its Laplacian.
-
-    Args:
-        X, Y: The local coordinates.
-        radius: Where psi ends.
-        exponent: k, a multiple of 1/2, at least 3/2.
-    """
-    r = ufl.sqrt(X * X + Y * Y)
-    large = ufl.max_value(ufl.sqrt(0.5 * (r + abs(X))), 1e-160)
-    small, left = 0.5 * Y / large, ufl.lt(X, 0.0)
-    root = ufl.conditional(left, small, large), ufl.conditional(left, large, small)
-    w = _power(root, round(2.0 * exponent))
-    slope = _power(root, round(2.0 * exponent) - 2)
-    t = ufl.min_value(r / radius, 1.0)
-    q, t3 = 1.0 - t, t * t * t
-    q4 = q * q * q * q
-    psi = q * q4 * (1.0 + t * (5.0 + t * (15.0 + t * (35.0 + t * 70.0))))
-    decay = -630.0 * t3 * q4 / radius**2  # psi' / r
-    bend = -2520.0 * t3 * q * q * q * (1.0 - 2.0 * t) / radius**2  # psi''
-    gradient = tuple(
-        -(exponent * psi * part + w[1] * decay * x) for part, x in ((slope[1], X), (slope[0], Y))
-    )
-    laplacian = -w[1] * (bend + (1.0 + 2.0 * exponent) * decay)
-    return -psi * w[1], (gradient[0], gradient[1]), laplacian
 
 
 def composed(domain: mesh.Mesh, pieces: Sequence[Piece]) -> ManufacturedSolution:
@@ -155,18 +126,10 @@ def bumps(domain: mesh.Mesh, levels: Sequence[Level]) -> ManufacturedSolution:
     amplitude = ufl.conditional(ufl.lt(x[0], levels[0].start), 0.0, amplitude)
     # The distance from the middle of the bump: the position less its integer part less 1/2.
     X = -ufl.atan(1.0 / ufl.tan(math.pi * (x[0] - start) * scale)) / math.pi
-    value, slope, laplacian = local_piece(X, x[1] * scale, BUMP_RADIUS, 1.5)
+    value, slope, laplacian = local_piece(X, x[1] * scale, BUMP_RADIUS)
     return ManufacturedSolution(
         domain,
         amplitude * value,
         (amplitude * scale * slope[0], amplitude * scale * slope[1]),
         amplitude * (value - scale * scale * laplacian),
     )
-
-
-def _power(root: tuple[Expr, Expr], n: int) -> tuple[Expr, Expr]:
-    """The n-th power of a complex number."""
-    c, s = root
-    for _ in range(n - 1):
-        c, s = c * root[0] - s * root[1], c * root[1] + s * root[0]
-    return c, s

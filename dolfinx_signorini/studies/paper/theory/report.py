@@ -6,34 +6,14 @@ from collections.abc import Sequence
 
 from dolfinx_signorini.base.tables import markdown_table
 from dolfinx_signorini.studies.paper.theory.checks import Check, Rows, Verdict
-from dolfinx_signorini.studies.paper.theory.statements import EQUATIONS, STATEMENTS, Statement
+from dolfinx_signorini.studies.paper.theory.statements import (
+    EQUATIONS,
+    INTRODUCTION,
+    STATEMENTS,
+    Statement,
+)
 
 PICTURES = "theory"  # the folder of the pictures, beside the document
-
-INTRODUCTION = """\
-# The theory, measured
-
-What C. Christof and C. Haubner state in "Finite element error estimates in non-energy norms for the
-two-dimensional scalar Signorini problem", Numer. Math. (2020), each statement in one line with what
-is measured of it, what is proven, whether both agree, and the command for this statement alone. The
-page and its pictures are written by
-
-    {command}
-
-{count} checks: {holding} hold. A check reads figures and has limits; each was fed a wrong input and
-failed (`tests/studies/paper/theory/test_wrong_input.py`). Orders are those between the two
-finest meshes, and must lie between the proven one and the one that the solution allows, to 0.05
-where the limits are not sharper; inequalities must hold up to 1e-9 of their size. "- eps" stands
-for "less any positive number". Numbers below that are printed as bounds, as they are different on
-every machine.
-Meshes are Friedrichs-Keller triangulations with N cells per side where nothing else is said,
-h = 1/N; norms are those of `error_norms`, sup norms true maxima. Everything is the same on any
-number of processes.
-
-What the measurements question: the remark of Section 7 that the middle of an edge is the worst
-place of the detachment point, the remark there that the contact sets of u_h approximate that of u,
-and the left-hand side of (9) as printed. No theorem.
-"""
 
 
 class Document:

@@ -3,23 +3,18 @@
 Texts and checks are in `data/statements.toml`, whose first lines say how to read a check.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
-from dolfinx_signorini.studies.paper.theory import values
+from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory.checks import (
     RULES,
     Check,
-    Row,
     Together,
-    Value,
-    entry,
 )
-from dolfinx_signorini.studies.paper.theory.families import POWER_EXPONENTS, power_name
 from dolfinx_signorini.studies.paper.theory.tables import TABLES
+from dolfinx_signorini.studies.paper.theory.values import TOGETHER, value_of
 
 Texts = Mapping[str, Any]
 
@@ -38,6 +33,7 @@ class Statement:
         comment: How the statement is measured and what is seen.
         reason: Why nothing is measured; empty where something is.
         figure: Name of the picture; empty without one.
+        drawn: The experiments that the picture reads besides those of the checks.
         beyond: Whether the statement goes beyond the paper.
         checks: The measurements.
     """
@@ -48,6 +44,7 @@ class Statement:
     comment: str
     reason: str
     figure: str
+    drawn: tuple[str, ...]
     beyond: bool
     checks: tuple[Check, ...]
 
@@ -55,20 +52,7 @@ class Statement:
     def experiments(self) -> set[str]:
         """The names of the experiments that the checks and the picture read."""
         names = {name for check in self.checks for name in check.experiments}
-        return names | set(DRAWN.get(self.figure, ())) if self.checks else names
-
-
-# What the picture of a statement reads besides the checks of the statement.
-DRAWN = {
-    "errors": ("paper",),
-    "powers": tuple(map(power_name, POWER_EXPONENTS)),
-    "projection": ("paper", "smooth"),
-    "supercloseness": ("paper",),
-    "dual": ("dual",),
-    "contact_sets": ("paper",),
-    "factors": ("paper", "unknown"),
-    "enclosure": ("bounds",),
-}
+        return names | set(self.drawn) if self.checks else names
 
 
 def _statement(key: str, texts: Texts) -> Statement:
@@ -77,8 +61,8 @@ def _statement(key: str, texts: Texts) -> Statement:
         " ".join(str(texts.get(field, "")).split()) for field in fields
     )
     checks = tuple(check for entry in texts.get("checks", ()) for check in _checks(entry))
-    beyond = bool(texts.get("beyond"))
-    return Statement(key, name, claim, comment, reason, figure, beyond, checks)
+    drawn, beyond = tuple(texts.get("drawn", ())), bool(texts.get("beyond"))
+    return Statement(key, name, claim, comment, reason, figure, drawn, beyond, checks)
 
 
 def _checks(texts: Texts) -> list[Check]:
@@ -106,34 +90,17 @@ def _checks_of(texts: Texts, item: Sequence[str]) -> list[Check]:
     kind, rule = next((RULES[key], value) for key, value in texts.items() if key in RULES)
     on = _GROUPS.get(texts["on"], [texts["on"]]) if isinstance(texts["on"], str) else texts["on"]
     whole = texts.get("together")
-    value = getattr(values, whole) if whole else _value(texts)
+    value = TOGETHER[whole] if whole else value_of(texts)
     make = Together if whole else Check
     what, proven, column = texts["what"], texts["proven"], texts.get("column", "")
     numbers = map(float, rule)
     return [make(what, proven, tuple(on), value, kind(*numbers), texts.get("first", 0), column)]
 
 
-def _value(texts: Texts) -> Value:
-    """What a check reads from a row."""
-    name, *arguments = texts["of"].split()
-    own, less, by = getattr(values, name, None), texts.get("less", 0.0), texts.get("by")
-
-    def read(row: Row) -> float | None:
-        value = entry(name)(row) if own is None else own(row, *arguments)
-        divisor = 1.0 if by is None else entry(by)(row)
-        if value is None or divisor is None:
-            return None
-        value -= entry(less)(row) if isinstance(less, str) else less
-        value *= row["n"] ** texts.get("power", 0) / divisor
-        return abs(value) if texts.get("size") else float(value)
-
-    return read
-
-
-_FILE = resources.files("dolfinx_signorini.studies.paper").joinpath("data/statements.toml")
-_TEXTS = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+_TEXTS = read_data("statements")
 # Where each numbered formula of the paper is measured, or why not.
 EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
+INTRODUCTION: str = _TEXTS.pop("introduction")  # of the document, with places for its figures
 _GROUPS: Mapping[str, list[str]] = _TEXTS.pop("groups")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
 CHECKS = {statement.key: statement.checks for statement in STATEMENTS if statement.checks}

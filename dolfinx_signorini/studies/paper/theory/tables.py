@@ -12,7 +12,6 @@ from dolfinx_signorini.studies.paper.theory.checks import (
     interpolation_constant,
     over,
 )
-from dolfinx_signorini.studies.paper.theory.families import placed_name, power_name, rough_name
 from dolfinx_signorini.studies.paper.theory.measures import TRACE
 from dolfinx_signorini.studies.paper.theory.proven import (
     allowed_order,
@@ -45,13 +44,13 @@ def supercloseness(exponent: str, what: str, of: str) -> list[Check]:
     p = float(exponent)
     proven = supercloseness_order(p).value
     text, value = f"{proven:.3g} - eps", entry(of)  # in W^{2,q} for q < p only
-    return [Check(what, text, (rough_name(p),), value, Order(proven, 2.0), FINE)]
+    return [Check(what, text, (f"rough {p:g}",), value, Order(proven, 2.0), FINE)]
 
 
 def powers(exponent: str) -> list[Check]:
     """Return problem (3) with a power: not below the proven order, and that of approximation."""
     p, low = float(exponent), float(exponent) < 4.0
-    what, experiments = f"p = {p:g}", (power_name(p),)
+    what, experiments = f"p = {p:g}", (f"power {p:g}",)
     column = f"W^{{1,4p/(p+{2 if low else 4})}}"
     text, rule = "1" if low else "1 - eps", Order(1.0, 1.0)
     checks = [Check(what, text, experiments, entry("critical"), rule, FINE, column)]
@@ -82,14 +81,14 @@ def placement(place: str) -> list[Check]:
     for norm in ("W1_4", "W1_inf", "Linf", TRACE, "L4"):
         proven = proven_order(math.inf, norm, contact_sets=True)
         rule, value = Order(proven.value, best_order(norm)), entry(f"errors/{norm}")
-        what, on = f"point at {place} of an edge", (placed_name(float(place)),)
+        what, on = f"point at {place} of an edge", (f"placed {place}",)
         checks.append(Check(what, str(proven), on, value, rule, column=NAMES[norm]))
     return checks
 
 
 def logarithms() -> list[Check]:
     """Return W^{1,4} and H^{1/2} errors beside the best possible constants."""
-    B, point = interpolation_constant(), power_name(math.inf)
+    B, point = interpolation_constant(), "power inf"
     four = over(entry("errors/W1_4"), 1.0, to=4.0)
     half = over(entry(f"errors/{TRACE}"), 1.5, to=2.0)
     gradient, trace = "(W^{1,4} error / h)^4", "(H^{1/2} error / h^{3/2})^2"

@@ -1,17 +1,39 @@
 """What checks read: figures of one row, and figures of all rows of some experiments together."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from dolfinx_signorini.studies.paper.theory.checks import Row
+from dolfinx_signorini.studies.paper.theory.checks import Row, Value, entry
 from dolfinx_signorini.studies.paper.theory.contact_sets import ContactSet, condition_a_h
-from dolfinx_signorini.studies.paper.theory.families import SHARP_EXPONENT
 from dolfinx_signorini.studies.paper.theory.measures import TRACE
 
 CORNERS = (0.0, 1.0, 2.0, 3.0)  # arc length on the boundary of the unit square
 STRENGTH = 10.0  # the factor of r^{3/2} of the paper's solution
+SHARP_EXPONENT = 3.0  # p of the bumps of all scales
 TABLE_1 = {"L4": {101: 5.8745e-4, 1001: 6.0007e-6}, "W1_4": {101: 1.3044e-1, 1001: 1.3395e-2}}
 PLACED = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", TRACE)
+
+
+def value_of(texts: Mapping[str, Any]) -> Value:
+    """Return what a check or a curve of the data files reads from a row.
+
+    Args:
+        texts: The entries of the check, see the first lines of `data/statements.toml`.
+    """
+    name, *arguments = texts["of"].split()
+    own, less, by = FUNCTIONS.get(name), texts.get("less", 0.0), texts.get("by")
+
+    def read(row: Row) -> float | None:
+        value = entry(name)(row) if own is None else own(row, *arguments)
+        divisor = 1.0 if by is None else entry(by)(row)
+        if value is None or divisor is None:
+            return None
+        value -= entry(less)(row) if isinstance(less, str) else less
+        value *= row["n"] ** texts.get("power", 0) / divisor
+        return abs(value) if texts.get("size") else float(value)
+
+    return read
 
 
 def contact_set(row: Row) -> ContactSet:
@@ -79,3 +101,20 @@ def middle(families: Sequence[Sequence[Row]]) -> float:
     """
     zero, quarter, half, last = (rows[-1]["errors"] for rows in families)
     return max(half[norm] / max(e[norm] for e in (zero, quarter, last)) for norm in PLACED)
+
+
+FUNCTIONS: Mapping[str, Callable[..., float | None]] = {
+    function.__name__: function
+    for function in (
+        detachment_error,
+        outside,
+        outer_width,
+        sharpness,
+        both_parts,
+        over_table_1,
+        worst,
+    )
+}
+TOGETHER: Mapping[str, Callable[[Sequence[Sequence[Row]]], float]] = {
+    function.__name__: function for function in (violations, middle)
+}
