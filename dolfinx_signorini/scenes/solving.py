@@ -13,6 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.first_mesh import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
@@ -37,8 +38,8 @@ from dolfinx_signorini.scenes.bends import bend_errors
 from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.files.scene import Scene
-from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.scenes.posing import PosedScene, pose
+from dolfinx_signorini.scenes.scene_data import data_of
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 
@@ -229,6 +230,7 @@ def _solve_on_adapted_meshes(
         ),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
         geometry=scene.domain.geometry,
+        resolve=False,
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
@@ -265,7 +267,8 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     loads = [scene.load, scene.reaction, scene.solution if scene.manufactured else None]
     data = [formula for formula in loads if formula is not None]
     fit = partial(fitted_mesh, formulas=scene.diffusion_entries, max_cells=most, straight=data)
-    resolved = resolved_mesh(scene, fit(scene.domain.make(comm)), most)
+    sided = fit(scene.domain.make(comm))
+    resolved = resolved_mesh(list(data_of(scene, sided)), sided, most)
     # Narrow layers are found by `resolved_mesh` only.
     return replace(resolved, sided=fit(resolved.sided))
 
