@@ -123,7 +123,7 @@ def solve_adaptively(
     hidden: Hidden | None = None,
     fit: Callable[[SidedMesh], None] = lambda sided: None,
     geometry: Mapping[str, Projection | None] | None = None,
-    resolve: bool = True,
+    read_data: bool = True,
 ) -> AdaptiveSolution:
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
@@ -148,7 +148,7 @@ def solve_adaptively(
             whole boundary. New vertices of the side go onto the curve, and what facets leave in
             the error is part of the estimate. The functions are called on rank 0 alone. None in
             place of a function: the facets are the domain.
-        resolve: Whether the first mesh is refined until polynomials on its cells follow the data,
+        read_data: Whether the first mesh is refined until polynomials on its cells follow the data,
             so that no narrow load, flux or obstacle is overlooked. Data are known from the forms
             and from the obstacle, as UFL expressions of the coordinates.
 
@@ -173,7 +173,7 @@ def solve_adaptively(
         hidden=(hidden, optional(callable_)),
         fit=(fit, callable_),
         geometry=(geometry, optional(by_text)),
-        resolve=(resolve, TRUTH),
+        read_data=(read_data, TRUTH),
     )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
@@ -183,7 +183,7 @@ def solve_adaptively(
     polygonal = arcs(sided, curves.known)
     for name, distance in polygonal.items():
         log.warning(BENDS, name, POLYGON, distance)
-    waiting = _posed(poses[min(poses)], sided) if resolve else None
+    waiting = _posed(poses[min(poses)], sided) if read_data else None
     first = _resolved(waiting, sided, max_unknowns)
     for note in first.notes:
         log.warning("%s", note)
