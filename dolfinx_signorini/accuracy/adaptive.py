@@ -7,11 +7,13 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.estimates import Hidden
-from dolfinx_signorini.accuracy.loop import Loop, Pose
+from dolfinx_signorini.accuracy.first_mesh import MOST_CELLS, Resolved, resolved_mesh
+from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
+    TRUTH,
     by_text,
     callable_,
     check,
@@ -23,6 +25,7 @@ from dolfinx_signorini.base.kinds import (
     simplices,
 )
 from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.data.form_data import data_of
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -53,6 +56,7 @@ class AdaptiveSolution:
         polygonal: The sides whose facets bend like those of a curve that is not known, "all" for
             the boundary without a name. These facets are taken as the domain, and the estimate
             knows of no curve. For each side about how far a smooth curve is from the first mesh.
+        notes: What is not known of the data, or not resolved by the first mesh, in words.
     """
 
     problem: SignoriniProblem
@@ -62,6 +66,7 @@ class AdaptiveSolution:
     steps: tuple[Step, ...]
     cells: Array
     polygonal: Mapping[str, float]
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -117,6 +122,7 @@ def solve_adaptively(
     hidden: Hidden | None = None,
     fit: Callable[[SidedMesh], None] = lambda sided: None,
     geometry: Mapping[str, Projection | None] | None = None,
+    read_data: bool = True,
 ) -> AdaptiveSolution:
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
@@ -141,6 +147,9 @@ def solve_adaptively(
             whole boundary. New vertices of the side go onto the curve, and what facets leave in
             the error is part of the estimate. The functions are called on rank 0 alone. None in
             place of a function: the facets are the domain.
+        read_data: Whether the first mesh is refined until polynomials on its cells follow the data,
+            so that no narrow load, flux or obstacle is overlooked. Data are known from the forms
+            and from the obstacle, as UFL expressions of the coordinates.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
@@ -163,6 +172,7 @@ def solve_adaptively(
         hidden=(hidden, optional(callable_)),
         fit=(fit, callable_),
         geometry=(geometry, optional(by_text)),
+        read_data=(read_data, TRUTH),
     )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
@@ -172,7 +182,13 @@ def solve_adaptively(
     polygonal = arcs(sided, curves.known)
     for name, distance in polygonal.items():
         log.warning(BENDS, name, POLYGON, distance)
-    loop = Loop(poses, sided, request, on_step, began, hidden, fit, curves)
+    ready = posed(poses[min(poses)], sided) if read_data else None
+    first = _resolved(ready, sided, max_unknowns)
+    for note in first.notes:
+        log.warning("%s", note)
+    if first.sided is not sided:
+        ready = None
+    loop = Loop(poses, first.sided, request, on_step, began, hidden, fit, curves, ready)
     loop.run()
     return AdaptiveSolution(
         problem=loop.problem,
@@ -182,4 +198,24 @@ def solve_adaptively(
         steps=tuple(loop.steps),
         cells=loop.last.remaining[loop.last.division.parents],
         polygonal=polygonal,
+        notes=first.notes,
     )
+
+
+def _resolved(problem: SignoriniProblem | None, sided: SidedMesh, max_unknowns: float) -> Resolved:
+    """Return the first mesh of the loop, with room for the division of all cells.
+
+    Args:
+        problem: The problem on the mesh; destroyed where the mesh is not the first one. None where
+            nothing is known of the data.
+        sided: The mesh.
+        max_unknowns: The limit on the dofs of a mesh.
+    """
+    if not isinstance(problem, SignoriniProblem):
+        return Resolved(sided, ())
+    degree = problem.space.element.basix_element.degree
+    most = min(MOST_CELLS, int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim))
+    first = resolved_mesh(data_of(problem), sided, most)
+    if first.sided is not sided:
+        problem.destroy()
+    return first

@@ -50,6 +50,19 @@ RESOLVED = 0.5  # of the size of the solution: a larger first estimate tells not
 Pose = Callable[[SidedMesh], SignoriniProblem]
 
 
+def posed(pose: Pose, sided: SidedMesh) -> SignoriniProblem:
+    """Pose a problem on a mesh by the user's function; the call is collective.
+
+    Raises:
+        InputError: The function raises an exception, or poses a problem on another mesh.
+    """
+    with together(sided.mesh.comm, "pose"):
+        problem = pose(sided)
+    if isinstance(problem, SignoriniProblem) and problem.space.mesh is not sided.mesh:
+        raise InputError("poses the problem on another mesh than that of its argument", "pose")
+    return problem
+
+
 class Loop:
     """What the adaptive loop does between two solves: estimate, mark, refine.
 
@@ -62,6 +75,7 @@ class Loop:
         hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
+        ready: The problem on the first mesh, where the problem has been posed already.
 
     Attributes:
         pose: The function that poses the problem, with elements of the present degree.
@@ -97,11 +111,12 @@ class Loop:
         hidden: Hidden | None,
         fit: Callable[[SidedMesh], None],
         curves: CurvedSides,
+        ready: SignoriniProblem | None = None,
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
-        self.curves = curves
+        self.curves, self._ready = curves, ready
         self.steps: list[Step] = []
         self.stopped = ""
         self.keywords: dict[str, Any] = {}
@@ -133,13 +148,11 @@ class Loop:
                 self._solve(divided.sided)
             self._solve_best_again()
 
-    def _posed(self, sided: SidedMesh, _: SignoriniProblem | None) -> SignoriniProblem:
-        """Pose the problem on a mesh by the user's function."""
-        with together(self.comm, "pose"):
-            problem = self.pose(sided)
-        if isinstance(problem, SignoriniProblem) and problem.space.mesh is not sided.mesh:
-            raise InputError("poses the problem on another mesh than that of its argument", "pose")
-        return problem
+    def _posed(self, sided: SidedMesh, before: SignoriniProblem | None) -> SignoriniProblem:
+        """Pose the problem on a mesh, unless that has been done for the first one."""
+        if before is None and self._ready is not None:
+            return self._ready
+        return posed(self.pose, sided)
 
     def _solve(self, sided: SidedMesh) -> None:
         """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""

@@ -75,6 +75,9 @@ class Node:
     For example, the product of 2 and the first coordinate:
 
         Node("*", (Node("number", value=2.0), Node("coordinate", value=0)))
+        number(2.0).root * Node("coordinate", value=0)
+
+    The operators of Python leave out what 0 and 1 make needless, and calculate with numbers.
 
     Attributes:
         op: "number", "coordinate", or the name of an operator or a function.
@@ -93,6 +96,39 @@ class Node:
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
         object.__setattr__(self, "depth", 1 + max((a.depth for a in self.args), default=0))
+
+    def __neg__(self) -> "Node":
+        return self.args[0] if self.op == "negative" else _made("negative", self)
+
+    def __add__(self, other: "Node") -> "Node":
+        if self.is_number(0.0) or other.is_number(0.0):
+            return other if self.is_number(0.0) else self
+        return self - other.args[0] if other.op == "negative" else _made("+", self, other)
+
+    def __sub__(self, other: "Node") -> "Node":
+        if self.is_number(0.0) or other.is_number(0.0):
+            return -other if self.is_number(0.0) else self
+        return self + other.args[0] if other.op == "negative" else _made("-", self, other)
+
+    def __mul__(self, other: "Node") -> "Node":
+        for a, b in ((self, other), (other, self)):
+            if a.is_number(0.0) or b.is_number(1.0):
+                return a
+            if b.is_number(-1.0):
+                return -a
+        return _made("*", self, other)
+
+    def __truediv__(self, other: "Node") -> "Node":
+        return self if self.is_number(0.0) or other.is_number(1.0) else _made("/", self, other)
+
+    def __pow__(self, exponent: float) -> "Node":
+        if exponent in (0.0, 1.0):
+            return self if exponent else number(1.0).root
+        return _made("^", self, number(exponent).root)
+
+    def is_number(self, value: float) -> bool:
+        """Return whether this is a certain number."""
+        return self.op == "number" and self.value == value
 
 
 class PerNode(ABC, Generic[T]):
@@ -179,6 +215,35 @@ class Formula:
 def number(value: float) -> Formula:
     """Return a constant as a formula."""
     return Formula(repr(float(value)).removesuffix(".0"), Node("number", value=float(value)))
+
+
+def folded(op: str, *args: Node) -> Node:
+    """Return an operation, or of numbers the number.
+
+    Args:
+        op: The name of the operation.
+        args: The operands.
+
+    Raises:
+        ArithmeticError: The operation has no finite value.
+    """
+    if op in COMPARISONS or any(a.op != "number" for a in args):
+        return Node(op, args)
+    try:
+        value = float(OPERATIONS[op][0](*(a.value for a in args)))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ArithmeticError
+    return Node("number", value=value)
+
+
+def _made(op: str, *args: Node) -> Node:
+    """An operation, or of numbers the number if that is finite."""
+    try:
+        return folded(op, *args)
+    except ArithmeticError:
+        return Node(op, args)
 
 
 def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -37,21 +37,15 @@ def inverse_entries(entries: Sequence[Formula]) -> list[Formula]:
     n, one = math.isqrt(len(entries)), number(1.0).root
     matrix = [[entries[n * i + j].root for j in range(n)] for i in range(n)]
 
-    def difference(a: Node, b: Node, c: Node, d: Node) -> Node:
-        return Node("-", (Node("*", (a, b)), Node("*", (c, d))))
-
     def cofactor(i: int, j: int) -> Node:
         if n == 1:
             return one
         if n == 2:
             entry = matrix[1 - i][1 - j]
-            return entry if i == j else Node("negative", (entry,))
+            return entry if i == j else -entry
         i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-        return difference(matrix[i][j], matrix[k][m], matrix[i][m], matrix[k][j])
+        return matrix[i][j] * matrix[k][m] - matrix[i][m] * matrix[k][j]
 
-    terms = [Node("*", (matrix[0][j], cofactor(0, j))) for j in range(n)]
-    determinant = terms[0]
-    for term in terms[1:]:
-        determinant = Node("+", (determinant, term))
-    found = [Node("/", (cofactor(j, i), determinant)) for i in range(n) for j in range(n)]
+    determinant = sum((matrix[0][j] * cofactor(0, j) for j in range(n)), number(0.0).root)
+    found = [cofactor(j, i) / determinant for i in range(n) for j in range(n)]
     return [Formula("an entry of the inverse of the diffusion", entry) for entry in found]

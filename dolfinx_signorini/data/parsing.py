@@ -20,10 +20,10 @@ from dolfinx_signorini.data.formulas import (
     CONSTANTS,
     COORDINATES,
     FUNCTIONS,
-    OPERATIONS,
     OPERATORS,
     Formula,
     Node,
+    folded,
     shortened,
 )
 
@@ -195,15 +195,10 @@ class _Reader:
         if op == "^" and not abs(args[1].value) <= MAX_EXPONENT:
             message = f"an exponent must lie between -{MAX_EXPONENT:g} and {MAX_EXPONENT:g}"
             raise self._error(message, start)
-        node = Node(op, tuple(args))
+        try:
+            node = folded(op, *args)
+        except ArithmeticError:
+            raise self._error(f"{op!r} has no finite value here", start) from None
         if node.size > MAX_SIZE or node.depth > MAX_DEPTH:
             raise self._error(TOO_LARGE, start)
-        if op in COMPARISONS or any(a.op != "number" for a in args):
-            return node
-        try:
-            value = float(OPERATIONS[op][0](*(a.value for a in args)))
-        except (ArithmeticError, ValueError):
-            value = math.nan
-        if not math.isfinite(value):
-            raise self._error(f"{op!r} has no finite value here", start)
-        return Node("number", value=value)
+        return node

@@ -82,7 +82,7 @@ class SignoriniProblem:
     Attributes:
         u: The solution, after `solve`.
         result: The diagnostics of the last solve; None before.
-        a: The bilinear form.
+        a, L: The forms.
         space: The function space.
         system: What the solvers see; for an upper obstacle that is the problem for -u.
         sign: 1 for a lower obstacle, -1 for an upper one.
@@ -115,7 +115,7 @@ class SignoriniProblem:
         self._x: PETSc.Vec | None = None
         self.result: SolveResult | None = None
         self._history = History()
-        self.a, self.space = a, checked_space(a, L)
+        self.a, self.L, self.space = a, L, checked_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
         check_function(self.u, self.space, "u")
         if not isinstance(bound, str) or bound not in ("lower", "upper"):

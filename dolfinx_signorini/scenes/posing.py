@@ -12,6 +12,7 @@ from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.jumps import integrable, integrable_on_facets
@@ -224,6 +225,11 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
 def load_of(scene: Scene) -> Formula | None:
     """Return the load of a scene, or the load that follows from its solution; None for zero."""
     return _formulas_of_exact(scene)[0] if scene.manufactured else scene.load
+
+
+def coefficients(scene: Scene) -> Coefficients:
+    """Return the coefficients and the load of a scene."""
+    return Coefficients(load_of(scene), scene.reaction, scene.diffusion)
 
 
 def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:

@@ -7,12 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.data_errors import data_errors
+from dolfinx_signorini.accuracy.first_mesh import MOST_CELLS, Resolved, resolved_mesh
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
@@ -33,12 +34,10 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.bends import bend_errors
-from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.files.scene import Scene
-from dolfinx_signorini.scenes.looking import MOST_CELLS, Resolved, resolved_mesh
-from dolfinx_signorini.scenes.posing import PosedScene, pose
+from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
+from dolfinx_signorini.scenes.scene_data import data_of
 from dolfinx_signorini.solvers.cascade import solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 
@@ -224,11 +223,10 @@ def _solve_on_adapted_meshes(
         max_unknowns=max_unknowns,
         **asked,
         began=began,
-        hidden=lambda problem, target: np.maximum(
-            cut_errors(posed[0], target), bend_errors(posed[0], target)
-        ),
+        hidden=lambda problem, target: data_errors(problem, coefficients(scene), target),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
         geometry=scene.domain.geometry,
+        read_data=False,
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
@@ -265,7 +263,8 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     loads = [scene.load, scene.reaction, scene.solution if scene.manufactured else None]
     data = [formula for formula in loads if formula is not None]
     fit = partial(fitted_mesh, formulas=scene.diffusion_entries, max_cells=most, straight=data)
-    resolved = resolved_mesh(scene, fit(scene.domain.make(comm)), most)
+    sided = fit(scene.domain.make(comm))
+    resolved = resolved_mesh(list(data_of(scene, sided)), sided, most)
     # Narrow layers are found by `resolved_mesh` only.
     return replace(resolved, sided=fit(resolved.sided))
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from known import SCENES, Known, bump, true_error
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.enclosures import enclosed_on_boxes, enclosed_on_simplices
 from dolfinx_signorini.data.formulas import FUNCTIONS
@@ -20,7 +21,7 @@ from dolfinx_signorini.data.parsing import parse
 from dolfinx_signorini.meshes.elements import control_points, values_at_control_points
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.files.reading import load_scene, parse_scene
-from dolfinx_signorini.scenes.looking import resolved_mesh
+from dolfinx_signorini.scenes.scene_data import data_of
 
 NUMBERS = st.floats(0.01, 9.0).map(lambda v: f"{v:.4g}")
 UNARY = [name for name, (count, *_) in FUNCTIONS.items() if count == 1]
@@ -238,7 +239,7 @@ def first_mesh(comm, text):
     scene = parse_scene(text, Path("scene.toml"), comm)
     scene = replace(scene, domain=scene.domain.first(), degree=2)
     sided = scene.domain.make(comm)
-    return scene, sided, resolved_mesh(scene, sided)
+    return scene, sided, resolved_mesh(list(data_of(scene, sided)), sided)
 
 
 def cells(sided):
@@ -345,7 +346,8 @@ def test_a_thin_layer_that_lets_nothing_through_is_seen(comm):
 
 def test_what_is_not_resolved_or_not_known_is_said(comm):
     scene = parse_scene(bump(0.001, {}).text, Path("scene.toml"), comm)
-    found = resolved_mesh(scene, scene.domain.first().make(comm), max_cells=50)
+    sided = scene.domain.first().make(comm)
+    found = resolved_mesh(list(data_of(scene, sided)), sided, max_cells=50)
     assert cells(found.sided) <= 50
     assert [note for note in found.notes if "the load" in note and "first mesh" in note]
     result = solve_scene(scene, comm, accuracy=1e-3, norm="L2", max_unknowns=800)
@@ -364,6 +366,6 @@ def test_the_look_takes_little_time(comm, name):
     sided, times = scene.domain.first().make(comm), []
     for _ in range(5):
         began = time.process_time()
-        resolved_mesh(scene, sided)
+        resolved_mesh(list(data_of(scene, sided)), sided)
         times.append(time.process_time() - began)
     assert min(times) < 0.05

@@ -186,6 +186,7 @@ TABLE = {
             "hidden": None,
             "fit": lambda sided: None,
             "geometry": None,
+            "read_data": True,
         },
         lambda t: {
             "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
@@ -199,6 +200,7 @@ TABLE = {
             "hidden": (4, "nothing"),
             "fit": (None, 4),
             "geometry": (4, {1: None}, {"roof": None}, {"floor": 4}),
+            "read_data": (None, 1, "yes"),
         },
     ),
     "solve_cascade": (

@@ -1,4 +1,4 @@
-"""What jumps of the diffusion inside cells add to the error, and no comparison shows.
+"""Cut cells, inside of which the diffusion jumps: errors that no comparison of solutions shows.
 
 Across a jump the normal flux of the solution u is continuous, and the normal derivative jumps. No
 polynomial w follows: in a cell that is cut, the derivative along the normal n is wrong on both
@@ -23,13 +23,14 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.cells import Array, summed_at_vertices, total
 from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.interfaces.roughness import slopes, switches
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
-from dolfinx_signorini.scenes.posing import PosedScene
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Indices = npt.NDArray[np.int64]
 
@@ -38,21 +39,22 @@ RTOL = 1e-8  # the diffusion may jump by many powers of ten
 NOISE = 0.5  # of the flux next to a cell: how far off the mean flux of the cell may be
 
 
-def cut_errors(posed: PosedScene, target: Target) -> Array:
+def cut_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -> Array:
     """Return what the cells that are cut by jumps of the diffusion add to the error.
 
     Args:
-        posed: The scene whose problem has been solved; the call is collective.
+        problem: The problem, which has been solved; the call is collective.
+        data: The coefficients of the problem.
         target: What is to be accurate.
 
     Returns:
         One value for each owned cell, 0 for cells that are not cut.
     """
-    domain = posed.sided.mesh
+    domain = problem.space.mesh
     errors, comm = np.zeros(len(owned_cells(domain))), domain.comm
-    if not switches(*posed.scene.diffusion_entries):
+    if not switches(*data.entries):
         return errors
-    cuts = _Cuts(posed)
+    cuts = _Cuts(problem, data)
     if not comm.allreduce(len(cuts.cells)):
         return errors
     slopes, norm = cuts.errors(), target.norm
@@ -86,13 +88,12 @@ class _Cuts:
         across: n.A n.
     """
 
-    def __init__(self, posed: PosedScene):
-        self.domain, self.problem = posed.sided.mesh, posed.problem
-        self.u, self.space, self.rows = posed.problem.u, posed.problem.space, posed.scene.diffusion
+    def __init__(self, problem: SignoriniProblem, data: Coefficients):
+        self.domain, self.problem = problem.space.mesh, problem
+        self.u, self.space, self.rows = problem.u, problem.space, data.diffusion
         element = self.space.element.basix_element
         dim, self.degree = self.domain.topology.dim, element.degree
-        entries = posed.scene.diffusion_entries
-        pieces, owners = cut_cells(entries, self.domain, self.degree)
+        pieces, owners = cut_cells(data.entries, self.domain, self.degree)
         self.cells, self.owners = np.unique(owners, return_inverse=True)
         rule = interior_rule(element.cell_type, 2 * self.degree)
         points, weights = rule.points(element.cell_type)
@@ -101,7 +102,7 @@ class _Cuts:
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
         self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
         self.edges = cell_edges(self.domain, self.cells.astype(np.int32))
-        self.normals = self._normals(switches(*entries))
+        self.normals = self._normals(switches(*data.entries))
         self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
         self.across = (self.fluxes * self.normals).sum(axis=2)
         self.volumes = self.integrals(np.ones_like(self.across))

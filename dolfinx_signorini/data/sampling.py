@@ -1,4 +1,4 @@
-"""The search for narrow features of data: samples close enough that nothing is between them.
+"""Adaptive sampling of data: so many samples that no narrow feature is between them.
 
 Cells or facets are divided into pieces. The values of a formula at points of a piece and an
 enclosure of all values on the piece tell what may be hidden between the points. The pieces that may
@@ -20,11 +20,13 @@ from dolfinx_signorini.data.interfaces.pieces import divided, inside, widths
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.signedinteger[Any]]
 
 MOST_PIECES = 20_000  # of one datum, on all ranks
 FIRST_PIECES = 1_500  # before the search; no cell is divided into more than 2^DEEPEST of them
 DEEPEST = 6
+# Of the polynomials that follow data which are integrated: about as many points as quadrature has.
+DEGREE = 4
 HIDDEN = {"mass": 1e-4, "height": 0.05}  # what a piece may hide, of the norm of the datum
 SMALLEST = 1e-9  # of the domain: smaller pieces are not divided
 
@@ -57,7 +59,7 @@ class Datum:
 class Samples:
     """The values of a datum at points that no feature is between:
 
-        samples = look_at(datum, domain.comm, size=1.0)
+        samples = sample(datum, domain.comm, size=1.0)
 
     Attributes:
         points: The points, shape (points, dimension).
@@ -80,7 +82,7 @@ class Samples:
     hidden: float
 
 
-def look_at(datum: Datum, comm: MPI.Comm, size: float) -> Samples:
+def sample(datum: Datum, comm: MPI.Comm, size: float) -> Samples:
     """Sample a datum so closely that nothing that matters is between the samples.
 
     Args:
@@ -118,7 +120,7 @@ class _Search:
         for _ in range(min(depth, DEEPEST // self.dimension)):
             pieces, owners = divided(pieces, owners)
         self.pieces, self.owners = pieces, owners
-        self.volumes, self.values, self.hidden = self._looked(pieces)
+        self.volumes, self.values, self.hidden = self._sampled(pieces)
         self.stopped = False
 
     def divide(self) -> bool:
@@ -136,7 +138,7 @@ class _Search:
         if count == 0 or count > room:
             return False
         new, owners = divided(self.pieces[chosen], self.owners[chosen])
-        volumes, values, hidden = self._looked(new)
+        volumes, values, hidden = self._sampled(new)
         self.volumes = np.concatenate((self.volumes[~chosen], volumes))
         self.pieces = np.concatenate((self.pieces[~chosen], new))
         self.owners = np.concatenate((self.owners[~chosen], owners))
@@ -161,7 +163,7 @@ class _Search:
             hidden=largest / norm if norm > 0.0 else float(largest > 0.0),
         )
 
-    def _looked(self, pieces: Array) -> tuple[Array, Array, Array]:
+    def _sampled(self, pieces: Array) -> tuple[Array, Array, Array]:
         """Return volumes, values at the points of pieces, and what is hidden between the points."""
         formula, volumes = self.datum.formula, simplex_sizes(pieces)
         values = evaluated(formula.root, inside(pieces, self.lattice)).T

@@ -1,4 +1,4 @@
-"""What jumps and kinks of the load and of the reaction inside cells leave in the error.
+"""Kinks of derivatives inside cells, from jumps and kinks of load and reaction, in the error.
 
 Across a jump of f - c u the second derivative of the solution u along the normal n jumps as well,
 by J = (jump of f - c u) / (n.A n), and across a kink the third derivative by K, with the jump of
@@ -13,7 +13,6 @@ of a cell for example.
 """
 
 import math
-from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -21,7 +20,8 @@ import numpy.typing as npt
 
 from dolfinx_signorini.accuracy.cells import Array, norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.coefficients import Coefficients
+from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.interfaces.roughness import slopes, switches
@@ -30,7 +30,6 @@ from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.posing import PosedScene, load_of
 
 Indices = npt.NDArray[np.int32]
 
@@ -43,51 +42,48 @@ RULE = 20  # its degree, for integrals of functions with a kink
 NEARER = 0.45  # of what interpolation leaves: measured 0.25 to 0.85
 
 
-def bend_errors(posed: PosedScene, target: Target) -> Array:
+def kink_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -> Array:
     """Return what jumps and kinks of load and reaction inside cells leave in a norm of the error.
 
     Args:
-        posed: The scene whose problem has been solved; the call is collective.
+        problem: The problem, which has been solved; the call is collective.
+        data: The coefficients of the problem.
         target: What is to be accurate.
 
     Returns:
         One value for each owned cell; 0 for cells without a jump or kink, and for functionals and
         norms of the boundary.
     """
-    domain, scene, norm = posed.sided.mesh, posed.scene, target.norm
+    domain, norm = problem.space.mesh, target.norm
     errors = np.zeros(len(owned_cells(domain)))
     if norm is None or norm.boundary:
         return errors
-    load = load_of(scene)
-    data = [formula for formula in (load, scene.reaction) if formula is not None]
-    parts = switches(*data)
+    formulas = [formula for formula in (data.load, data.reaction) if formula is not None]
+    parts = switches(*formulas)
     if not parts:
         return errors
-    cells = broken_cells(data, domain).astype(np.int32)
+    cells = broken_cells(formulas, domain).astype(np.int32)
     if len(cells):
-        bends = _Bends(posed.problem, cells, load, scene.reaction, scene.diffusion, norm)
-        # Parts of formulas may be zero at the same place: each tells the whole bend there.
-        errors[cells] = np.max([bends.left(node) for node in parts], axis=0)
+        kinks = _Kinks(problem, cells, data, norm)
+        # Parts of formulas may be zero at the same place: each tells the whole kink there.
+        errors[cells] = np.max([kinks.left(node) for node in parts], axis=0)
     if target.weighted:
         return shared_out(errors, norm.p, total(errors, norm.p, domain.comm) or 1.0)
     return errors
 
 
-class _Bends:
-    """The cells that have jumps inside of them, and what elements leave of the bends there."""
+class _Kinks:
+    """The cells that have jumps inside of them, and what elements leave of the kinks there."""
 
     def __init__(
         self,
         problem: SignoriniProblem,
         cells: Indices,
-        load: Formula | None,
-        reaction: Formula | None,
-        rows: Sequence[Sequence[Formula]],
+        data: Coefficients,
         norm: Norm,
     ):
-        self.norm = norm
+        self.norm, self.data = norm, data
         domain, space = problem.space.mesh, problem.space
-        self.load, self.reaction, self.rows = load, reaction, rows
         element, dim = space.element.basix_element, domain.topology.dim
         self.edges = cell_edges(domain, cells)
         x = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
@@ -108,7 +104,7 @@ class _Bends:
         self.u = problem.u.x.array[space.dofmap.list[cells]] @ middle
 
     def left(self, node: Node) -> Array:
-        """What the elements leave on each cell of the bend where a part of a formula is zero.
+        """What the elements leave on each cell of the kink where a part of a formula is zero.
 
         Args:
             node: The part, which decides by its sign what the formula chooses.
@@ -149,7 +145,7 @@ class _Bends:
             (right_side(2.0 * step) - right_side(step)) / (step * self.size)
             for step in (BESIDE, -BESIDE)
         )
-        entries = [[evaluated(entry.root, x) for entry in row] for row in self.rows]
+        entries = [[evaluated(entry.root, x) for entry in row] for row in self.data.diffusion]
         across: Array = np.asarray(entries[0][0] if entries else 1.0)
         if len(entries) > 1:
             across = np.einsum("ci,ijc,cj->c", normal, np.array(entries), normal)
@@ -159,6 +155,6 @@ class _Bends:
         """The values of f - c u at points."""
         f, c = (
             evaluated(formula.root, x) if formula is not None else np.zeros(len(x))
-            for formula in (self.load, self.reaction)
+            for formula in (self.data.load, self.data.reaction)
         )
         return f - c * self.u

@@ -10,13 +10,13 @@ from dolfinx import fem
 from known import Known, bent, true_error
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.kinks import NEARER, kink_errors
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.base.compat import interpolation_points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.bends import NEARER, bend_errors
 from dolfinx_signorini.scenes.files.reading import parse_scene
-from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.scenes.posing import coefficients, pose
 
 NORMAL = {2: np.array([0.6, 0.8]), 3: np.array([2.0, -1.0, 2.0]) / 3.0}
 PLACE = 0.531  # of the jump along the normal
@@ -55,7 +55,7 @@ def test_a_bend_is_what_interpolation_leaves_of_a_broken_parabola(comm, dimensio
     posed = posed_scene(
         comm, dimension, degree, f'diffusion = {matrix}\nload = "where(d < 0, 1 + x, 7 + x)"'
     )
-    found = bend_errors(posed, target(norm)) / NEARER
+    found = kink_errors(posed.problem, coefficients(posed.scene), target(norm)) / NEARER
 
     domain, normal = posed.sided.mesh, NORMAL[dimension]
     jump = 6.0 / (normal @ np.array(matrix) @ normal)
@@ -94,7 +94,7 @@ def test_a_bend_is_what_interpolation_leaves_of_a_broken_parabola(comm, dimensio
 @pytest.mark.parametrize(("dimension", "degree"), [(2, 1), (2, 4), (3, 2)])
 def test_the_same_in_integral_norms(comm, dimension, degree, name, p):
     posed = posed_scene(comm, dimension, degree, 'load = "where(d < 0, 1 + x, 7 + x)"')
-    found = bend_errors(posed, target(name)) / NEARER
+    found = kink_errors(posed.problem, coefficients(posed.scene), target(name)) / NEARER
 
     domain = posed.sided.mesh
     x = ufl.SpatialCoordinate(domain)
@@ -123,7 +123,7 @@ def test_data_that_jump_together_bend_nothing(comm):
     # u = 1 solves the problem, and f - c u = 0 on both sides.
     data = "where(d < 0, 1, 7)"
     posed = posed_scene(comm, 2, 2, f'reaction = "{data}"\nload = "{data}"')
-    found = bend_errors(posed, target("Linf"))
+    found = kink_errors(posed.problem, coefficients(posed.scene), target("Linf"))
     assert found == pytest.approx(0.0, abs=1e-9)
 
 
@@ -132,7 +132,7 @@ def test_a_jump_that_stands_twice_in_the_data_counts_once(comm):
     found = []
     for load in (once, twice):
         posed = posed_scene(comm, 2, 2, f'reaction = "where(d < 0, 1, 3)"\nload = "{load}"')
-        found.append(bend_errors(posed, target("Linf")))
+        found.append(kink_errors(posed.problem, coefficients(posed.scene), target("Linf")))
     assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
 
 
@@ -140,7 +140,7 @@ def test_a_jump_that_stands_twice_in_the_data_counts_once(comm):
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
 def test_a_kink_is_what_interpolation_leaves_of_a_broken_cubic(comm, degree, norm):
     posed = posed_scene(comm, 2, degree, 'load = "5*abs(d) + max(d, 0)"')
-    found = bend_errors(posed, target(norm)) / NEARER
+    found = kink_errors(posed.problem, coefficients(posed.scene), target(norm)) / NEARER
     domain = posed.sided.mesh
 
     def broken(x):
@@ -168,7 +168,7 @@ def test_a_kink_is_what_interpolation_leaves_of_a_broken_cubic(comm, degree, nor
 def test_bends_count_in_norms_of_the_domain_alone(comm):
     posed = posed_scene(comm, 2, 2, 'load = "where(d < 0, 1, 7)"')
     for name in ("L2_boundary", lambda v: v * ufl.dx):
-        assert not bend_errors(posed, target(name)).any()
+        assert not kink_errors(posed.problem, coefficients(posed.scene), target(name)).any()
 
 
 @pytest.mark.parametrize(

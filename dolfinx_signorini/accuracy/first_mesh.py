@@ -1,12 +1,12 @@
-"""The data of a scene before a mesh is believed: no narrow load, flux or obstacle is overlooked.
+"""The first mesh of the adaptive loop, which resolves every narrow load, flux and obstacle.
 
 An adaptive loop knows the data from their values at points of a mesh, and data that vanish at all
 of these points are not there for the loop. So the first mesh is refined until polynomials on the
-cells follow the data. The data are looked at by samples and enclosures, which no feature escapes.
+cells follow the data. The data are known from samples and enclosures, which no feature escapes.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import basix
@@ -16,27 +16,17 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.data.features import Datum, Samples, look_at
-from dolfinx_signorini.data.formulas import Formula, Node, evaluated, number
+from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
+from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
-from dolfinx_signorini.meshes.sided_meshes import (
-    SidedMesh,
-    boundary_facets,
-    facet_cells,
-    facet_nodes,
-    longest_side,
-    owned_cells,
-)
-from dolfinx_signorini.scenes.files.scene import Scene
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side, owned_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 ROUNDS = 14  # of refinements
 MOST_CELLS = 3_000
-# Of the polynomials that follow data which are integrated: about as many points as quadrature has.
-DEGREE = 4
 # What the deviation of a datum from polynomials may be, of the norm of the datum.
 MASS_OF_CELL = 0.02
 MASS = 0.1  # in all cells
@@ -49,9 +39,9 @@ NOTABLE = 0.1  # what one piece may hide of the norm of a datum, and no note tel
 
 @dataclass(frozen=True)
 class Resolved:
-    """A mesh on which polynomials follow the data of a scene:
+    """A mesh on which polynomials follow some data:
 
-        first = resolved_mesh(scene, sided, max_cells=3000)
+        first = resolved_mesh(data_of(problem), sided, max_cells=3000)
         print(*first.notes, sep="; ")
 
     Attributes:
@@ -63,77 +53,37 @@ class Resolved:
     notes: tuple[str, ...]
 
 
-def resolved_mesh(scene: Scene, sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:
+def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:
     """Refine a mesh until polynomials on the cells follow the data; the call is collective.
 
     Args:
-        scene: The scene.
-        sided: A coarse mesh of its domain.
+        data: The data on the mesh.
+        sided: The mesh, which should be coarse.
         max_cells: The limit on the number of cells.
     """
     comm = sided.mesh.comm
     size = longest_side(comm, sided.mesh.geometry.x)
-    looks = [_Look(datum, sided.mesh, size) for datum in _data(scene, sided)]
-    notes = [look.doubt for look in looks if look.doubt]
+    fits = [_Interpolation(datum, sided.mesh, size) for datum in data]
+    notes = [fit.doubt for fit in fits if fit.doubt]
     for _ in range(ROUNDS):
         marks = np.zeros(len(owned_cells(sided.mesh)), dtype=bool)
-        for look in looks:
-            marks |= look.marks(sided.mesh)
+        for fit in fits:
+            marks |= fit.marks(sided.mesh)
         if not comm.allreduce(bool(marks.any()), op=MPI.LOR):
             return Resolved(sided, tuple(notes))
         refinement = refined(sided, np.flatnonzero(marks).astype(np.int32))
         if comm.allreduce(len(refinement.parents)) > max_cells:
             break
         sided = refinement.sided
-        for look in looks:
-            look.follow(sided.mesh, refinement.parents)
+        for fit in fits:
+            fit.follow(sided.mesh, refinement.parents)
     coarse = "is narrower than the cells of the first mesh, which is as fine as its limits allow"
-    notes += [f"{look.name} {coarse}" for look in looks if look.rough(sided.mesh)]
-    return Resolved(sided, tuple(notes))
+    notes += [f"{fit.name} {coarse}" for fit in fits if fit.rough(sided.mesh)]
+    return Resolved(sided, tuple(dict.fromkeys(notes)))
 
 
-def _data(scene: Scene, sided: SidedMesh) -> Iterator[Datum]:
-    """The data of a scene that depend on the coordinates."""
-    domain = sided.mesh
-    dim, cells = domain.topology.dim, owned_cells(domain)
-    x: Array = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
-    whole = x[domain.geometry.dofmap[cells]]
-    for name, formula, measure in _on_cells(scene):
-        if formula.constant is None:
-            degree = max(DEGREE, scene.degree)
-            yield Datum(name, formula, measure, degree, whole, cells.astype(np.int64))
-    for condition in scene.conditions:
-        if condition.value is None or condition.value.constant is not None:
-            continue
-        on = sided.facets(condition.sides)
-        facets = np.intersect1d(on, boundary_facets(domain)).astype(np.int32)
-        owners = facet_cells(domain, facets)[:, 0]
-        corners = x[facet_nodes(domain, facets)]
-        nodal = condition.acts_like != "Neumann"
-        measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
-        name = f"the {condition.value_key} of '{condition.key}'"
-        yield Datum(name, condition.value, measure, degree, corners, owners.astype(np.int64))
-
-
-def _on_cells(scene: Scene) -> Iterator[tuple[str, Formula, str]]:
-    """The names, formulas and measures of the data on cells."""
-    if scene.solution is not None and scene.manufactured:
-        yield "the solution", scene.solution, "height"
-    if scene.load is not None:
-        yield "the load", scene.load, "mass"
-    if scene.reaction is not None:
-        yield "the reaction", scene.reaction, "mass"
-    for i, row in enumerate(scene.diffusion):
-        for entry in row[i:]:
-            yield "the diffusion", entry, "mass"
-        # A thin layer that lets nothing through is narrow in the reciprocal only.
-        inverse = Node("/", (number(1.0).root, row[i].root))
-        if row[i].constant is None:
-            yield "the diffusion", Formula(f"1/({row[i].text})", inverse), "mass"
-
-
-class _Look:
-    """A datum, and how far polynomials on the cells of a mesh are away from the datum.
+class _Interpolation:
+    """The polynomials that interpolate a datum on the cells of a mesh, and their errors.
 
     Args:
         datum: The datum.
@@ -150,7 +100,7 @@ class _Look:
         cell = basix.CellType[domain.topology.cell_name()]
         variant = basix.LagrangeVariant.gll_warped
         self.element = basix.create_element(basix.ElementFamily.P, cell, datum.degree, variant)
-        self.samples: Samples = look_at(datum, domain.comm, size)
+        self.samples: Samples = sample(datum, domain.comm, size)
         self.deviations = np.zeros(len(self.samples.points))
         self._fit(_Cells(domain), np.arange(len(self.samples.points)))
         self.doubt = ""

@@ -11,11 +11,12 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import total
+from dolfinx_signorini.accuracy.cut_cells import cut_errors
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes import pose
-from dolfinx_signorini.scenes.cuts import cut_errors
 from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.scenes.posing import coefficients
 
 TEXT = """
 degree = {degree}
@@ -66,7 +67,7 @@ def test_a_jump_through_a_column_of_cells(share, high, degree, comm):
     u = ufl.conditional(x < fem.Constant(domain, place), q * x, 1.0 - slope * (1.0 - x))
     for asked in ("L1", "L2", "Linf", "H1", "W1_4", "W1_inf", lambda v: v * ufl.dx):
         wanted = target(asked)
-        found = cut_errors(posed, wanted)
+        found = cut_errors(posed.problem, coefficients(posed.scene), wanted)
         power = 1.0 if wanted.weighted or wanted.norm is None else wanted.norm.p
         size = true_size(posed.problem.u - u, wanted)
         assert 0.7 * size <= total(found, power, comm) <= 2.0 * size, asked

@@ -1,0 +1,210 @@
+"""UFL expressions of the coordinates as formulas: what is known of formulas is known of both.
+
+Readable are coordinates, numbers and `fem.Constant`, vectors and matrices of them, arithmetic,
+powers, elementary functions, and conditionals. Derivatives are carried out first. Functions of a
+finite element space, which differ from cell to cell, are not readable.
+
+UFL's own trees do not replace those of formulas. Their nodes have index notation and tensors in
+them, and UFL has no distance hypot(a, b), whose zeros are known where those of sqrt(a^2 + b^2) are
+not. So distances are recognised here.
+"""
+
+import math
+import operator
+from collections.abc import Mapping
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from ufl import classes
+from ufl.algorithms import apply_algebra_lowering, apply_derivatives
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.data.formulas import FUNCTIONS, Formula, Node, folded, number, shortened
+from dolfinx_signorini.data.names import Names, operations
+
+MOST_OPERATIONS = 3000
+
+Component = tuple[int, ...]
+Terminals = Mapping[Expr, Any]  # values of arguments, their gradients and normals, as arrays
+
+ARITHMETIC = {
+    classes.Sum: operator.add,
+    classes.Product: operator.mul,
+    classes.Division: operator.truediv,
+}
+OTHERS = {
+    classes.MinValue: "min",
+    classes.MaxValue: "max",
+    classes.Atan2: "atan2",
+    classes.Abs: "abs",
+    classes.LT: "<",
+    classes.LE: "<=",
+    classes.GT: ">",
+    classes.GE: ">=",
+}
+NAMES = {"ln": "log"}  # of functions of UFL that formulas call otherwise
+TRANSPARENT = (classes.Variable, classes.Conj, classes.Real)
+
+
+class Unreadable(Exception):
+    """A part of an expression is no formula in the coordinates."""
+
+
+def formula_of(expression: Expr) -> Formula | None:
+    """Return a scalar UFL expression of the coordinates as a formula; None for any other.
+
+    For example:
+
+        x = ufl.SpatialCoordinate(domain)
+        load = formula_of(ufl.exp(-ufl.inner(x, x)) * ufl.conditional(ufl.lt(x[0], 0.5), 1, 2))
+
+    Args:
+        expression: The expression.
+    """
+    if expression.ufl_shape != () or expression.ufl_free_indices:
+        return None
+    return read(lowered(expression), {})
+
+
+def lowered(expression: Any) -> Any:
+    """Return an expression or a form with derivatives carried out, in terms that are readable."""
+    return apply_derivatives.apply_derivatives(
+        apply_algebra_lowering.apply_algebra_lowering(expression)
+    )
+
+
+def read(expression: Expr, terminals: Terminals) -> Formula | None:
+    """Return a lowered scalar expression as a formula; None where a part is not readable.
+
+    Args:
+        expression: The expression.
+        terminals: Numbers that stand for parts of the expression.
+    """
+    try:
+        root = _Reader(terminals).node(expression, (), {})
+    except (Unreadable, ArithmeticError, RecursionError):
+        return None
+    if operations(root) > MOST_OPERATIONS:
+        return None
+    return Formula(shortened(str(expression))[1:-1], root)
+
+
+class _Reader:
+    """The nodes of the components of expressions, each of them once.
+
+    Args:
+        terminals: See `read`.
+    """
+
+    def __init__(self, terminals: Terminals):
+        self.terminals = terminals
+        self.known: dict[tuple[int, Component, Component], Node] = {}
+
+    def node(self, expression: Expr, component: Component, indices: dict[int, int]) -> Node:
+        """Return a component of an expression.
+
+        Args:
+            expression: The expression.
+            component: The component.
+            indices: The values of the free indices, by their numbers.
+        """
+        free = () if isinstance(expression, classes.Condition) else expression.ufl_free_indices
+        key = id(expression), component, tuple(indices[i] for i in free)
+        if key not in self.known:
+            self.known[key] = self._new(expression, component, indices)
+        return self.known[key]
+
+    def _new(self, e: Expr, component: Component, indices: dict[int, int]) -> Node:
+        if not isinstance(e, classes.Condition) and e in self.terminals:
+            return number(float(np.asarray(self.terminals[e])[component])).root
+        operands = e.ufl_operands
+        if isinstance(e, classes.Terminal):
+            return _terminal(e, component)
+        if isinstance(e, TRANSPARENT):
+            return self.node(operands[0], component, indices)
+        if isinstance(e, classes.Indexed):
+            inner = tuple(_value(i, indices) for i in operands[1])
+            return self.node(operands[0], inner, indices)
+        if isinstance(e, classes.ComponentTensor):
+            bound = dict(zip((i.count() for i in operands[1]), component, strict=True))
+            return self.node(operands[0], (), indices | bound)
+        if isinstance(e, classes.IndexSum):
+            i = operands[1][0].count()
+            terms = (self.node(operands[0], (), indices | {i: k}) for k in range(e.dimension()))
+            return reduce(lambda a, b: a + b, terms)
+        if isinstance(e, classes.ListTensor):
+            return self.node(operands[component[0]], component[1:], indices)
+        if isinstance(e, classes.Conditional):
+            branches = [self.node(b, component, indices) for b in operands[1:]]
+            return self._choice(operands[0], branches[0], branches[1])
+        own = component if isinstance(e, classes.Sum) else ()
+        arguments = [self.node(a, own, indices) for a in operands]
+        if type(e) in ARITHMETIC:
+            return ARITHMETIC[type(e)](*arguments)
+        if isinstance(e, classes.Power | classes.Sqrt):
+            return _power(arguments[0], arguments[1] if arguments[1:] else number(0.5).root)
+        op = OTHERS.get(type(e))
+        if isinstance(e, classes.MathFunction):
+            op = NAMES.get(e._name, e._name)
+        if op is None or FUNCTIONS.get(op, (0,))[0] != len(arguments):
+            raise Unreadable
+        return folded(op, *arguments)
+
+    def _choice(self, condition: Expr, a: Node, b: Node) -> Node:
+        """Return a where a condition holds, and b elsewhere."""
+        operands = condition.ufl_operands
+        if isinstance(condition, classes.NotCondition):
+            return self._choice(operands[0], b, a)
+        if isinstance(condition, classes.AndCondition):
+            return self._choice(operands[0], self._choice(operands[1], a, b), b)
+        if isinstance(condition, classes.OrCondition):
+            return self._choice(operands[0], a, self._choice(operands[1], a, b))
+        left, right = (self.node(o, (), {}) for o in operands)
+        if isinstance(condition, classes.EQ | classes.NE):
+            a, b = (a, b) if isinstance(condition, classes.EQ) else (b, a)
+            below, above = Node("<=", (left, right)), Node(">=", (left, right))
+            return Node("where", (below, Node("where", (above, a, b)), b))
+        return Node("where", (Node(OTHERS[type(condition)], (left, right)), a, b))
+
+
+def _value(index: Any, indices: dict[int, int]) -> int:
+    return int(index) if isinstance(index, classes.FixedIndex) else indices[index.count()]
+
+
+def _terminal(e: Expr, component: Component) -> Node:
+    if isinstance(e, classes.SpatialCoordinate):
+        return Node("coordinate", value=component[0])
+    if isinstance(e, fem.Constant):
+        value = complex(np.asarray(e.value)[component])
+    elif isinstance(e, classes.RealValue):
+        value = complex(float(e))
+    elif isinstance(e, classes.Zero | classes.Identity):
+        value = complex(isinstance(e, classes.Identity) and component[0] == component[1])
+    else:
+        raise Unreadable
+    if value.imag or not math.isfinite(value.real):
+        raise Unreadable
+    return number(value.real).root
+
+
+def _power(base: Node, exponent: Node) -> Node:
+    if exponent.op != "number":
+        return folded("exp", exponent * folded("log", base))
+    squares = _squares(base) if exponent.value % 1.0 else []
+    if len(squares) > 1:  # the distance is smooth where its square is, and its zeros are known
+        distance = reduce(lambda a, b: Node("hypot", (a, b)), squares)
+        return distance ** (2.0 * exponent.value)
+    return folded("sqrt", base) if exponent.value == 0.5 else base**exponent.value
+
+
+def _squares(node: Node) -> list[Node]:
+    """Return a, b, ... of a sum a^2 + b^2 + ...; nothing for other nodes."""
+    if node.op == "+":
+        parts = [_squares(a) for a in node.args]
+        return [a for part in parts for a in part] if all(parts) else []
+    names = Names()
+    if node.op == "*" and names[node.args[0]] == names[node.args[1]]:
+        return [node.args[0]]
+    return [node.args[0]] if node.op == "^" and node.args[1].value == 2.0 else []
