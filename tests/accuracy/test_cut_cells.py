@@ -15,8 +15,8 @@ from dolfinx_signorini.accuracy.cut_cells import cut_errors
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes import pose
-from dolfinx_signorini.scenes.posing import coefficients
 from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.scenes.posing import coefficients
 
 TEXT = """
 degree = {degree}
