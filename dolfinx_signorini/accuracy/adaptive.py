@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.accuracy.cells import Array
+from dolfinx_signorini.accuracy.data_errors import data_errors
 from dolfinx_signorini.accuracy.estimates import Hidden
-from dolfinx_signorini.accuracy.first_mesh import MOST_CELLS, Resolved, resolved_mesh
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
-from dolfinx_signorini.accuracy.targets import Functional, target
+from dolfinx_signorini.accuracy.targets import Functional, Target, target
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     TRUTH,
@@ -25,7 +26,11 @@ from dolfinx_signorini.base.kinds import (
     simplices,
 )
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.data.form_data import data_of
+from dolfinx_signorini.data.coefficients import Coefficients
+from dolfinx_signorini.data.form_data import coefficients_of, data_of
+from dolfinx_signorini.data.interfaces.following import follow
+from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise
+from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -127,9 +132,10 @@ def solve_adaptively(
     """Solve a problem on adapted meshes, to an accuracy or for as long as a time allows.
 
     Args:
-        pose: Poses the problem on a mesh. Each mesh is a refinement of the first one. Or such a
-            function for each degree of elements that the loop may choose: the first step is done
-            with the lowest degree, and tells which degree is going to take the least time.
+        pose: Poses the problem on a mesh. Each mesh is a refinement of the first one, up to
+            vertices that are moved and edges that are split along jumps of the diffusion, see
+            `read_data`. Or such a function for each degree of elements that the loop may choose:
+            the first step is done with the lowest degree, and tells which degree takes least time.
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
         norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution,
             given as a function that returns the UFL form of its argument.
@@ -147,9 +153,10 @@ def solve_adaptively(
             whole boundary. New vertices of the side go onto the curve, and what facets leave in
             the error is part of the estimate. The functions are called on rank 0 alone. None in
             place of a function: the facets are the domain.
-        read_data: Whether the first mesh is refined until polynomials on its cells follow the data,
-            so that no narrow load, flux or obstacle is overlooked. Data are known from the forms
-            and from the obstacle, as UFL expressions of the coordinates.
+        read_data: Whether forms and obstacle are read, where they are UFL expressions of the
+            coordinates. The first mesh is refined until polynomials on its cells follow the data,
+            and fitted to jumps of the diffusion, so that no narrow feature is overlooked. Data that
+            jump inside of cells are integrated piece by piece, and count in the estimate.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
@@ -182,13 +189,22 @@ def solve_adaptively(
     polygonal = arcs(sided, curves.known)
     for name, distance in polygonal.items():
         log.warning(BENDS, name, POLYGON, distance)
-    ready = posed(poses[min(poses)], sided) if read_data else None
-    first = _resolved(ready, sided, max_unknowns)
+    first, known = Resolved(sided, ()), None
+    if read_data:
+        first, known = _first_mesh(poses[min(poses)], sided, max_unknowns)
     for note in first.notes:
         log.warning("%s", note)
-    if first.sided is not sided:
-        ready = None
-    loop = Loop(poses, first.sided, request, on_step, began, hidden, fit, curves, ready)
+    if known is not None:
+        poses = {degree: _piecewise(pose) for degree, pose in poses.items()}
+
+    def fitted(level: SidedMesh) -> None:
+        fit(level)
+        if known is not None:
+            follow(level, known.entries)
+
+    if hidden is None and known is not None:
+        hidden = _read_errors
+    loop = Loop(poses, first.sided, request, on_step, began, hidden, fitted, curves)
     loop.run()
     return AdaptiveSolution(
         problem=loop.problem,
@@ -202,20 +218,46 @@ def solve_adaptively(
     )
 
 
-def _resolved(problem: SignoriniProblem | None, sided: SidedMesh, max_unknowns: float) -> Resolved:
-    """Return the first mesh of the loop, with room for the division of all cells.
+def _piecewise(pose: Pose) -> Pose:
+    """Return what poses a problem whose data are integrated piece by piece where they jump."""
+
+    def with_pieces(level: SidedMesh) -> SignoriniProblem:
+        problem = pose(level)
+        if isinstance(problem, SignoriniProblem):
+            integrate_piecewise(problem)
+        return problem
+
+    return with_pieces
+
+
+def _first_mesh(
+    pose: Pose, sided: SidedMesh, max_unknowns: float
+) -> tuple[Resolved, Coefficients | None]:
+    """Return the first mesh of the loop, with room for the division of all cells, and what is read.
 
     Args:
-        problem: The problem on the mesh; destroyed where the mesh is not the first one. None where
-            nothing is known of the data.
-        sided: The mesh.
+        pose: Poses the problem.
+        sided: The user's mesh.
         max_unknowns: The limit on the dofs of a mesh.
     """
+    problem = posed(pose, sided)
     if not isinstance(problem, SignoriniProblem):
-        return Resolved(sided, ())
+        return Resolved(sided, ()), None
+    known, data = coefficients_of(problem), data_of(problem)
+    problem.destroy()
+
+    def data_on(level: SidedMesh) -> list[Datum]:
+        if level is sided:
+            return data
+        other = posed(pose, level)
+        other.destroy()
+        return data_of(other)
+
     degree = problem.space.element.basix_element.degree
-    most = min(MOST_CELLS, int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim))
-    first = resolved_mesh(data_of(problem), sided, most)
-    if first.sided is not sided:
-        problem.destroy()
-    return first
+    most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
+    return first_mesh(sided, data_on, known, most), known
+
+
+def _read_errors(problem: SignoriniProblem, goal: Target) -> Array:
+    """What the data leave in the error inside of cells, as far as the data are readable."""
+    return data_errors(problem, coefficients_of(problem), goal)

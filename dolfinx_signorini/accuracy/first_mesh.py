@@ -6,8 +6,9 @@ cells follow the data. The data are known from samples and enclosures, which no 
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import basix
 import numpy as np
@@ -16,7 +17,9 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
@@ -51,6 +54,29 @@ class Resolved:
 
     sided: SidedMesh
     notes: tuple[str, ...]
+
+
+def first_mesh(
+    sided: SidedMesh,
+    data: Callable[[SidedMesh], Sequence[Datum]],
+    coefficients: Coefficients,
+    max_cells: int,
+) -> Resolved:
+    """Return a mesh that resolves data and is fitted to their jumps; the call is collective.
+
+    Args:
+        sided: A coarse mesh.
+        data: Returns the data on a mesh.
+        coefficients: The coefficients of the problem.
+        max_cells: The limit on the number of cells.
+    """
+    most = min(MOST_CELLS, max_cells)
+    loads = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
+    fit = partial(fitted_mesh, formulas=coefficients.entries, max_cells=most, straight=loads)
+    sided = fit(sided)
+    resolved = resolved_mesh(data(sided), sided, most)
+    # Narrow layers are found by `resolved_mesh` only.
+    return replace(resolved, sided=fit(resolved.sided))
 
 
 def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:

@@ -75,7 +75,6 @@ class Loop:
         hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
-        ready: The problem on the first mesh, where the problem has been posed already.
 
     Attributes:
         pose: The function that poses the problem, with elements of the present degree.
@@ -100,6 +99,7 @@ class Loop:
     best: Result
     last: Result
     whole: float
+    _cascade: Cascade[SidedMesh, SignoriniProblem]
 
     def __init__(
         self,
@@ -111,12 +111,11 @@ class Loop:
         hidden: Hidden | None,
         fit: Callable[[SidedMesh], None],
         curves: CurvedSides,
-        ready: SignoriniProblem | None = None,
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
-        self.curves, self._ready = curves, ready
+        self.curves = curves
         self.steps: list[Step] = []
         self.stopped = ""
         self.keywords: dict[str, Any] = {}
@@ -128,7 +127,7 @@ class Loop:
             InputError: A problem is refused, or there is no room for the first meshes.
             NotConvergedError: A solve failed.
         """
-        with Cascade(self._posed) as self._cascade:
+        with Cascade(lambda sided, _: posed(self.pose, sided)) as self._cascade:
             self.division = refined(self.sided)
             self._solve(self.sided)
             self._require_room()
@@ -147,12 +146,6 @@ class Loop:
                     break
                 self._solve(divided.sided)
             self._solve_best_again()
-
-    def _posed(self, sided: SidedMesh, before: SignoriniProblem | None) -> SignoriniProblem:
-        """Pose the problem on a mesh, unless that has been done for the first one."""
-        if before is None and self._ready is not None:
-            return self._ready
-        return posed(self.pose, sided)
 
     def _solve(self, sided: SidedMesh) -> None:
         """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""

@@ -6,7 +6,7 @@ have the reaction and the entries of the diffusion by the same substitution. Sum
 finite element functions are left out.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from itertools import combinations_with_replacement, product
 from typing import Any
@@ -19,6 +19,7 @@ from ufl import classes
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Formula, number
 from dolfinx_signorini.data.reading import Terminals, formula_of, lowered, read
 from dolfinx_signorini.data.sampling import DEGREE, Datum
@@ -32,6 +33,7 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
+Jet = tuple[float, Array]  # a value and a gradient
 
 NAMES = {  # of data of forms, by the kind of integral and the number of arguments
     ("cell", 1): "the load",
@@ -58,48 +60,101 @@ def data_of(problem: SignoriniProblem) -> list[Datum]:
     return [datum for datum in found if datum.formula.constant is None]
 
 
+def coefficients_of(problem: SignoriniProblem) -> Coefficients:
+    """Return the coefficients of a problem, as far as integrals over all cells are readable.
+
+    Args:
+        problem: The problem.
+    """
+    domain = problem.space.mesh
+    value, *slopes = jets(domain.geometry.dim)
+    load, reaction = (
+        _over_all_cells(form, [value] * count) for count, form in ((1, problem.L), (2, problem.a))
+    )
+    rows = tuple(tuple(_over_all_cells(problem.a, [s, t]) for t in slopes) for s in slopes)
+    return Coefficients(load, reaction, rows)
+
+
+def _over_all_cells(form: ufl.Form, chosen: Sequence[Jet]) -> Formula:
+    cells = [i for i in form.integrals() if i.integral_type() == "cell" and _is_everywhere(i)]
+    terms = [term for i in cells for term in summands(lowered(i.integrand()))]
+    return _sum_of_readable(terms, form.arguments(), chosen)
+
+
 def _form_data(problem: SignoriniProblem, form: ufl.Form) -> Iterator[Datum]:
     degree = max(DEGREE, problem.space.element.basix_element.degree)
-    for integral in lowered(form).integrals():
+    for integral in form.integrals():
         kind = integral.integral_type()
         name = NAMES.get((kind, len(form.arguments())))
         parts = _parts(problem.space.mesh, integral)
         if name is None or parts is None:
             continue
-        for formula in _coefficients(integral.integrand(), form.arguments(), problem.space.mesh):
+        terms = summands(lowered(integral.integrand()))
+        for formula in _formulas(terms, form.arguments(), problem.space.mesh):
             yield Datum(name, formula, "mass", degree if kind == "cell" else DEGREE, *parts)
 
 
-def _coefficients(
-    integrand: Expr, arguments: tuple[ufl.Argument, ...], domain: mesh.Mesh
+def _formulas(
+    terms: Sequence[Expr], arguments: Sequence[ufl.Argument], domain: mesh.Mesh
 ) -> Iterator[Formula]:
     """The formulas that an integrand has in front of arguments and their derivatives."""
-    dimension = domain.geometry.dim
-    zero, unit = np.zeros(dimension), np.eye(dimension)
-    jets = [(1.0, zero), *((0.0, e) for e in unit)]
-    normals = unit if _has_normal(integrand) else unit[:1]
-    for chosen, normal in product(combinations_with_replacement(jets, len(arguments)), normals):
-        terminals: dict[Expr, Any] = {ufl.FacetNormal(domain): normal}
-        for argument, (value, slope) in zip(arguments, chosen, strict=True):
-            terminals |= {argument: value, ufl.grad(argument): slope}
-        formula = _sum_of_readable(integrand, terminals)
+    unit = np.eye(domain.geometry.dim)
+    normals = unit if any(map(_has_normal, terms)) else unit[:1]
+    every = combinations_with_replacement(jets(domain.geometry.dim), len(arguments))
+    for chosen, normal in product(every, normals):
+        formula = _sum_of_readable(terms, arguments, chosen, {ufl.FacetNormal(domain): normal})
         yield formula
-        diagonal = len(chosen) > 1 and chosen[0][1].any() and chosen[0] is chosen[1]
+        diagonal = len(chosen) > 1 and chosen[0] is chosen[1] and chosen[0][0] == 0.0
         if diagonal and formula.constant is None:
             # A thin layer that lets nothing through is narrow in the reciprocal only.
             yield Formula(f"1/({formula.text})", number(1.0).root / formula.root)
 
 
-def _sum_of_readable(integrand: Expr, terminals: Terminals) -> Formula:
-    """The sum of the readable summands of an expression."""
-    parts = [read(summand, terminals) for summand in _summands(integrand)]
-    roots = [part.root for part in parts if part is not None]
-    return Formula(str(integrand), reduce(lambda a, b: a + b, roots, number(0.0).root))
+def jets(dimension: int) -> list[Jet]:
+    """Return what stands for arguments: the value 1, and slopes 1 in each direction.
+
+    Args:
+        dimension: The dimension of space.
+    """
+    return [(1.0, np.zeros(dimension)), *((0.0, e) for e in np.eye(dimension))]
 
 
-def _summands(integrand: Expr) -> list[Expr]:
+def coefficient(
+    term: Expr,
+    arguments: Sequence[ufl.Argument],
+    chosen: Sequence[Jet],
+    terminals: Terminals | None = None,
+) -> Formula | None:
+    """Return what a lowered expression is for certain arguments; None if that is not readable.
+
+    Args:
+        term: The expression.
+        arguments: The arguments.
+        chosen: The value and the gradient of each of them.
+        terminals: Numbers that stand for other parts of the expression.
+    """
+    known: dict[Expr, Any] = dict(terminals or {})
+    for argument, (value, slope) in zip(arguments, chosen, strict=True):
+        known |= {argument: value, ufl.grad(argument): slope}
+    return read(term, known)
+
+
+def _sum_of_readable(
+    terms: Sequence[Expr],
+    arguments: Sequence[ufl.Argument],
+    chosen: Sequence[Jet],
+    terminals: Terminals | None = None,
+) -> Formula:
+    found = [coefficient(term, arguments, chosen, terminals) for term in terms]
+    roots = [formula.root for formula in found if formula is not None]
+    text = " + ".join(formula.text for formula in found if formula is not None)
+    return Formula(text, reduce(lambda a, b: a + b, roots, number(0.0).root))
+
+
+def summands(integrand: Expr) -> list[Expr]:
+    """Return the summands of an expression."""
     if isinstance(integrand, classes.Sum):
-        return [term for operand in integrand.ufl_operands for term in _summands(operand)]
+        return [term for operand in integrand.ufl_operands for term in summands(operand)]
     return [integrand]
 
 
@@ -109,10 +164,9 @@ def _has_normal(integrand: Expr) -> bool:
 
 def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, Indices] | None:
     """The vertices and the owned cells of what an integral is over; None for other kinds."""
-    data, number_ = integral.subdomain_data(), integral.subdomain_id()
+    data, numbers = integral.subdomain_data(), _numbers(integral)
     kind, topology = integral.integral_type(), domain.topology
-    numbers = number_ if isinstance(number_, tuple) else (number_,)
-    everywhere = data is None or not all(isinstance(k, int | np.integer) for k in numbers)
+    everywhere = _is_everywhere(integral)
     if kind not in ("cell", "exterior_facet"):
         return None
     if kind == "cell":
@@ -129,6 +183,16 @@ def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, Indices] | None:
         pairs = _entities(data, numbers).reshape(-1, 2)
         pairs = pairs[pairs[:, 0] < topology.index_map(topology.dim).size_local]
     return _on_facets(domain, pairs)
+
+
+def _numbers(integral: Any) -> tuple[Any, ...]:
+    number_ = integral.subdomain_id()
+    return number_ if isinstance(number_, tuple) else (number_,)
+
+
+def _is_everywhere(integral: Any) -> bool:
+    numbered = all(isinstance(k, int | np.integer) for k in _numbers(integral))
+    return integral.subdomain_data() is None or not numbered
 
 
 def _entities(data: Any, numbers: tuple[int, ...]) -> Indices:

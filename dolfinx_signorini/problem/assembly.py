@@ -79,23 +79,30 @@ class Assembly:
         jit_options: Mapping[str, Any] | None = None,
     ):
         space = a.arguments()[0].ufl_function_space()
-        self.sign, self.bcs, self.comm, self._form = sign, list(bcs), space.mesh.comm, a
+        self.sign, self.bcs, self.comm, self._forms = sign, list(bcs), space.mesh.comm, (a, L)
         self.phases, ledger = Phases(self.comm), Ledger()
         with self.phases("forms"):
             boundary = dofs_on_facets(space, facets)
             fixed = dirichlet_dofs(space, self.bcs)
             self.layout = Layout(space, facets, boundary, fixed, ledger)
-            options: dict[str, Any] = {
+            self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
                 "jit_options": jit_options,
             }
-            self._a, self._L = (
-                _compiled(ledger, name, form, options) for name, form in (("a", a), ("L", L))
-            )
+            self._take(a, L)
             self.data = obstacle
             self._obstacle_at = evaluator(space, obstacle, boundary)
             self._watch_a, self._watch_L = Watch(a), Watch(L)
+            self._replaced = False  # whether other forms are assembled than the given ones
             self._refused = False  # whether the entries of the last system were refused
+
+    def _take(self, a: ufl.Form | None, L: ufl.Form | None) -> None:
+        """Take forms, where they are given."""
+        ledger, options = self.layout.ledger, self._options
+        if a is not None:
+            self._a = _compiled(ledger, "a", a, options)
+        if L is not None:
+            self._L = _compiled(ledger, "L", L, options)
 
     def system(self) -> System:
         """Assemble the system.
@@ -125,8 +132,12 @@ class Assembly:
             self.layout = replace(self.layout)
             self._obstacle_at = evaluator(self.layout.space, self.data, self.layout.boundary_dofs)
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
-        matrix = self._watch_a.changed(self.comm) or matrix or self._refused
-        load = self._watch_L.changed(self.comm) or matrix
+        changed = self._watch_a.changed(self.comm), self._watch_L.changed(self.comm)
+        if self._replaced and (matrix or any(changed)):  # the forms were made of other data
+            self._take(*self._forms)
+            self._replaced, matrix = False, True
+        matrix = changed[0] or matrix or self._refused
+        load = changed[1] or matrix
         moved = bool((data != old.fixed_values).any())
         if not self.comm.allreduce(load or moved, op=MPI.LOR):
             return replace(old, obstacle=obstacle)
@@ -134,6 +145,20 @@ class Assembly:
         made = self._assembled(old, (obstacle, data), matrix)
         old.b.destroy()
         self._refused = False
+        return made
+
+    def integrated(self, old: System, a: ufl.Form | None, L: ufl.Form | None) -> System:
+        """Return the system of forms that are integrated otherwise; the old one is used up.
+
+        Args:
+            old: The system so far.
+            a, L: The forms, see `SignoriniProblem.integrate`.
+        """
+        with self.phases("forms"):
+            self._take(a, L)
+        self._replaced = False
+        made = self.renewed(old, matrix=True)
+        self._replaced = True
         return made
 
     def _bounds(self) -> tuple[Array, Array]:
@@ -194,11 +219,11 @@ class Assembly:
         vector.destroy()
         checks.check_entries(self.comm, diagonal, b.array_r)
         assembled = old.assembled + matrix if old is not None else 1
-        doubtful = (old is None or matrix) and not is_sum_of_squares(self._form)
+        doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
         if old is None or matrix:
-            loose = checks.vanishes_on_constants(self._form, A, self.layout, diagonal)
+            loose = checks.vanishes_on_constants(self._forms[0], A, self.layout, diagonal)
         else:
             loose = old.loose
         made = System(

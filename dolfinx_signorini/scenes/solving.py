@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.first_mesh import MOST_CELLS, Resolved, resolved_mesh
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
@@ -27,9 +27,10 @@ from dolfinx_signorini.base.kinds import (
 )
 from dolfinx_signorini.base.logs import tell_duration
 from dolfinx_signorini.base.timing import Phases
-from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.following import follow
 from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
@@ -259,14 +260,14 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop, with room for the division of all cells."""
     per_cell = (2 * scene.degree) ** scene.domain.dimension
-    most = min(MOST_CELLS, max_unknowns // per_cell)
-    loads = [scene.load, scene.reaction, scene.solution if scene.manufactured else None]
-    data = [formula for formula in loads if formula is not None]
-    fit = partial(fitted_mesh, formulas=scene.diffusion_entries, max_cells=most, straight=data)
-    sided = fit(scene.domain.make(comm))
-    resolved = resolved_mesh(list(data_of(scene, sided)), sided, most)
-    # Narrow layers are found by `resolved_mesh` only.
-    return replace(resolved, sided=fit(resolved.sided))
+    solution = scene.solution if scene.manufactured else None  # the load jumps where this does
+    known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
+    sided = scene.domain.make(comm)
+    return first_mesh(sided, partial(_data_on, scene), known, max_unknowns // per_cell)
+
+
+def _data_on(scene: Scene, sided: SidedMesh) -> list[Datum]:
+    return list(data_of(scene, sided))
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:

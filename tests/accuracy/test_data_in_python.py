@@ -10,6 +10,7 @@ from mpi4py import MPI
 from dolfinx_signorini import SignoriniProblem, solve_adaptively
 from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
 from dolfinx_signorini.data.form_data import data_of
+from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise, piecewise
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, simplex_sizes
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
 
@@ -165,3 +166,112 @@ def test_the_ranks_refine_like_one(comm, load):
     )
     counts = [m.topology.index_map(2).size_global for m in (shared, alone)]
     assert counts[0] == counts[1] > 130
+
+
+def disc(place, radius):
+    """max(r^2 - d^2, 0)^2 / r^4 inside of a circle: the second derivatives jump on the circle."""
+
+    def inner(x, y):
+        return np.maximum(radius**2 - (x - place[0]) ** 2 - (y - place[1]) ** 2, 0.0) / radius**4
+
+    def gradient(x, y):
+        return -4.0 * inner(x, y) * (x - place[0]), -4.0 * inner(x, y) * (y - place[1])
+
+    def load(x):
+        square = (x[0] - place[0]) ** 2 + (x[1] - place[1]) ** 2
+        m = radius**2 - square
+        return ufl.conditional(ufl.gt(m, 0), m**2 - 8 * square + 8 * m, 0) / radius**4
+
+    return Known("", lambda x, y: inner(x, y) ** 2 * radius**4, gradient, {}), load
+
+
+@pytest.mark.parametrize(("norm", "accuracy"), [("L2", 1e-5), ("H1", 1e-2), ("Linf", 1e-4)])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_load_that_jumps_in_ufl_is_integrated_piece_by_piece(comm, seed, norm, accuracy):
+    rng = np.random.default_rng(seed)
+    known, load = disc(rng.uniform(0.35, 0.65, 2), rng.uniform(0.1, 0.3))
+    sided = Square(8).make(comm)
+    found = solve_adaptively(
+        posing(load), sided, norm=norm, accuracy=accuracy, max_unknowns=100_000
+    )
+    assert found.reached
+    assert true_error(found.problem.u, known, norm) <= accuracy
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize(("norm", "accuracy"), [("L2", 1e-4), ("H1", 1e-3), ("Linf", 1e-4)])
+def test_a_diffusion_that_jumps_in_ufl_is_followed(comm, norm, accuracy):
+    """Layers without flux through the sides: u = (1 - y^2)/2k above the jump."""
+    place, high = 0.4137, 1000.0
+
+    def u(x, y):
+        top = (1.0 - np.maximum(y, place) ** 2) / (2.0 * high)
+        return top + np.maximum(place**2 - y**2, 0.0) / 2.0
+
+    def gradient(x, y):
+        return 0.0 * x, -y / np.where(y < place, 1.0, high)
+
+    def diffusion(x):
+        return ufl.conditional((x[1] - place) * (2 + x[0]) < 0, 1.0, high)
+
+    pose = posing(1.0, reaction=0.0, diffusion=diffusion)
+    sided = Square(8).make(comm)
+    found = solve_adaptively(pose, sided, norm=norm, accuracy=accuracy, max_unknowns=20_000)
+    assert found.reached
+    assert true_error(found.problem.u, Known("", u, gradient, {}), norm) <= accuracy
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+def test_integrals_of_data_that_jump(comm, degree):
+    """Sums over all basis functions, which add up to 1: integrals that are known by hand."""
+    sided, place, radius = Square(5).make(comm), (0.43, 0.52), 0.31
+
+    def inside(x):
+        return (x[0] - place[0]) ** 2 + (x[1] - place[1]) ** 2 < radius**2
+
+    problem = posing(
+        lambda x: ufl.conditional(inside(x), 3.0, 0.0) + x[0],
+        degree,
+        reaction=lambda x: ufl.conditional(x[0] + x[1] < 0.77, 5.0, 0.0),
+        flux=lambda x: ufl.sign(x[1] - 0.3713),
+    )(sided)
+    integrate_piecewise(problem)
+    total = 3.0 * np.pi * radius**2 + 0.5 + 2.0 * (1.0 - 2.0 * 0.3713)
+    assert problem.total_load == pytest.approx(total, rel=1e-4)
+    one = fem.Function(problem.space)
+    one.x.array[:] = 1.0
+    form = fem.form(ufl.action(ufl.action(piecewise(problem.a, sided.mesh), one), one))
+    reaction = comm.allreduce(fem.assemble_scalar(form))
+    assert reaction == pytest.approx(5.0 * 0.77**2 / 2.0, rel=1e-4)
+    problem.destroy()
+
+
+def test_forms_without_jumps_are_left_alone(comm):
+    sided = Square(3).make(comm)
+    problem = posing(lambda x: ufl.exp(x[0]), reaction=lambda x: 1 + x[1] ** 2)(sided)
+    assert piecewise(problem.a, sided.mesh) is None
+    assert piecewise(problem.L, sided.mesh) is None
+    fitted = posing(lambda x: ufl.conditional(3 * x[0] < 1, 1.0, 2.0))(sided)  # along facets
+    assert piecewise(fitted.L, sided.mesh) is None
+    for made in (problem, fitted):
+        made.destroy()
+
+
+def test_data_that_change_after_the_loop_are_noticed(comm):
+    sided, factor = Square(4).make(comm), []
+
+    def load(x):
+        factor.append(fem.Constant(sided.mesh, 3.0))
+        return factor[0] * ufl.conditional(x[0] + x[1] < 0.77, 1.0, 0.0)
+
+    problem = posing(load)(sided)
+    integrate_piecewise(problem)
+    assert problem.total_load == pytest.approx(3.0 * 0.77**2 / 2.0, rel=1e-6)
+    problem.solve()
+    factor[0].value = 7.0
+    problem.solve()
+    assert problem.total_load == pytest.approx(7.0 * 0.77**2 / 2.0, rel=0.1)
+    integrate_piecewise(problem)
+    assert problem.total_load == pytest.approx(7.0 * 0.77**2 / 2.0, rel=1e-6)
+    problem.destroy()
