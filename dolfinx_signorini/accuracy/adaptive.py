@@ -5,13 +5,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.data_errors import data_errors
 from dolfinx_signorini.accuracy.estimates import Hidden
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, Target, target
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     TRUTH,

@@ -5,19 +5,16 @@ from collections.abc import Sequence
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.power_sums import power
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 BLOCK = 8192  # cells whose point values are held at a time
@@ -87,7 +84,7 @@ def volumes(domain: mesh.Mesh) -> Array:
     return np.abs(determinants(cell_edges(domain, owned_cells(domain))))
 
 
-def collected(values: Array, owners: Indices, count: int, power: float) -> Array:
+def collected(values: Array, owners: LocalIndices, count: int, power: float) -> Array:
     """Put values of cells together: the root of the sum of their powers, or the largest value.
 
     Args:
@@ -120,7 +117,7 @@ def joined(one: Array, other: Array, power: float) -> Array:
     return np.asarray(largest * (1.0 + ratio**power) ** (1.0 / power))
 
 
-def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: Indices) -> Array:
+def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) -> Array:
     """Return for each vertex the sum of values of cells around the vertex, on all ranks.
 
     Args:

@@ -16,7 +16,8 @@ problem, Calcolo 37 (2000) 65-77, for the dual problem with the contact set held
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, collected
+from dolfinx_signorini.accuracy.cells import collected
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
@@ -24,7 +25,7 @@ from dolfinx_signorini.meshes.sided_meshes import owned_cells
 def contact_changes(
     released: tuple[fem.Function, fem.Function],
     caught: tuple[fem.Function, fem.Function],
-    parents: Indices,
+    parents: LocalIndices,
 ) -> Array:
     """Return what the two sums add on each owned cell of the undivided mesh; collective.
 

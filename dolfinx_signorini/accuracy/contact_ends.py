@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
@@ -39,7 +39,7 @@ def rate_at_ends(target: Target) -> float:
 
 
 def cells_at_contact_ends(
-    problem: SignoriniProblem, parents: Indices, count: int
+    problem: SignoriniProblem, parents: LocalIndices, count: int
 ) -> npt.NDArray[np.bool_]:
     """Tell which cells have an end of the contact set; the call is collective.
 
@@ -61,7 +61,9 @@ def cells_at_contact_ends(
     return result
 
 
-def contact_on_facets(problem: SignoriniProblem) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
+def contact_on_facets(
+    problem: SignoriniProblem,
+) -> tuple[LocalIndices, LocalIndices, npt.NDArray[np.bool_]]:
     """Return the owned contact facets with their dofs, and whether the dofs are in contact.
 
     Args:

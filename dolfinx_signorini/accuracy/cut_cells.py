@@ -16,13 +16,13 @@ import math
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, summed_at_vertices, total
+from dolfinx_signorini.accuracy.cells import summed_at_vertices, total
 from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
@@ -31,8 +31,6 @@ from dolfinx_signorini.data.interfaces.roughness import slopes, switches
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Indices = npt.NDArray[np.int64]
 
 STEP = 1e-5  # of a cell, in differences
 RTOL = 1e-8  # the diffusion may jump by many powers of ten

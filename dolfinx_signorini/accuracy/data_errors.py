@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.cut_cells import cut_errors
 from dolfinx_signorini.accuracy.kinks import kink_errors
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 

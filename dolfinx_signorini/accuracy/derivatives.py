@@ -21,7 +21,8 @@ import basix
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import BLOCK, Array
+from dolfinx_signorini.accuracy.cells import BLOCK
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 

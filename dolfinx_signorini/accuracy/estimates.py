@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, collected, joined, shared_out, total
+from dolfinx_signorini.accuracy.cells import collected, joined, shared_out, total
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.indicators import (
     Indicators,
@@ -27,6 +27,7 @@ from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.obstacle_defects import obstacle_defects
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_functional
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import together
 from dolfinx_signorini.meshes.refinement import carried_across
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -72,7 +73,7 @@ class Estimator:
     prediction: Prediction
     polygon: float
     # The last solution, the parents of the cells of its mesh, and its uncorrected estimate.
-    _last: tuple[fem.Function, Indices, float]
+    _last: tuple[fem.Function, LocalIndices, float]
 
     def __init__(self, space: fem.FunctionSpace, target: Target, hidden: Hidden | None):
         check_functional(target, space)
@@ -85,8 +86,8 @@ class Estimator:
         self,
         coarse: Solution,
         fine: SignoriniProblem,
-        parents: Indices,
-        owners: Indices | None,
+        parents: LocalIndices,
+        owners: LocalIndices | None,
     ) -> float:
         """Return what two solutions tell of the error of the finer one; the call is collective.
 
@@ -114,8 +115,8 @@ class Estimator:
         self,
         value: float,
         fine: SignoriniProblem,
-        parents: Indices,
-        owners: Indices | None,
+        parents: LocalIndices,
+        owners: LocalIndices | None,
         moved: MovedSides | None = None,
     ) -> float:
         """Return the estimate of a step; the call is collective.
@@ -199,7 +200,9 @@ class Estimator:
         self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, least))
         return max(value, total(least, self.rates.power, self._comm))
 
-    def _corrected_by_motion(self, value: float, fine: SignoriniProblem, cells: Indices) -> float:
+    def _corrected_by_motion(
+        self, value: float, fine: SignoriniProblem, cells: LocalIndices
+    ) -> float:
         """Correct later estimates if the solution has moved too far, and this one if too little.
 
         Where a dual solution weighs the cells, a few divisions may put an end to what single cells
@@ -215,7 +218,7 @@ class Estimator:
         least = math.sqrt(max(before**2 - moved**2, 0.0))
         return max(value, least) if few and self._target.weighted else value
 
-    def _with_obstacle(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+    def _with_obstacle(self, value: float, fine: SignoriniProblem, parents: LocalIndices) -> float:
         """Add to an estimate and the prediction what obstacle and pressure show between nodes."""
         norm = self._target.norm
         if norm is None or norm.boundary:
@@ -233,7 +236,7 @@ class Estimator:
         self.prediction = replace(self.prediction, remaining=remaining)
         return float(joined(np.array(value), np.array(whole), norm.p))
 
-    def _with_data(self, value: float, fine: SignoriniProblem, parents: Indices) -> float:
+    def _with_data(self, value: float, fine: SignoriniProblem, parents: LocalIndices) -> float:
         """Add to an estimate, and to the prediction, what the data hide inside of cells."""
         if self._hidden is None:
             return value

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
@@ -24,9 +25,6 @@ from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side, owned_cells
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 ROUNDS = 14  # of refinements
 MOST_CELLS = 3_000
@@ -153,7 +151,7 @@ class _Interpolation:
         """Whether some cell is too large for the datum; the call is collective."""
         return bool(domain.comm.allreduce(bool(self.marks(domain).any()), op=MPI.LOR))
 
-    def follow(self, domain: mesh.Mesh, parents: Indices) -> None:
+    def follow(self, domain: mesh.Mesh, parents: LocalIndices) -> None:
         """Go on to a refined mesh.
 
         Args:

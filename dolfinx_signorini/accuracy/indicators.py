@@ -22,12 +22,13 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, total
 from dolfinx_signorini.accuracy.contact_changes import contact_changes
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.elements import coefficients_of, constants, values_at_control_points
 from dolfinx_signorini.meshes.quadrature import FACET_RULE, QuadratureRule
@@ -84,7 +85,7 @@ class Indicators:
 
 
 def indicators(
-    coarse: Solution, fine: SignoriniProblem, parents: Indices, target: Target
+    coarse: Solution, fine: SignoriniProblem, parents: LocalIndices, target: Target
 ) -> Indicators:
     """Compare a solution with the solution on the divided mesh; the call is collective.
 
@@ -169,7 +170,7 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
 
 
 def _energies(
-    problem: SignoriniProblem, functions: Sequence[fem.Function], parents: Indices, count: int
+    problem: SignoriniProblem, functions: Sequence[fem.Function], parents: LocalIndices, count: int
 ) -> Iterator[Array]:
     """The energy a(f, f) of each coarse cell, without the terms on the boundary."""
     trial, test = problem.a.arguments()[::-1]

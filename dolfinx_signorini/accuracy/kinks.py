@@ -16,10 +16,10 @@ import math
 
 import basix
 import numpy as np
-import numpy.typing as npt
 
-from dolfinx_signorini.accuracy.cells import Array, norms_of_sizes, shared_out, total
+from dolfinx_signorini.accuracy.cells import norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
@@ -30,8 +30,6 @@ from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Indices = npt.NDArray[np.int32]
 
 SAMPLES = 12  # along the edge of a cell
 ONTO = 3  # steps of Newton's method from a point of a cell onto the jump
@@ -78,7 +76,7 @@ class _Kinks:
     def __init__(
         self,
         problem: SignoriniProblem,
-        cells: Indices,
+        cells: LocalIndices,
         data: Coefficients,
         norm: Norm,
     ):

@@ -15,12 +15,13 @@ from typing import Any
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Indices, volumes
+from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
 from dolfinx_signorini.accuracy.indicators import Solution, size
 from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
@@ -95,7 +96,7 @@ class Loop:
     problem: SignoriniProblem
     division: Refinement
     estimator: Estimator
-    owners: Indices | None
+    owners: LocalIndices | None
     best: Result
     last: Result
     whole: float

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import TINY
 from dolfinx_signorini.meshes.refinement import refined
@@ -106,7 +107,7 @@ class Marks:
             fit(step.sided)
             sided, owners = step.sided, owners[step.parents]
 
-    def _at_point(self, sided: SidedMesh, owners: Indices) -> npt.NDArray[np.bool_]:
+    def _at_point(self, sided: SidedMesh, owners: LocalIndices) -> npt.NDArray[np.bool_]:
         domain = sided.mesh
         x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
         distance = np.linalg.norm(x - self.points[owners][:, None], axis=2).min(axis=1)
@@ -129,12 +130,12 @@ class Divided:
     """
 
     sided: SidedMesh
-    owners: Indices
+    owners: LocalIndices
     levels: Array
     away: npt.NDArray[np.bool_]
 
 
-def _numbers(chosen: npt.NDArray[np.bool_]) -> Indices:
+def _numbers(chosen: npt.NDArray[np.bool_]) -> LocalIndices:
     return np.flatnonzero(chosen).astype(np.int32)
 
 

@@ -14,10 +14,11 @@ import math
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, cell_norms, collected, total
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, total
 from dolfinx_signorini.accuracy.indicators import difference, size
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, with_nodes_moved
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -54,7 +55,7 @@ class MovedSides:
         target: Target,
     ):
         self._target, self._u, self._moved = target, u, False
-        self._parents: Indices = division.parents
+        self._parents: LocalIndices = division.parents
         if not curves.projections:
             return
         comm = sided.mesh.comm

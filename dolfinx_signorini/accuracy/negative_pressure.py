@@ -23,8 +23,9 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import Array, Indices, collected
+from dolfinx_signorini.accuracy.cells import collected
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import marked, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
@@ -107,7 +108,7 @@ class _BoundaryMass:
         matrices: The products on each facet, shape (facets, dofs, dofs).
     """
 
-    def __init__(self, space: fem.FunctionSpace, pairs: Indices, dofs: Indices):
+    def __init__(self, space: fem.FunctionSpace, pairs: LocalIndices, dofs: LocalIndices):
         sizes: Array = facet_scale(space.mesh, pairs)
         self.dofs, self._space = dofs, space
         self.matrices: Array = sizes[:, None, None] * _facet_masses(space)[pairs[:, 1]]

@@ -13,8 +13,8 @@ import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.contact_ends import SAMPLES, contact_on_facets, facet_lattice
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import facet_scale, owned_cells
 from dolfinx_signorini.norms.names import Norm

@@ -23,9 +23,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.cells import Array, collected, summed_at_vertices
+from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices
 from dolfinx_signorini.accuracy.marking import Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 

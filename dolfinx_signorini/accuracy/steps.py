@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_signorini.accuracy.cells import Array
 from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.refinement import Refinement
 
 MAX_UNKNOWNS = 1_000_000

@@ -27,6 +27,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.base.ranks import highest
@@ -42,8 +43,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.problem.detachment import DetachmentPoint
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
 
 NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends

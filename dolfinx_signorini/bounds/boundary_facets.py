@@ -5,26 +5,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Facets
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import Data, called
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 PARTS = 8  # of a facet, each with its own answer to whether a function is positive
 
@@ -124,7 +120,7 @@ class FacetPoints:
         return np.einsum("nqi,ni->nq", table, dofs[space.dofmap.list[self.cells]])
 
 
-def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) -> FacetPoints:
+def facet_points(domain: mesh.Mesh, frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     """Return a rule on some facets.
 
     Args:
@@ -139,7 +135,7 @@ def facet_points(domain: mesh.Mesh, frames: Frames, marked: Marks, degree: int) 
 
 
 def on_parts(
-    domain: mesh.Mesh, frames: Frames, marked: Marks, series: Array
+    domain: mesh.Mesh, frames: Frames, marked: Mask, series: Array
 ) -> tuple[FacetPoints, Array]:
     """Return a rule on parts of some segments, and functions above the positive parts of others.
 
@@ -206,7 +202,7 @@ def facet_kinds(
     return kinds.astype(np.int64), touching[corners].astype(np.int64)
 
 
-def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Marks) -> Indices:
+def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Mask) -> Indices:
     """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
     free = ~marked(problem.space, problem.fixed_dofs)
     closed = (touching[dofs] | (_weightless(problem)[None, :] & free[dofs])).all(axis=1)
@@ -232,7 +228,7 @@ def contact_closures(
     return cells, facets, facet_dofs(problem.space, pairs).astype(np.int64)
 
 
-def _weightless(problem: SignoriniProblem) -> Marks:
+def _weightless(problem: SignoriniProblem) -> Mask:
     """Whether the integral of the function of a dof over a facet is not positive.
 
     The functions of vertices in space at degree 2 have the integral 0: contact forces at these
@@ -247,13 +243,13 @@ def _weightless(problem: SignoriniProblem) -> Marks:
     return np.asarray(means <= ROUNDING)
 
 
-def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[Facets]) -> Marks:
+def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     """Return whether the facets of cells are in one of several lists of facets.
 
     Args:
         domain: The mesh; the call is collective.
         frames: The cells of the mesh.
-        parts: Facets that some rank knows, which need not have the cell of the facet.
+        parts: LocalIndices that some rank knows, which need not have the cell of the facet.
     """
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     index_map = domain.topology.index_map(domain.topology.dim - 1)

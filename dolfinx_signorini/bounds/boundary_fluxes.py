@@ -1,24 +1,17 @@
 """Fluxes through facets, as Neumann and Robin conditions give them."""
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_frames
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import polynomials
-from dolfinx_signorini.bounds.strong_form import (
-    EnergyTerms,
-    FacetPolynomials,
-    Facets,
-    polynomial_degree,
-)
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import Data
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
 
 
 def given_fluxes(
@@ -66,7 +59,7 @@ def _flux_at(points: FacetPoints, problem: SignoriniProblem, terms: EnergyTerms)
     """The flux q - k u at points of facets, shape (facets, points)."""
     total = np.zeros((len(points.cells), len(points.weights)))
 
-    def inside(data: "Data | FacetPolynomials", facets: Facets) -> Array:
+    def inside(data: "Data | FacetPolynomials", facets: LocalIndices) -> Array:
         marks = on_frames(points.domain, points.frames, [facets])[points.cells, points.facets]
         return np.where(marks[:, None], points.values(data), 0.0)
 

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.condensation import CellData
 from dolfinx_signorini.bounds.diffusion import Diffusion, diffusion_at
@@ -21,10 +21,6 @@ from dolfinx_signorini.bounds.reference_flux import (
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
@@ -81,7 +77,7 @@ class CellValues:
         return self.frames.diameters / (math.pi * np.sqrt(self.diffusion.lowest))
 
     @property
-    def weak(self) -> Marks:
+    def weak(self) -> Mask:
         """Whether the reaction is weak, so that functions are tested with gradients."""
         return np.asarray(self.gradient_weight <= self.l2_weight)
 

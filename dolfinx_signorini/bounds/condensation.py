@@ -13,12 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Kinds of facets.
 INTERIOR, DIRICHLET, NEUMANN, OPEN, PARTLY, CLOSED = range(6)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
@@ -24,10 +24,6 @@ from dolfinx_signorini.bounds.reference_flux import (
 )
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 MORE = 6  # by how much polynomials that stand for data are of higher degree than the solution
 PARTS = 32  # of a facet, each with its own answer to whether a function may be positive
@@ -56,7 +52,7 @@ class Cones:
     facets: Indices
     coefficients: Array
     missed: Array
-    positive: Marks
+    positive: Mask
     tiny: float
 
     def norms(self, diffusion: Array, reaction: Array, strip: Array) -> Array:
@@ -125,7 +121,7 @@ class Cones:
         return np.min(highest, axis=0)
 
 
-def lattice(problem: SignoriniProblem, frames: Frames, marked: Marks, degree: int) -> FacetPoints:
+def lattice(problem: SignoriniProblem, frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     """Return points of facets, the corners among them, that tell a polynomial of a degree.
 
     Args:

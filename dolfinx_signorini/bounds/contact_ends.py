@@ -10,19 +10,16 @@ Source: Lawson and Hanson, Solving Least Squares Problems, SIAM, 1995, Section 2
 """
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.linalg import cholesky, null_space, solve_triangular
 from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, PARTLY, CellData, condensed
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, on_parts, others
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 RAISED = 2  # by how much polynomials are of higher degree than elsewhere
 PARTS = 8  # of a facet, on each of which Bernstein coefficients are not negative

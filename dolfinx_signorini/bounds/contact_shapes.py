@@ -1,8 +1,8 @@
 """The shapes of given fluxes on facets: hat functions, and what presses where a facet touches."""
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.condensation import PARTLY, CellData
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
@@ -11,9 +11,6 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 
 def hats(reference: ReferenceFlux) -> Array:

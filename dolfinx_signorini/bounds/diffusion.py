@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import SOLVED
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
@@ -36,10 +36,6 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
@@ -152,7 +148,7 @@ def _defects(data: CellData, moments: Array) -> Array:
 
 
 def _residual(
-    values: CellValues, data: CellData, field: Array, reference: ReferenceFlux, ends: Marks
+    values: CellValues, data: CellData, field: Array, reference: ReferenceFlux, ends: Mask
 ) -> Array:
     """What is left of the polynomial f - c u + div y as a bound; rounding alone outside of ends."""
     inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
@@ -161,7 +157,7 @@ def _residual(
     return np.asarray(np.where(ends, values.l2_weight, 0.0) * size)
 
 
-def _ends(comm: MPI.Comm, values: CellValues, exits: Marks) -> Marks:
+def _ends(comm: MPI.Comm, values: CellValues, exits: Mask) -> Mask:
     """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
     corners = values.frames.corners.reshape(-1, values.frames.dimension)
     least = longest_side(comm, corners) / np.sqrt(values.diffusion.lowest)
@@ -172,7 +168,7 @@ def _ends(comm: MPI.Comm, values: CellValues, exits: Marks) -> Marks:
 
 
 def _without_defects(
-    comm: MPI.Comm, data: CellData, moments: Array, ends: Marks
+    comm: MPI.Comm, data: CellData, moments: Array, ends: Mask
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without much reaction; also return why not, or ""."""
     exits, moments, ends = data.kinds == DIRICHLET, moments.copy(), ends.copy()
@@ -194,7 +190,7 @@ def _without_defects(
 
 
 def _mean_constant(
-    comm: MPI.Comm, values: CellValues, data: CellData, stray: Array, ends: Marks
+    comm: MPI.Comm, values: CellValues, data: CellData, stray: Array, ends: Mask
 ) -> tuple[float, list[str]]:
     """The constant of Friedrichs where unknown means matter, and why none is found."""
     if not comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
@@ -233,7 +229,7 @@ def _bound(
     comm: MPI.Comm,
     parts: _Parts,
     values: CellValues,
-    ends: Marks,
+    ends: Mask,
     constant: float,
     missing: str,
     notes: list[str],

@@ -6,18 +6,14 @@ of given shapes that are nowhere negative are taken instead.
 """
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
 from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 ROUNDS = 8  # of the search for facets with a negative flux; then no contact flux is free any more
 
@@ -49,7 +45,7 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
     return moments
 
 
-def _at_vertices(facets: Marks) -> Marks:
+def _at_vertices(facets: Mask) -> Mask:
     """The vertices of cells that are on one of some facets of the cell."""
     count = facets.sum(axis=1, keepdims=True)
     return np.asarray(count - facets > 0)
@@ -102,7 +98,7 @@ class _SharedPatches:
             result[there] += more
         return result
 
-    def marked(self, vertices: Marks) -> Marks:
+    def marked(self, vertices: Mask) -> Mask:
         """Return marks of vertices of cells for all vertices that this rank knows."""
         return np.asarray(summed(self.index_map, self.own[vertices]) > 0.0)
 

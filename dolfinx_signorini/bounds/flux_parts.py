@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
@@ -20,8 +20,6 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flu
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
 
 
 def flux_parts(

@@ -12,11 +12,9 @@ from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -16,24 +16,20 @@ import math
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.transport import spread, transported
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
-
 ANGLES = 48  # of directions in the plane that are tried
 
 
 def friedrichs(
-    comm: MPI.Comm, frames: Frames, kinds: Indices, ends: Marks, lowest: Array, reaction: Array
+    comm: MPI.Comm, frames: Frames, kinds: Indices, ends: Mask, lowest: Array, reaction: Array
 ) -> float:
     """Return C with ||e|| <= C ||e||_a on all cells but some with enough reaction.
 
@@ -77,7 +73,7 @@ def _by_directions(comm: MPI.Comm, frames: Frames, kinds: Indices) -> float:
 
 
 def _by_a_field(
-    comm: MPI.Comm, frames: Frames, exits: Marks, ends: Marks, lowest: Array, reaction: Array
+    comm: MPI.Comm, frames: Frames, exits: Mask, ends: Mask, lowest: Array, reaction: Array
 ) -> float:
     """The constant by a field of divergence 1, but on the ends, where e^2 div y is left."""
     wanted = np.where(ends, 0.0, frames.volumes)

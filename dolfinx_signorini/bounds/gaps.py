@@ -3,18 +3,14 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_parts
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.lifting import Feasible
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 
 def gaps(
@@ -51,7 +47,7 @@ def gaps(
 
 
 def _in_space(
-    domain: mesh.Mesh, frames: Frames, marked: Marks, series: Array
+    domain: mesh.Mesh, frames: Frames, marked: Mask, series: Array
 ) -> tuple[FacetPoints, Array]:
     """Polynomials on facets at points of a rule for their products with polynomials."""
     order = round((math.sqrt(8.0 * series.shape[1] + 1.0) - 3.0) / 2.0)

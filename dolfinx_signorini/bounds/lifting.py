@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.boundary_facets import contact_closures
@@ -41,9 +41,6 @@ from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem.assembly import dofs_on_facets, evaluator
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 OBSTACLE = "the obstacle is known at points of facets only"
 BELOW = "what is below the obstacle is known at points of facets only"

@@ -4,13 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.cell_values import CellValues
 from dolfinx_signorini.bounds.reference_flux import largest
 from dolfinx_signorini.bounds.remainders import Remainders
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

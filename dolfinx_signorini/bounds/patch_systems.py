@@ -3,10 +3,8 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from dolfinx_signorini.base.arrays import Array, Indices
 
 
 def solved(

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.condensation import (
     CLOSED,
     DIRICHLET,
@@ -32,16 +33,12 @@ from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats
 from dolfinx_signorini.bounds.patch_systems import solved
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, others
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
-
 # What is free on contact facets, see `patch_fluxes`.
 FREE, HALF, SPREAD = range(3)
 MOST_NUMBERS = 4_000_000  # of the matrices that are solved at once
 
 
-def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, modes: Indices) -> Array:
+def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices) -> Array:
     """Return the moments of the sum of the fields of patches on the facets of each cell.
 
     Args:
@@ -66,7 +63,7 @@ def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Marks, modes: I
 
 
 def _fields(
-    data: CellData, reference: ReferenceFlux, here: Marks, modes: Indices, guess: Array
+    data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices, guess: Array
 ) -> Array:
     """The moments on facets for each cell and vertex, shape (cells, d + 1, fluxes).
 
@@ -96,7 +93,7 @@ def _fields(
 class _Patches:
     """Which cells form the patch of which vertex."""
 
-    def __init__(self, data: CellData, here: Marks, modes: Indices):
+    def __init__(self, data: CellData, here: Mask, modes: Indices):
         self.shape = here.shape
         self.slack = (data.strength > 0.0)[:, None] & here
         corners = np.flatnonzero(here)  # pairs of a cell and one of its vertices
@@ -120,7 +117,7 @@ class _Patches:
         return np.where(self.here, total[self.number].reshape(self.shape), 0.0)
 
     @functools.cached_property
-    def held(self) -> Marks:
+    def held(self) -> Mask:
         """Whether the patch of a cell and vertex has a facet at the vertex with any flux."""
         count = np.zeros(self.shape)
         count.ravel()[self.corners] = (self.kind == DIRICHLET).sum(axis=1)

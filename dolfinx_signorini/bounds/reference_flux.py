@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
-Array = npt.NDArray[np.float64]
+from dolfinx_signorini.base.arrays import Array
 
 CELLS = {1: basix.CellType.interval, 2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
 

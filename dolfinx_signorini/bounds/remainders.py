@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, Scalar
 
-Array = npt.NDArray[np.float64]
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
@@ -26,14 +25,13 @@ from ufl.classes import (
 )
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, data, indices, on_mesh, optional, sequence
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 from dolfinx_signorini.problem.assembly import Data
 
 Scalar: TypeAlias = Expr | float
-Facets = npt.NDArray[np.int32]
-Array = npt.NDArray[np.float64]
 
 SUMS = ComponentTensor | Indexed | IndexSum | ListTensor | Sum
 
@@ -80,9 +78,9 @@ class EnergyTerms:
     diffusion: Scalar | None = None
     reaction: Scalar | None = None
     load: Scalar | None = None
-    neumann: Sequence[tuple[Scalar | FacetPolynomials, Facets]] = ()
-    robin: Sequence[tuple[Scalar, Facets]] = ()
-    dirichlet: Sequence[tuple[Scalar | None, Facets]] = ()
+    neumann: Sequence[tuple[Scalar | FacetPolynomials, LocalIndices]] = ()
+    robin: Sequence[tuple[Scalar, LocalIndices]] = ()
+    dirichlet: Sequence[tuple[Scalar | None, LocalIndices]] = ()
 
     def __post_init__(self) -> None:
         for name in ("diffusion", "reaction", "load"):

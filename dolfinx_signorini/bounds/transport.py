@@ -10,24 +10,20 @@ Section 5, carry algebraic errors on a hierarchy of meshes.
 """
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from mpi4py import MPI
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import cg
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.frames import Frames
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 ENOUGH = 1e-3  # of the sums: what a potential may leave to a tree
 STEPS = 2_000  # of the search for a potential
 
 
 def transported(
-    comm: MPI.Comm, facets: Indices, wanted: Array, exits: Marks, ends: Marks
+    comm: MPI.Comm, facets: Indices, wanted: Array, exits: Mask, ends: Mask
 ) -> tuple[Array, bool]:
     """Return outward fluxes of cells with given sums; the call is collective.
 
@@ -51,7 +47,7 @@ def transported(
     return answer
 
 
-def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Marks, ends: Marks) -> Array:
+def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Mask, ends: Mask) -> Array:
     """Return outward fluxes of cells, nearly with given sums, that are nowhere large.
 
     The fluxes belong to a potential with one value in each cell, which is 0 in the ends and outside
@@ -76,7 +72,7 @@ def spread(comm: MPI.Comm, frames: Frames, wanted: Array, exits: Marks, ends: Ma
     return answer
 
 
-def _by_potential(facets: Indices, wanted: Array, exits: Marks, ends: Marks, ease: Array) -> Array:
+def _by_potential(facets: Indices, wanted: Array, exits: Mask, ends: Mask, ease: Array) -> Array:
     count, columns = facets.shape
     order = np.argsort(facets.ravel(), kind="stable")
     numbers, flat = facets.ravel()[order], ease.ravel()
@@ -99,7 +95,7 @@ def _by_potential(facets: Indices, wanted: Array, exits: Marks, ends: Marks, eas
     return np.asarray(fluxes.reshape(facets.shape))
 
 
-def _on_one_rank(facets: Indices, wanted: Array, exits: Marks, ends: Marks) -> tuple[Array, bool]:
+def _on_one_rank(facets: Indices, wanted: Array, exits: Mask, ends: Mask) -> tuple[Array, bool]:
     count, fluxes = len(facets), np.zeros(facets.shape)
     order = np.argsort(facets.ravel(), kind="stable")
     numbers = facets.ravel()[order]

@@ -1,15 +1,12 @@
 """Polynomials on the cells of a mesh, as functions, and formulas that are such."""
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 from ufl import SpatialCoordinate
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.data.formulas import Formula
-
-Array = npt.NDArray[np.float64]
 
 
 def cell_function(domain: mesh.Mesh, coefficients: Array, degree: int) -> fem.Function:

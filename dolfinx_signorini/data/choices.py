@@ -20,14 +20,12 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.data.enclosures import enclosed_linearly, enclosed_on_simplices, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided
 from dolfinx_signorini.data.interfaces.roughness import chosen, factors, margins, switch
 from dolfinx_signorini.data.names import Names
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 MOST_PATTERNS = 64  # of choices in all simplices
 MOST_SWITCHES = 3  # whose choices are tried one by one

@@ -19,13 +19,11 @@ from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode
 from dolfinx_signorini.data.interfaces.roughness import chosen, factors, switch
 
-Array = npt.NDArray[np.float64]
-Truth = npt.NDArray[np.bool_]
 Disc = tuple[Array, Array]  # centres and radii; a radius is infinite where nothing is known
 
 EDGE = 1e-9
@@ -91,7 +89,7 @@ class _Discs(PerNode[Disc]):
         yes, no = clear & (centre > 0.0), clear & (centre < 0.0)
         return np.where(yes, a[0], b[0]), np.where(yes, a[1], np.where(no, b[1], np.inf))
 
-    def _nonzero(self, a: Disc) -> Truth:
+    def _nonzero(self, a: Disc) -> Mask:
         """Whether a function has no zero in the whole simplex."""
         return np.asarray(np.abs(a[0]) > (1.0 - EDGE) / self.reach * a[1])
 
@@ -154,7 +152,7 @@ def _by_derivative(function: Callable[[Array], Array], a: Disc, slope: Disc) -> 
     return function(a[0]), a[1] * size(slope)
 
 
-def _where(analytic: Truth, centres: Array, radii: Array) -> Disc:
+def _where(analytic: Mask, centres: Array, radii: Array) -> Disc:
     return centres, np.where(analytic, radii, np.inf)
 
 

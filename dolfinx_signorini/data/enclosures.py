@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import COMPARISONS, Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided
 from dolfinx_signorini.data.intervals import (
     ONE,
     OPERATIONS,
-    Array,
     add,
     choose,
     cosine,

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
 from dolfinx_signorini.data.discs import discs
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
@@ -27,9 +27,6 @@ from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided, insid
 from dolfinx_signorini.data.names import operations
 from dolfinx_signorini.data.singular import root_mean_squares
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension

@@ -12,13 +12,13 @@ from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import mesh
 from ufl import classes
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Formula, number
 from dolfinx_signorini.data.reading import Terminals, formula_of, lowered, read
@@ -31,8 +31,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 Jet = tuple[float, Array]  # a value and a gradient
 
 NAMES = {  # of data of forms, by the kind of integral and the number of arguments
@@ -162,7 +160,7 @@ def _has_normal(integrand: Expr) -> bool:
     return any(isinstance(t, ufl.FacetNormal) for t in traverse_unique_terminals(integrand))
 
 
-def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, Indices] | None:
+def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices] | None:
     """The vertices and the owned cells of what an integral is over; None for other kinds."""
     data, numbers = integral.subdomain_data(), _numbers(integral)
     kind, topology = integral.integral_type(), domain.topology
@@ -195,7 +193,7 @@ def _is_everywhere(integral: Any) -> bool:
     return integral.subdomain_data() is None or not numbered
 
 
-def _entities(data: Any, numbers: tuple[int, ...]) -> Indices:
+def _entities(data: Any, numbers: tuple[int, ...]) -> LocalIndices:
     """The entities with some numbers, of tags or of pairs of numbers and entities."""
     if isinstance(data, mesh.MeshTags):
         found = [data.find(int(k)) for k in numbers]
@@ -204,7 +202,7 @@ def _entities(data: Any, numbers: tuple[int, ...]) -> Indices:
     return np.concatenate([np.empty(0, dtype=np.int32), *found]).astype(np.int32)
 
 
-def _on_facets(domain: mesh.Mesh, pairs: Indices) -> tuple[Array, Indices]:
+def _on_facets(domain: mesh.Mesh, pairs: LocalIndices) -> tuple[Array, LocalIndices]:
     """The vertices and cells of facets, which are given by cells and local numbers."""
     x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
     nodes = domain.geometry.dofmap[pairs[:, :1], facet_vertices(domain)[pairs[:, 1]]]

@@ -12,14 +12,13 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
 from dolfinx_signorini.data.discs import EDGE, discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
 from dolfinx_signorini.data.fits import REACHES, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
-
-Array = npt.NDArray[np.float64]
 
 PARTS = 64  # of a segment where a formula is not smooth
 SMALL = 1e-6  # of the values: derivatives that need no parts

@@ -11,10 +11,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Truth = npt.NDArray[np.bool_]
+from dolfinx_signorini.base.arrays import Array, Mask
+
 Operation = Callable[..., Array]
 
 RELATIVE = 2e-15  # rounding errors of one operation, which are at most 4 units in the last place
@@ -42,7 +41,7 @@ def outward(low: Array, high: Array, least: float = SMALLEST) -> Array:
     return ends
 
 
-def line_where(condition: Truth, a: Array) -> Array:
+def line_where(condition: Mask, a: Array) -> Array:
     """Return the whole line where a condition holds, and an interval elsewhere.
 
     Args:
@@ -142,7 +141,7 @@ def inside(function: Operation, low: float, high: float) -> Operation:
     return enclosure
 
 
-def cut(y: Array, x: Array) -> Truth:
+def cut(y: Array, x: Array) -> Mask:
     """Whether the angle of (x, y) jumps by 2 pi inside of the intervals, or from -0.0 to 0.0."""
     return np.signbit(y[0]) & (y[1] >= 0.0) & (x[0] < 0.0)
 
@@ -172,7 +171,7 @@ def choose(condition: Array, a: Array, b: Array) -> Array:
     return np.where(condition[0] == 1.0, a, np.where(condition[1] == 0.0, b, undecided))
 
 
-def _truth(surely: Truth, possibly: Truth) -> Array:
+def _truth(surely: Mask, possibly: Mask) -> Array:
     return np.stack((surely, possibly)).astype(np.float64)
 
 
@@ -185,7 +184,7 @@ def _wave(function: Operation, a: Array, top: float) -> Array:
     return np.stack((low, high))
 
 
-def _meets(a: Array, first: float, period: float) -> Truth:
+def _meets(a: Array, first: float, period: float) -> Mask:
     """Whether one of equidistant places may lie in an interval."""
     slack = SLACK * (1.0 + np.abs(a).max(axis=0))
     before = np.floor((a[1] + slack - first) / period)

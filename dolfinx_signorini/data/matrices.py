@@ -4,12 +4,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, Node, number
-
-Array = npt.NDArray[np.float64]
 
 
 def eigenvalues(entries: Sequence[Formula], corners: Array) -> tuple[Array, Array]:

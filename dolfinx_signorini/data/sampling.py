@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided, inside, widths
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.signedinteger[Any]]
 
 MOST_PIECES = 20_000  # of one datum, on all ranks

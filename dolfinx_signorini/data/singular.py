@@ -14,8 +14,8 @@ most q^(2 n) / (n + 1) for -1 < n < 0: the layer cake representation (Lieb and L
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_boxes
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import widths
@@ -30,7 +30,6 @@ from dolfinx_signorini.data.intervals import (
 )
 from dolfinx_signorini.data.names import Names
 
-Array = npt.NDArray[np.float64]
 Scaled = tuple[float, Array]  # n and t of r^n t
 
 NEAR = 0.3  # of the largest r in a simplex: how small the least one is next to a singular point

@@ -7,14 +7,12 @@ has. Poles and the cut of an angle do the same. A power of a distance to a point
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import Enclosures, enclosed_gradients
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode
 from dolfinx_signorini.data.interfaces.roughness import switch
 from dolfinx_signorini.data.intervals import cut
-
-Array = npt.NDArray[np.float64]
 
 ANY, CONTINUOUS, SMOOTH = range(3)  # what a formula is known to be: nothing, continuous, or C^1
 

@@ -11,11 +11,9 @@ from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, facet_vertices
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 
 class BoundaryEdges:
@@ -51,7 +49,7 @@ class BoundaryEdges:
         """The length of each edge."""
         return np.asarray(np.hypot(*(self.x[:, 1] - self.x[:, 0]).T))
 
-    def ends(self, dofmap: npt.NDArray) -> Indices:
+    def ends(self, dofmap: npt.NDArray) -> LocalIndices:
         """Return the entries of a map at both ends of the boundary facets of this rank.
 
         Args:

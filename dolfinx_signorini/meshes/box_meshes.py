@@ -20,9 +20,8 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.arrays import Indices
 from dolfinx_signorini.base.kinds import COMMUNICATOR, check, integer, sequence
-
-Numbers = npt.NDArray[np.int64]
 
 
 def friedrichs_keller(comm: MPI.Comm, n: int) -> mesh.Mesh:
@@ -125,13 +124,13 @@ class _Block:
         self._low, self._high = (-(-(place + end) * self._cubes // self._blocks) for end in (0, 1))
         self._orders = np.array(list(permutations(range(len(cubes)))))
 
-    def cells(self) -> Numbers:
+    def cells(self) -> Indices:
         """Return the cells of this rank."""
         count = len(self._orders)
         cubes = self._box(self._high, self._cubes)
         return np.asarray(np.add.outer(count * cubes, np.arange(count)).ravel())
 
-    def vertices(self, cells: Numbers) -> Numbers:
+    def vertices(self, cells: Indices) -> Indices:
         """Return the vertices of some cells, shape (cells, dimension + 1)."""
         steps = np.cumprod([1, *(self._cubes[:-1] + 1)])
         ways = np.cumsum(steps[self._orders], axis=1)
@@ -139,7 +138,7 @@ class _Block:
         first = steps @ np.array(np.unravel_index(cubes, self._cubes, order="F"))
         return first[:, None] + np.insert(ways, 0, 0, axis=1)[orders]
 
-    def ghosts(self, own: Numbers) -> tuple[Numbers, npt.NDArray[np.int32]]:
+    def ghosts(self, own: Indices) -> tuple[Indices, npt.NDArray[np.int32]]:
         """Return the cells of other ranks at the facets of the own ones, and their ranks.
 
         A cell that goes along the axes p, q, r has two facets on the surface of its cube. Beyond
@@ -168,7 +167,7 @@ class _Block:
         cells, owners = np.unique(np.concatenate(found, axis=1), axis=1)
         return cells, owners.astype(np.int32)
 
-    def nodes(self) -> tuple[Numbers, Numbers]:
+    def nodes(self) -> tuple[Indices, Indices]:
         """Return the nodes of the own cells, and those of them on the surface of the block."""
         if (self._low == self._high).any():
             return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
@@ -177,17 +176,17 @@ class _Block:
         surface = [(p == low) | (p == high) for p, low, high in zip(places, *ends, strict=True)]
         return nodes, nodes[np.any(surface, axis=0)]
 
-    def places(self, nodes: Numbers) -> tuple[Numbers, ...]:
+    def places(self, nodes: Indices) -> tuple[Indices, ...]:
         """Return the places of some nodes along each axis."""
         return np.unravel_index(nodes, self._cubes + 1, order="F")
 
-    def _box(self, ends: Numbers, counts: Numbers) -> Numbers:
+    def _box(self, ends: Indices, counts: Indices) -> Indices:
         """The numbers of the places from the low end of the block up to some ends."""
         ranges = [np.arange(*pair) for pair in zip(self._low, ends, strict=True)]
         places = np.meshgrid(*ranges[::-1], indexing="ij")[::-1]
         return self._number(np.stack([p.ravel() for p in places]), counts)
 
     @staticmethod
-    def _number(places: Numbers, counts: Numbers) -> Numbers:
+    def _number(places: Indices, counts: Indices) -> Indices:
         """The numbers of places, shape (axes, places)."""
         return np.cumprod([1, *counts[:-1]]) @ places

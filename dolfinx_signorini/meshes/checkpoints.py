@@ -13,20 +13,18 @@ from typing import Any
 
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import FUNCTION, check
 from dolfinx_signorini.base.records import on_first, whole_file
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-
-Array = npt.NDArray[np.float64]
 
 
 def write_checkpoint(

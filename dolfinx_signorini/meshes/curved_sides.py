@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import callable_, check, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
@@ -30,7 +31,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     simplex_sizes,
 )
 
-Array = npt.NDArray[np.float64]
 # Maps points, shape (3, points), to the nearest ones of a curve or of a surface.
 Projection = Callable[[Array], Array]
 

@@ -21,11 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.kinds import LARGEST_DEGREE, check, integer, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 HIGHEST_DEGREE = 4  # that problems are tested with
 
@@ -99,7 +97,7 @@ def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return nodal
 
 
-def control_points(space: fem.FunctionSpace, cells: Indices | None = None) -> Array:
+def control_points(space: fem.FunctionSpace, cells: LocalIndices | None = None) -> Array:
     """Return the places of the dofs of this rank, shape (dofs, 3): nodes or control points.
 
     A node on an edge lies where the ends of the edge put the node, without the rounding of the
@@ -116,7 +114,7 @@ def control_points(space: fem.FunctionSpace, cells: Indices | None = None) -> Ar
     return places
 
 
-def points_on_cells(space: fem.FunctionSpace, cells: Indices) -> Array:
+def points_on_cells(space: fem.FunctionSpace, cells: LocalIndices) -> Array:
     """Return the places of the dofs of some cells, shape (cells, dofs of a cell, 3).
 
     Args:
@@ -126,7 +124,7 @@ def points_on_cells(space: fem.FunctionSpace, cells: Indices) -> Array:
     return np.stack(list(_on_cells(space, cells)), axis=1)
 
 
-def _on_cells(space: fem.FunctionSpace, cells: Indices | None) -> Iterator[Array]:
+def _on_cells(space: fem.FunctionSpace, cells: LocalIndices | None) -> Iterator[Array]:
     """The places on cells of one dof of the cells after the other, shape (cells, 3)."""
     geometry = space.mesh.geometry
     nodes = geometry.dofmap if cells is None else geometry.dofmap[cells]
@@ -165,7 +163,9 @@ def values_at_control_points(space: fem.FunctionSpace, coefficients: Array) -> A
     return _changed(space, coefficients, None, 0)
 
 
-def coefficients_of(space: fem.FunctionSpace, values: Array, cells: Indices | None = None) -> Array:
+def coefficients_of(
+    space: fem.FunctionSpace, values: Array, cells: LocalIndices | None = None
+) -> Array:
     """Return the dofs of the function of a space that has given values at their places.
 
     The coefficients of a facet or an edge depend on the values there alone.
@@ -188,7 +188,7 @@ def along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
 
 
-def facet_dofs(space: fem.FunctionSpace, pairs: Indices) -> Indices:
+def facet_dofs(space: fem.FunctionSpace, pairs: LocalIndices) -> LocalIndices:
     """Return the dofs of facets, those of the vertices first, shape (facets, dofs of a facet).
 
     Args:
@@ -200,7 +200,9 @@ def facet_dofs(space: fem.FunctionSpace, pairs: Indices) -> Indices:
     return np.asarray(space.dofmap.list[pairs[:, :1], closures[pairs[:, 1]]])
 
 
-def facet_pieces(space: fem.FunctionSpace, pairs: Indices) -> tuple[Indices, Indices]:
+def facet_pieces(
+    space: fem.FunctionSpace, pairs: LocalIndices
+) -> tuple[LocalIndices, LocalIndices]:
     """Return pieces of facets between dofs: segments in the plane, and triangles in space.
 
     Args:
@@ -239,7 +241,7 @@ def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
 
 
 @functools.cache
-def subtriangles(cell: basix.CellType, degree: int) -> Indices:
+def subtriangles(cell: basix.CellType, degree: int) -> LocalIndices:
     """Return the small triangles between the dofs of a cell in the plane, shape (triangles, 3).
 
     Args:
@@ -257,7 +259,9 @@ def subtriangles(cell: basix.CellType, degree: int) -> Indices:
     return np.array(found, dtype=np.int32)
 
 
-def _changed(space: fem.FunctionSpace, entries: Array, cells: Indices | None, way: int) -> Array:
+def _changed(
+    space: fem.FunctionSpace, entries: Array, cells: LocalIndices | None, way: int
+) -> Array:
     if not is_bernstein(space):
         return entries
     element = space.element.basix_element

@@ -1,9 +1,8 @@
 """Determinants and inverses of many matrices of two or three rows, faster than LAPACK has them."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dolfinx_signorini.base.arrays import Array
 
 
 def determinants(matrices: Array) -> Array:

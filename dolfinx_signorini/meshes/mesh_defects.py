@@ -12,17 +12,15 @@ import numpy.typing as npt
 from dolfinx import mesh
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-
-Array = npt.NDArray[np.float64]
-Ids = npt.NDArray[np.int64]
 
 FLAT = 1e-10  # volume of a cell that is refused, relative to a cube of its size
 OVERLAP = 1e-6  # of the width of the thinner cell: how far cells may overlap, by rounding
 CHUNK = 100_000  # pairs of cells that are compared at a time
 
 
-def all_cells(domain: mesh.Mesh) -> tuple[Ids, Array]:
+def all_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
     """Return the vertices of all cells of a mesh on rank 0, and none on other ranks.
 
     Args:
@@ -41,7 +39,7 @@ def all_cells(domain: mesh.Mesh) -> tuple[Ids, Array]:
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
-def cell_defect(ids: Ids, corners: Array) -> str:
+def cell_defect(ids: Indices, corners: Array) -> str:
     """Return what is wrong with the cells of a mesh: flat or overlapping ones; "" for nothing.
 
     Args:
@@ -68,7 +66,7 @@ def cell_defect(ids: Ids, corners: Array) -> str:
     return "cells overlap near (" + ", ".join(f"{c:.6g}" for c in folded) + ")"
 
 
-def _facets(ids: Ids) -> tuple[Ids, Ids]:
+def _facets(ids: Indices) -> tuple[Indices, Indices]:
     """The facets in an order with equal ones side by side.
 
     Returns:
@@ -85,7 +83,7 @@ def _facets(ids: Ids) -> tuple[Ids, Ids]:
     return facets[order], opposite[order]
 
 
-def _folded(corners: Array, cells: Ids, opposite: Ids, neighbours: Ids) -> Array | None:
+def _folded(corners: Array, cells: Indices, opposite: Indices, neighbours: Indices) -> Array | None:
     """The middle of a cell that lies on its neighbour, if there is one.
 
     Two cells with a common facet lie on different sides of the facet. Of the neighbour's vertices
@@ -105,7 +103,7 @@ def _folded(corners: Array, cells: Ids, opposite: Ids, neighbours: Ids) -> Array
     return x[bad[0]].mean(axis=0) if len(bad) else None
 
 
-def _covered(corners: Array, outer: Ids) -> Array | None:
+def _covered(corners: Array, outer: Indices) -> Array | None:
     """The middle of a cell on the boundary that another cell overlaps, if there is one.
 
     Where a mesh without folds covers something twice, the part that is covered twice ends at the
@@ -123,7 +121,7 @@ def _covered(corners: Array, outer: Ids) -> Array | None:
     return None
 
 
-def _near(corners: Array, outer: Ids) -> Iterator[tuple[Ids, Ids]]:
+def _near(corners: Array, outer: Indices) -> Iterator[tuple[Indices, Indices]]:
     """Pairs of a cell of some, and another cell, whose boxes meet; cells of like size at a time."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle, radius = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)

@@ -8,7 +8,8 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-Array: TypeAlias = npt.NDArray[np.float64]
+from dolfinx_signorini.base.arrays import Array
+
 Numbers: TypeAlias = npt.NDArray[np.integer[Any]]
 
 # The children of a segment, a triangle and a tetrahedron: vertex 10 i + j is the middle of

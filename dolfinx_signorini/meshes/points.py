@@ -8,7 +8,7 @@ tabulated, and only the formula that combines them is compiled.
 
 import functools
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import basix
 import basix.ufl
@@ -24,12 +24,10 @@ from ufl.classes import Conditional, GeometricQuantity
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.sided_meshes import facet_vertices
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Indices: TypeAlias = npt.NDArray[np.int32]
 
 INWARD = 1e-11  # of the way to the middle of a cell: more than rounding on all but tiny cells
 JUMP = 1e-3  # of the largest value in a cell: what INWARD makes of a root at a vertex is less
@@ -52,7 +50,7 @@ class Points:
         cells: The cell of each place, shape (n,).
     """
 
-    def __init__(self, domain: mesh.Mesh, places: Indices, at: Array):
+    def __init__(self, domain: mesh.Mesh, places: LocalIndices, at: Array):
         self.domain, self.places, self.at = domain, places, at
         self.cells, self._reference, self._axes = places, at, np.eye(domain.topology.dim)[None]
         if places.ndim == 2:

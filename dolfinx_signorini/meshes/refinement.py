@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.kinds import check, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
@@ -26,12 +27,8 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_cells,
 )
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
-
-
 # The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
-_parents: WeakKeyDictionary[mesh.Mesh, tuple[mesh.Mesh, Indices]] = WeakKeyDictionary()
+_parents: WeakKeyDictionary[mesh.Mesh, tuple[mesh.Mesh, LocalIndices]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -48,14 +45,14 @@ class Refinement:
     """
 
     sided: SidedMesh
-    parents: Indices
+    parents: LocalIndices
 
 
 def refined(
     sided: SidedMesh,
-    cells: Indices | None = None,
-    at: tuple[Indices, Array] | None = None,
-    halved: Indices | None = None,
+    cells: LocalIndices | None = None,
+    at: tuple[LocalIndices, Array] | None = None,
+    halved: LocalIndices | None = None,
 ) -> Refinement:
     """Refine a mesh of triangles or tetrahedra; the call is collective.
 
@@ -95,7 +92,7 @@ def refined(
     return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
 
 
-def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
+def _edges_at(domain: mesh.Mesh, cells: LocalIndices, points: Array) -> LocalIndices:
     """Return the edges of cells with an end at a point.
 
     Args:
@@ -108,7 +105,7 @@ def _edges_at(domain: mesh.Mesh, cells: Indices, points: Array) -> Indices:
     return np.asarray(edges[distance == distance.min(axis=1, keepdims=True, initial=np.inf)])
 
 
-def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
+def _longest_edges(domain: mesh.Mesh, cells: LocalIndices) -> LocalIndices:
     """Return the longest edges of cells; all of them where some are of one length.
 
     Args:
@@ -121,7 +118,7 @@ def _longest_edges(domain: mesh.Mesh, cells: Indices) -> Indices:
     return np.asarray(edges[length > (1.0 - SOLVED) * longest])
 
 
-def _edges(domain: mesh.Mesh, cells: Indices) -> tuple[Indices, Array]:
+def _edges(domain: mesh.Mesh, cells: LocalIndices) -> tuple[LocalIndices, Array]:
     """Return the edges of cells and the ends of these edges.
 
     Args:
@@ -135,17 +132,17 @@ def _edges(domain: mesh.Mesh, cells: Indices) -> tuple[Indices, Array]:
     topology.create_connectivity(1, 0)
     topology.create_connectivity(0, tdim)
     count = tdim * (tdim + 1) // 2
-    edges: Indices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
+    edges: LocalIndices = topology.connectivity(tdim, 1).array.reshape(-1, count)[cells]
     ends = entity_nodes(domain, 1, edges.ravel()).reshape(len(cells), count, 2)
     return edges, np.asarray(domain.geometry.x[ends])
 
 
-def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, Indices] | None:
+def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, LocalIndices] | None:
     """Return the mesh that `refined` has made a mesh from, with the parents of the owned cells."""
     return _parents.get(fine)
 
 
-def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: Indices) -> Indices:
+def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: LocalIndices) -> LocalIndices:
     """Return for each owned node of a refined mesh the edge of the parent mesh around the node.
 
     Args:
@@ -174,8 +171,8 @@ def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: Indices) -> Indic
 
 
 def _sides(
-    sided: SidedMesh, fine: mesh.Mesh, parents: Indices, parent_facets: npt.NDArray[np.int8]
-) -> Mapping[str, Indices]:
+    sided: SidedMesh, fine: mesh.Mesh, parents: LocalIndices, parent_facets: npt.NDArray[np.int8]
+) -> Mapping[str, LocalIndices]:
     """Return the owned facets of a refined mesh on the sides of its parent mesh."""
     domain = sided.mesh
     tdim = domain.topology.dim
@@ -202,7 +199,7 @@ class Transfer:
         parents: The parent cells of the owned cells.
     """
 
-    def __init__(self, coarse: fem.FunctionSpace, fine: fem.FunctionSpace, parents: Indices):
+    def __init__(self, coarse: fem.FunctionSpace, fine: fem.FunctionSpace, parents: LocalIndices):
         self.coarse, self.fine = coarse, fine
         dofs = fine.dofmap.list[: len(parents)]
         # One of the cells of each dof serves.
@@ -216,7 +213,7 @@ class Transfer:
         self.columns = coarse.dofmap.list[cells]
         self._restriction(parents)
 
-    def _restriction(self, parents: Indices) -> None:
+    def _restriction(self, parents: LocalIndices) -> None:
         """Find for each coarse dof a fine cell with its node, and the values of its basis."""
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
@@ -246,7 +243,7 @@ class Transfer:
 
 
 def carried_across(
-    u: fem.Function, parents: Indices, space: fem.FunctionSpace, cells: Indices
+    u: fem.Function, parents: LocalIndices, space: fem.FunctionSpace, cells: LocalIndices
 ) -> fem.Function:
     """Interpolate a function on the division of a mesh in a space on another refinement of it.
 
@@ -296,7 +293,7 @@ def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Functio
 
 
 def prolong_on_cells(
-    pairs: Sequence[tuple[fem.Function, fem.Function]], parents: Indices, cells: Indices
+    pairs: Sequence[tuple[fem.Function, fem.Function]], parents: LocalIndices, cells: LocalIndices
 ) -> None:
     """Interpolate functions on the parent mesh in a space on the refined mesh, on some cells only.
 
@@ -317,7 +314,7 @@ def prolong_on_cells(
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
 
 
-def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.Function:
+def _interpolant(space: fem.FunctionSpace, dofs: LocalIndices, values: Array) -> fem.Function:
     """The function with given values at the places of dofs, which are all that ranks own."""
     result = fem.Function(space)
     result.x.array[dofs] = values
@@ -326,7 +323,7 @@ def _interpolant(space: fem.FunctionSpace, dofs: Indices, values: Array) -> fem.
     return result
 
 
-def first_places(dofs: Indices) -> tuple[Indices, Indices]:
+def first_places(dofs: LocalIndices) -> tuple[LocalIndices, LocalIndices]:
     """Return the different entries of an array in order, and for each the first place of it."""
     first = np.full(int(dofs.max(initial=-1)) + 1, -1, dtype=np.int32)
     first[dofs[::-1]] = np.arange(len(dofs) - 1, -1, -1, dtype=np.int32)
@@ -334,7 +331,7 @@ def first_places(dofs: Indices) -> tuple[Indices, Indices]:
     return found, first[found]
 
 
-def _maps(domain: mesh.Mesh, cells: Indices | None = None) -> tuple[Array, Array]:
+def _maps(domain: mesh.Mesh, cells: LocalIndices | None = None) -> tuple[Array, Array]:
     """Return the first vertices of cells, of all by default, and the inverses of their maps."""
     nodes, dim = domain.geometry.dofmap, domain.topology.dim
     cells = np.arange(len(nodes), dtype=np.int32) if cells is None else cells

@@ -18,10 +18,9 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
-
-Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -189,7 +188,7 @@ def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     return mesh.exterior_facet_indices(domain.topology)
 
 
-def sampled(count: int, step: int) -> Indices:
+def sampled(count: int, step: int) -> LocalIndices:
     """Return one index at random of each `step` successive ones, the same in every call.
 
     On structured meshes cells at equal distances are all alike.
@@ -240,7 +239,7 @@ def longest_side(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> float:
     return float(np.ptp(box(comm, points), axis=0).max())
 
 
-def facet_vertices(domain: mesh.Mesh) -> Indices:
+def facet_vertices(domain: mesh.Mesh) -> LocalIndices:
     """Return the vertices of each facet by their places in the cell, shape (facets, vertices)."""
     cell = basix.CellType[domain.topology.cell_name()]
     return np.array(basix.topology(cell)[domain.topology.dim - 1], dtype=np.int32)
@@ -298,7 +297,7 @@ def simplex_sizes(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     return np.asarray(sizes, dtype=np.float64)
 
 
-def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> Indices:
+def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> LocalIndices:
     """Return the cells of this rank, ghosts included, that have one of some dofs.
 
     Args:
@@ -312,8 +311,8 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
 
 
 def covering_cells(
-    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: Indices, rounds: int = 2
-) -> Indices:
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: LocalIndices, rounds: int = 2
+) -> LocalIndices:
     """Return few cells of this rank that together have all of some dofs.
 
     In some rounds cells with many dofs that no neighbour claims come first; of each dof that is

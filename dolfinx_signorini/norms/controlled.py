@@ -8,21 +8,18 @@ next to a singular point again and again, until what is left no longer matters.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TypeAlias, cast
+from typing import cast
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.meshes.parts import Numbers, Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Marks: TypeAlias = npt.NDArray[np.bool_]
 
 # Of a norm: how far off its quadrature may be by estimate. The estimate is one of random numbers:
 # of 2,240 norms of waves on all elements, with p from 1 to 16, none was off by twice as much.
@@ -122,7 +119,7 @@ class ControlledSum:
         self._values: list[Array] = [np.zeros(0)]
         self._kept, self._sums = 0.0, cast(Array, np.zeros((3, 1)))
 
-    def unsure(self, fine: Array, coarse: Array) -> Marks:
+    def unsure(self, fine: Array, coarse: Array) -> Mask:
         """Return which parts are to be divided.
 
         Args:

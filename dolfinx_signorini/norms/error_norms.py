@@ -31,11 +31,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import FUNCTION, TEXT, check, instance, optional, sequence
 from dolfinx_signorini.base.logs import Progress
 from dolfinx_signorini.meshes.parts import Parts
-from dolfinx_signorini.meshes.points import Array, Indices, Points
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -172,7 +173,7 @@ def _norms(
 
 
 def _mostly(
-    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]
+    error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm]
 ) -> tuple[dict[Norm, Array], Array]:
     """Return norms on each cell, by one rule where that is enough; collective.
 
@@ -206,7 +207,7 @@ def _mostly(
 
 def _integrated(
     error: ErrorAtPoints,
-    places: Indices,
+    places: LocalIndices,
     norms: Sequence[Norm],
     rule: QuadratureRule,
     parts: Parts | None = None,
@@ -237,7 +238,7 @@ def _integrated(
 
 
 def _blocks(
-    domain: mesh.Mesh, places: Indices, parts: Parts, rule: QuadratureRule
+    domain: mesh.Mesh, places: LocalIndices, parts: Parts, rule: QuadratureRule
 ) -> Iterator[tuple[npt.NDArray[np.integer], Points, Array]]:
     """Yield numbers of parts, with the points of a rule and the weights of the points."""
     cell = _kind(domain, places)
@@ -255,7 +256,7 @@ def _blocks(
                 yield rows, Points(domain, places[parts.rows[rows]], at), weights
 
 
-def _kind(domain: mesh.Mesh, places: Indices) -> basix.CellType:
+def _kind(domain: mesh.Mesh, places: LocalIndices) -> basix.CellType:
     """The kind of places: of the cells, or of their facets."""
     cell = basix.CellType[domain.topology.cell_name()]
     if places.ndim == 2:
@@ -263,7 +264,9 @@ def _kind(domain: mesh.Mesh, places: Indices) -> basix.CellType:
     return cell
 
 
-def _controlled(error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]) -> dict[Norm, Array]:
+def _controlled(
+    error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm]
+) -> dict[Norm, Array]:
     """Norms on each of the places of this rank, by rules that suit the error; collective."""
     comm, cell = error.domain.comm, _kind(error.domain, places)
     groups: dict[int, list[Norm]] = {}
@@ -278,7 +281,7 @@ def _controlled(error: ErrorAtPoints, places: Indices, norms: Sequence[Norm]) ->
 
 
 def _sizes(
-    error: ErrorAtPoints, places: Indices, norms: Sequence[Norm], rule: QuadratureRule
+    error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm], rule: QuadratureRule
 ) -> dict[Norm, float]:
     """Norms over all places of all ranks, by a rule."""
     found = _integrated(error, places, norms, rule)

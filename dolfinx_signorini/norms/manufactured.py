@@ -12,13 +12,13 @@ the contact boundary more is needed: with the obstacle g and the flux q = K grad
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.base.ranks import highest
@@ -31,9 +31,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
 )
 from dolfinx_signorini.norms.references import Reference, interpolant
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 CLEARANCE = 1.0  # relative to the largest |u|: how far below u an obstacle is made where u is free
 SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
@@ -130,7 +127,7 @@ def manufacture(
 
 def contact_violations(
     domain: mesh.Mesh,
-    facets: Indices,
+    facets: LocalIndices,
     u: Expr,
     flux: Expr,
     obstacle: Expr | float | None,
@@ -173,7 +170,7 @@ def contact_violations(
 
 
 def matching_obstacle(
-    space: fem.FunctionSpace, facets: Indices, u: Expr, flux: Expr, upper: bool = False
+    space: fem.FunctionSpace, facets: LocalIndices, u: Expr, flux: Expr, upper: bool = False
 ) -> fem.Function:
     """Return an obstacle that u touches exactly where the flux of u is not zero.
 
@@ -210,11 +207,13 @@ def _facet_points(domain: mesh.Mesh) -> Array:
     return np.array([(a, b) for a in SAMPLES for b in SAMPLES if a + b <= 1.0])
 
 
-def _owned(domain: mesh.Mesh, facets: Indices) -> Indices:
+def _owned(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
     return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
 
 
-def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> tuple[Array, list[float]]:
+def _on_facets(
+    domain: mesh.Mesh, facets: LocalIndices, values: list[Expr]
+) -> tuple[Array, list[float]]:
     """Values at the sample points of the owned facets, and how large the values are.
 
     Returns:
@@ -225,7 +224,7 @@ def _on_facets(domain: mesh.Mesh, facets: Indices, values: list[Expr]) -> tuple[
     points, comm = _facet_points(domain), domain.comm
     expression = compiled.expression(ufl.as_vector(values), points, comm)
 
-    def sampled(pairs: Indices) -> Array:
+    def sampled(pairs: LocalIndices) -> Array:
         found = compat.evaluate(expression, domain, pairs)
         return found.reshape(-1, len(points), len(values))
 

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.spatial import KDTree
 
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.meshes.points import Array, Indices, Points
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 
 BLOCK = 65_536  # points whose values are held at a time
@@ -33,8 +34,6 @@ THRESHOLDS = 64  # that values are counted above
 SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: an unbounded function grows so
-
-Rows = npt.NDArray[np.int64]
 
 
 class Maxima:
@@ -53,7 +52,7 @@ class Maxima:
     def __init__(
         self,
         error: ErrorAtPoints,
-        places: Indices,
+        places: LocalIndices,
         singular: Iterable[tuple[float, ...]] = (),
         known: Array | None = None,
     ):
@@ -88,7 +87,7 @@ class Maxima:
         samples[:, rows], without[:, rows] = np.concatenate(tops, axis=1), share > 0.0
         return samples, without
 
-    def _screened(self) -> Rows:
+    def _screened(self) -> Indices:
         """The rows of the places that are sampled on the lattice."""
         if self._known is None:
             return np.arange(len(self._places))
@@ -136,7 +135,7 @@ class Maxima:
         peaks = [values[:, j] >= values[:, near].max(axis=1) for j, near in enumerate(neighbours)]
         return np.transpose(peaks)
 
-    def _values(self, places: Indices, at: Array) -> Array:
+    def _values(self, places: LocalIndices, at: Array) -> Array:
         """The error and the largest component at points, -1 for what is no number: (1 or 2, n, m).
 
         An error without derivatives has one row.
@@ -160,7 +159,7 @@ class Maxima:
             result /= np.maximum(result.sum(axis=-1, keepdims=True), 1.0)
         return result
 
-    def _around(self, point: tuple[float, ...]) -> Rows:
+    def _around(self, point: tuple[float, ...]) -> Indices:
         """The rows of the places whose cells may contain a point."""
         domain, cells = self._error.domain, self._places
         nodes = domain.geometry.x[domain.geometry.dofmap[cells if cells.ndim == 1 else cells[:, 0]]]
@@ -169,7 +168,7 @@ class Maxima:
         inside = (low - margin <= point) & (np.array(point) <= high + margin)
         return np.flatnonzero(inside.all(axis=1))
 
-    def _followed(self, places: Indices, at: Array, limit: int, kind: int, name: str) -> float:
+    def _followed(self, places: LocalIndices, at: Array, limit: int, kind: int, name: str) -> float:
         """The maximum that boxes around points of places lead to."""
         radius, maxima = 1.0 / self._degree, [0.0]
         for step in range(LAST):
@@ -192,7 +191,7 @@ class Maxima:
             raise FloatingPointError(f"{name} is infinite: the error grows without bound")
         return maxima[-1]
 
-    def _grows(self, place: Indices, at: Array, kind: int) -> bool:
+    def _grows(self, place: LocalIndices, at: Array, kind: int) -> bool:
         """Tell whether the error grows on ever smaller rings around a point, and goes on so."""
         rings = []
         for radius in RINGS / self._degree:
@@ -206,7 +205,7 @@ class Maxima:
         return bool((growth[-4:] > 0.0).all() and late > max(GROWING * before, 0.01 * rings[-1]))
 
 
-def _largest(comm: MPI.Comm, values: Array, limit: int) -> Rows:
+def _largest(comm: MPI.Comm, values: Array, limit: int) -> Indices:
     """The rows of the values of this rank that are among the largest ones of all ranks.
 
     The ranks count values above some thresholds between the smallest and the largest value; none

@@ -4,8 +4,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.meshes.points import Array, FormulaAtPoints, Points, basix_element
+from dolfinx_signorini.meshes.points import FormulaAtPoints, Points, basix_element
 from dolfinx_signorini.norms.references import Reference, components
 
 CELLS = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")

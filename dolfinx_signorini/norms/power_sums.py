@@ -1,13 +1,11 @@
 """Sums of p-th powers that neither overflow nor underflow, for any p and values of any size."""
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-Array: TypeAlias = npt.NDArray[np.float64]
+from dolfinx_signorini.base.arrays import Array
 
 
 def p_norm(values: Array, p: float, weights: Array | float = 1.0) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
@@ -18,9 +19,6 @@ from dolfinx_signorini.meshes.elements import (
     values_at_control_points,
 )
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, simplex_sizes
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
 # and the size L of the boundary, what a mesh cannot tell from contact (a gap opens like r^{3/2}).

@@ -7,12 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
 from dolfinx_signorini.pictures.picture import Picture
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 PRESSURE = r"contact pressure $\lambda$"
 PEAK = 8.0  # of the pressure, relative to its 98 per cent quantile; a higher one is cut off

@@ -10,13 +10,11 @@ import numpy.typing as npt
 from dolfinx import fem
 from matplotlib.collections import LineCollection
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.meshes.elements import control_points, subtriangles, values_at_control_points
 from dolfinx_signorini.meshes.sided_meshes import facet_nodes
 from dolfinx_signorini.pictures.palette import COLOUR_MAP
 from dolfinx_signorini.pictures.picture import Picture, add_triangles
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 TITLE = 180  # characters of a title that are drawn
 

@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
@@ -19,18 +18,18 @@ from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.plane_field import draw_plane_field, gather_plane_field
 from dolfinx_signorini.pictures.solid_pictures import draw_solid, gather_surface
 
-Facets = npt.NDArray[np.int32]
-
 PICTURES = ("contact", "solution")
 
 
-def draw_problem(problem: Solved, what: str, sides: Mapping[str, Facets] | None) -> Picture | None:
+def draw_problem(
+    problem: Solved, what: str, sides: Mapping[str, LocalIndices] | None
+) -> Picture | None:
     """Return a picture of a solved problem on rank 0, and None on the others.
 
     Args:
         problem: The problem; the call is collective.
         what: "contact" for gap and pressure, "solution" for u with the facets in contact.
-        sides: Facets of the mesh by the name of their side.
+        sides: LocalIndices of the mesh by the name of their side.
 
     Raises:
         InputError: There is no such picture, or the problem is one on a line.
@@ -49,7 +48,7 @@ def draw_problem(problem: Solved, what: str, sides: Mapping[str, Facets] | None)
 def draw_solution(
     u: fem.Function,
     boundary: ContactBoundary | None,
-    parts: Mapping[str, Facets],
+    parts: Mapping[str, LocalIndices],
     styles: Mapping[str, Mapping[str, Any]],
     points: Sequence[Sequence[float]] = (),
     title: str = "",
@@ -59,7 +58,7 @@ def draw_solution(
     Args:
         u: The solution; the call is collective.
         boundary: The contact boundary, on rank 0.
-        parts: Facets by the name of a part of the boundary; in the plane they are drawn.
+        parts: LocalIndices by the name of a part of the boundary; in the plane they are drawn.
         styles: How matplotlib draws these parts, by name.
         points: Detachment points to mark.
         title: The title of the picture.

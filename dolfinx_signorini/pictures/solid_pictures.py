@@ -15,21 +15,18 @@ from shutil import which
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.contact_pictures import draw_faces
 from dolfinx_signorini.pictures.palette import COLOUR_MAP
 from dolfinx_signorini.pictures.picture import Picture
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 RENDERER = Path(__file__).with_name("solid_rendering.py")
 PATIENCE = 60.0  # seconds for PyVista

@@ -4,11 +4,11 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import (
     MESH,
@@ -22,8 +22,6 @@ from dolfinx_signorini.base.kinds import (
 )
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 from dolfinx_signorini.solvers.pressure import ContactState
-
-Indices = npt.NDArray[np.int32]
 
 CELLS = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
 
@@ -65,12 +63,12 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     return space
 
 
-def checked_facets(domain: mesh.Mesh, contact: Any) -> Indices:
+def checked_facets(domain: mesh.Mesh, contact: Any) -> LocalIndices:
     """Return the facets that an argument `contact` names.
 
     Args:
         domain: The mesh.
-        contact: Indices of facets, or MeshTags of facets, alone or in a pair with values.
+        contact: LocalIndices of facets, or MeshTags of facets, alone or in a pair with values.
 
     Raises:
         InputError: The subject is "contact".
@@ -206,7 +204,7 @@ def _check_mesh(form: ufl.Form, domain: mesh.Mesh, subject: str) -> None:
         raise InputError("lives on another mesh than the form a", subject)
 
 
-def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[Indices, str]:
+def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[LocalIndices, str]:
     """The facets, and what is wrong with the facets on this rank."""
     nothing = np.empty(0, dtype=np.int32)
     pair = isinstance(contact, tuple) and len(contact) == 2

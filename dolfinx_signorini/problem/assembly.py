@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
@@ -18,6 +17,7 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.base.errors import InputError, together
@@ -33,8 +33,6 @@ from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cell
 from dolfinx_signorini.problem import checks
 from dolfinx_signorini.solvers.system import Layout, System
 
-Indices = npt.NDArray[np.int32]
-Array = npt.NDArray[np.float64]
 Data: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
 
 
@@ -71,7 +69,7 @@ class Assembly:
         self,
         a: ufl.Form,
         L: ufl.Form,
-        facets: Indices,
+        facets: LocalIndices,
         obstacle: Data,
         sign: float,
         bcs: Sequence[fem.DirichletBC],
@@ -243,7 +241,7 @@ class Assembly:
         return made
 
 
-def dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
+def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Return the owned dofs on facets, also on facets that only another rank owns.
 
     Args:
@@ -256,7 +254,7 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: Indices) -> Indices:
     return dofs[dofs < space.dofmap.index_map.size_local]
 
 
-def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
+def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
     """Return a function that evaluates data at dofs, each time with the present values.
 
     In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
@@ -292,7 +290,7 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[
     return evaluate
 
 
-def _coefficients(space: fem.FunctionSpace, value: Data, dofs: Indices) -> Callable[[], Array]:
+def _coefficients(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
     """As `evaluator`, in the Bernstein basis; the call is collective."""
     wanted = fem.Function(space)
     wanted.x.array[dofs] = 1.0
@@ -335,7 +333,7 @@ def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
     return values
 
 
-def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> Indices:
+def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """Return the owned dofs that some Dirichlet conditions fix.
 
     Args:
@@ -350,7 +348,7 @@ def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> 
 
 
 def dirichlet_values(
-    space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: Indices
+    space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: LocalIndices
 ) -> Array:
     """Return the data of Dirichlet conditions at dofs; the last condition on a dof wins.
 
@@ -370,7 +368,7 @@ def dirichlet_values(
 
 
 def assembled_matrix(
-    form: fem.Form, bcs: Sequence[fem.DirichletBC], fixed: Indices, A: PETSc.Mat | None = None
+    form: fem.Form, bcs: Sequence[fem.DirichletBC], fixed: LocalIndices, A: PETSc.Mat | None = None
 ) -> PETSc.Mat:
     """Return the matrix of a form; Dirichlet rows get a diagonal of the size of the other rows.
 
@@ -419,7 +417,7 @@ def lift(
         diagonal.destroy()
 
 
-def restricted(form: ufl.Form, domain: mesh.Mesh, cells: Indices) -> ufl.Form:
+def restricted(form: ufl.Form, domain: mesh.Mesh, cells: LocalIndices) -> ufl.Form:
     """Return a form whose integrals over cells are over some of their cells only.
 
     Args:
@@ -428,7 +426,7 @@ def restricted(form: ufl.Form, domain: mesh.Mesh, cells: Indices) -> ufl.Form:
         cells: Cells of this rank; ghosts among them are left out.
     """
     owned = cells[cells < domain.topology.index_map(domain.topology.dim).size_local]
-    parts: list[tuple[int, Indices]] = []
+    parts: list[tuple[int, LocalIndices]] = []
     integrals = []
     for integral in form.integrals():
         if integral.integral_type() == "cell":

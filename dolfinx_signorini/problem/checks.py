@@ -12,14 +12,12 @@ from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, is_bernstein
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.system import Layout, System
-
-Indices = npt.NDArray[np.int32]
-Array = npt.NDArray[np.float64]
 
 HATS = {
     1: 200,
@@ -80,7 +78,7 @@ def check_bounds(
     return clamped
 
 
-def _at_vertices(space: fem.FunctionSpace, dofs: Indices) -> npt.NDArray[np.bool_]:
+def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> npt.NDArray[np.bool_]:
     """Tell which dofs belong to vertices."""
     places = np.concatenate(space.element.basix_element.entity_dofs[0])
     return np.isin(dofs, space.dofmap.list[:, places])
@@ -245,7 +243,9 @@ def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
     return points, lowest, highest - lowest
 
 
-def check_definite(A: PETSc.Mat, space: fem.FunctionSpace, fixed: Indices, diagonal: Array) -> None:
+def check_definite(
+    A: PETSc.Mat, space: fem.FunctionSpace, fixed: LocalIndices, diagonal: Array
+) -> None:
     """Refuse a form that is negative for some combination of the hat functions of a coarse grid.
 
     A solver notices an indefinite form only where the free dofs have a negative direction, and
@@ -298,7 +298,7 @@ def _nearly_definite(matrix: Array) -> bool:
     return True
 
 
-def _hats(space: fem.FunctionSpace, fixed: Indices) -> PETSc.Mat:
+def _hats(space: fem.FunctionSpace, fixed: LocalIndices) -> PETSc.Mat:
     """The values at the nodes of the hat functions of a coarse grid, which are 0 at fixed dofs."""
     points, lowest, sizes = _in_box(space)
     count, dimension = points.shape

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import Polynomial
 from scipy.spatial import cKDTree
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-Array = npt.NDArray[np.float64]
 
 SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
 NEAR = 0.05  # of the size of the domain; at least 4 facets

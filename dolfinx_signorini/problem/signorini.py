@@ -14,6 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.costs import Cost, Ledger
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import TEXT, by_text, check, optional
@@ -27,7 +28,7 @@ from dolfinx_signorini.problem.arguments import (
     checked_facets,
     checked_space,
 )
-from dolfinx_signorini.problem.assembly import Array, Assembly, Data, Indices
+from dolfinx_signorini.problem.assembly import Assembly, Data
 from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
@@ -220,22 +221,22 @@ class SignoriniProblem:
         return self._assembly.data
 
     @property
-    def contact(self) -> Indices:
+    def contact(self) -> LocalIndices:
         """The contact facets that this rank knows."""
         return self._layout.facets
 
     @property
-    def contact_dofs(self) -> Indices:
+    def contact_dofs(self) -> LocalIndices:
         """The owned dofs on the contact boundary that have no Dirichlet data."""
         return self._layout.contact_dofs
 
     @property
-    def fixed_dofs(self) -> Indices:
+    def fixed_dofs(self) -> LocalIndices:
         """The owned dofs with Dirichlet data."""
         return self._layout.fixed_dofs
 
     @property
-    def active(self) -> Indices:
+    def active(self) -> LocalIndices:
         """The owned dofs in contact: where u is equal to the obstacle.
 
         Raises:
@@ -315,7 +316,7 @@ class SignoriniProblem:
         path: Path | str | None = None,
         *,
         what: str = "contact",
-        sides: Mapping[str, Indices] | None = None,
+        sides: Mapping[str, LocalIndices] | None = None,
     ) -> "Picture | None":
         """Draw gap and pressure along the contact boundary, or the solution; collective.
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
 from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
@@ -36,7 +36,6 @@ from dolfinx_signorini.scenes.files.conditions import (
 )
 from dolfinx_signorini.scenes.files.scene import Scene
 
-Indices = npt.NDArray[np.int32]
 Terms = dict[str, tuple[Expr, CellMeasure]]
 
 LOAD = "load"  # the name of the load of the equation among the sources
@@ -139,7 +138,7 @@ def violations(scene: Scene, sided: SidedMesh) -> list[str]:
     return [str(violation) for violation in found]
 
 
-def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryCondition], Indices]:
+def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryCondition], LocalIndices]:
     """Return the owned boundary facets of each kind of condition; all others are Neumann facets.
 
     Args:
@@ -163,7 +162,7 @@ def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryConditio
     return parts | {Neumann: np.union1d(parts[Neumann], rest)}
 
 
-def facets_by_kind(parts: dict[type[BoundaryCondition], Indices]) -> dict[str, Indices]:
+def facets_by_kind(parts: dict[type[BoundaryCondition], LocalIndices]) -> dict[str, LocalIndices]:
     """Return the facets of `boundary_parts` by what the kinds of condition act like."""
     names = dict.fromkeys(kind.acts_like for kind in parts)
     return {n: np.concatenate([f for c, f in parts.items() if c.acts_like == n]) for n in names}
@@ -239,7 +238,7 @@ def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:
     return load_and_current(scene.solution, scene.diffusion, scene.reaction, dim)
 
 
-def _exact_flux(scene: Scene, setting: Setting, facets: Indices) -> Expr:
+def _exact_flux(scene: Scene, setting: Setting, facets: LocalIndices) -> Expr:
     """The flux A grad u . n of a manufactured solution u on boundary facets."""
     domain, degree = setting.sided.mesh, scene.degree
     assert setting.exact is not None
@@ -252,12 +251,12 @@ def _exact_flux(scene: Scene, setting: Setting, facets: Indices) -> Expr:
 
 
 def _facet_terms(
-    scene: Scene, setting: Setting, parts: dict[type[BoundaryCondition], Indices]
+    scene: Scene, setting: Setting, parts: dict[type[BoundaryCondition], LocalIndices]
 ) -> tuple[Terms, Terms]:
     """Return what the conditions of a scene add to its sources and reactions."""
     sided = setting.sided
-    loads: list[tuple[str, Expr, Indices]] = []
-    coefficients: list[tuple[str, Expr, Indices]] = []
+    loads: list[tuple[str, Expr, LocalIndices]] = []
+    coefficients: list[tuple[str, Expr, LocalIndices]] = []
     if scene.manufactured and setting.exact is not None:
         free = facets_by_kind(parts)[Neumann.acts_like]
         if sided.mesh.comm.allreduce(len(free)):
@@ -273,7 +272,7 @@ def _facet_terms(
     return _numbered(loads, ds, 0), _numbered(coefficients, ds, len(loads))
 
 
-def _numbered(terms: list[tuple[str, Expr, Indices]], ds: ufl.Measure, first: int) -> Terms:
+def _numbered(terms: list[tuple[str, Expr, LocalIndices]], ds: ufl.Measure, first: int) -> Terms:
     """Return terms on the parts of a measure, from the first part on; equal names are numbered."""
     names = [name for name, _, _ in terms]
     result: Terms = {}
@@ -285,7 +284,7 @@ def _numbered(terms: list[tuple[str, Expr, Indices]], ds: ufl.Measure, first: in
     return result
 
 
-def _facet_measure(sided: SidedMesh, parts: Sequence[Indices]) -> ufl.Measure:
+def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measure:
     """Return a measure on parts of the boundary that are numbered from 0."""
     domain = sided.mesh
     owned = domain.topology.index_map(domain.topology.dim - 1).size_local

@@ -23,13 +23,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
@@ -76,7 +74,7 @@ def exponent(angle: float, kinds: int) -> float:
 
 
 def singular_corners(
-    domain: mesh.Mesh, facets: Mapping[str, Indices], diffusion: Array | None
+    domain: mesh.Mesh, facets: Mapping[str, LocalIndices], diffusion: Array | None
 ) -> list[Corner]:
     """Return the boundary points with a non-integer exponent below 2, worst first.
 
@@ -140,7 +138,7 @@ def largest_angle(domain: mesh.Mesh) -> float:
     return highest(domain.comm, boundary)
 
 
-def _touched(space: fem.FunctionSpace, facets: Indices) -> npt.NDArray[np.bool_]:
+def _touched(space: fem.FunctionSpace, facets: LocalIndices) -> npt.NDArray[np.bool_]:
     """Return whether each owned vertex belongs to one of some facets, on whatever rank."""
     pairs = facet_cells(space.mesh, facets)
     opposite = (pairs[:, 1:] + [1, 2]) % 3  # edge k lies opposite vertex k
@@ -160,7 +158,7 @@ def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> 
     return _summed(space, space.dofmap.list[:count], np.arctan2(np.abs(cross), (a * b).sum(axis=2)))
 
 
-def _summed(space: fem.FunctionSpace, vertices: Indices, values: Array | float) -> Array:
+def _summed(space: fem.FunctionSpace, vertices: LocalIndices, values: Array | float) -> Array:
     """Return the sums of values at the owned vertices over the cells or facets of all ranks."""
     index_map = space.dofmap.index_map
     return summed(index_map, vertices, values)[: index_map.size_local]

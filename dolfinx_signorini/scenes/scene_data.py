@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula, Node, number
 from dolfinx_signorini.data.sampling import DEGREE, Datum
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -15,8 +15,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
 )
 from dolfinx_signorini.scenes.files.scene import Scene
-
-Array = npt.NDArray[np.float64]
 
 
 def data_of(scene: Scene, sided: SidedMesh) -> Iterator[Datum]:

@@ -14,18 +14,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
-
-Mask = npt.NDArray[np.bool_]
 
 LINEAR_FRACTION = 0.5  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess

@@ -4,16 +4,13 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem, la
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.elements import control_points
-
-Indices = npt.NDArray[np.int32]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class Bodies:
 
     space: fem.FunctionSpace
     count: int
-    numbers: Indices
+    numbers: LocalIndices
 
     def sums(self, values: Array) -> Array:
         """Return the sum of values over the dofs of each body; the call is collective.
@@ -42,7 +39,7 @@ class Bodies:
         sums = np.bincount(self.numbers, values, self.count)
         return np.asarray(self.space.mesh.comm.allreduce(sums))
 
-    def counts(self, dofs: Indices) -> Indices:
+    def counts(self, dofs: LocalIndices) -> LocalIndices:
         """Return how many of some dofs each body has; the call is collective.
 
         Args:

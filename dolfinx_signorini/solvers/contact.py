@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.history import History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
@@ -22,8 +22,6 @@ from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
-
-Mask = npt.NDArray[np.bool_]
 
 # TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier). At a dof
 # in contact whose multiplier is negative within the tolerance that is twice the natural residual.

@@ -21,17 +21,14 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.meshes.elements import bernstein_at_nodes, facet_dofs, is_bernstein
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 
 class Densities:
@@ -46,7 +43,7 @@ class Densities:
             force of the density 1.
     """
 
-    def __init__(self, space: fem.FunctionSpace, pairs: Indices):
+    def __init__(self, space: fem.FunctionSpace, pairs: LocalIndices):
         self._comm, self._map = space.mesh.comm, space.dofmap.index_map
         self._dofs = facet_dofs(space, pairs)
         self._shares = 1.0 / np.maximum(summed(self._map, self._dofs), 1.0)
@@ -88,10 +85,10 @@ def _needs_bernstein(space: fem.FunctionSpace) -> bool:
     return bool(tetrahedra and element.degree > 1 and not is_bernstein(space))
 
 
-def _integrals(space: fem.FunctionSpace, pairs: Indices) -> Array:
+def _integrals(space: fem.FunctionSpace, pairs: LocalIndices) -> Array:
     """The integrals of the basis functions over facets, for all dofs of this rank."""
     coordinates = space.mesh.ufl_domain().ufl_coordinate_element()
-    flat: Indices = pairs.flatten()
+    flat: LocalIndices = pairs.flatten()
     parts = {fem.IntegralType.exterior_facet: [(1, flat)]}
     form = compiled.form_on(_integral(coordinates, space.ufl_element()), [space], parts)
     vector = fem.assemble_vector(form)

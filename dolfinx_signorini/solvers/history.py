@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.system import System
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 KEPT = 5  # solutions
 

@@ -7,15 +7,11 @@ with rows of other ranks where the patch crosses over.
 """
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int32]
 
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
 # curves.
@@ -26,7 +22,7 @@ MAX_STEPS = 40
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
 
-def patch_dofs(system: System, seeds: Indices, layers: int) -> Indices:
+def patch_dofs(system: System, seeds: LocalIndices, layers: int) -> LocalIndices:
     """Return the global indices of the dofs within some layers of neighbours of the seeds.
 
     Args:
@@ -43,7 +39,7 @@ def patch_dofs(system: System, seeds: Indices, layers: int) -> Indices:
 
 
 def active_in_patch(
-    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: Indices
+    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: LocalIndices
 ) -> Mask:
     """Solve the patch problem near the seeds, and return the active set with that of the patch.
 

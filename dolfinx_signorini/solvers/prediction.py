@@ -7,18 +7,15 @@ ends of the predicted contact set, with the coarse solution outside, settle the 
 """
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.transfer import Carrier
-
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int32]
 
 
 def predict(system: System, coarse: ContactState) -> Mask:
@@ -82,7 +79,7 @@ def _settled(
     return held
 
 
-def _ends(system: System, held: Mask) -> Indices:
+def _ends(system: System, held: Mask) -> LocalIndices:
     """Owned contact dofs of cells at the contact boundary that have held and free contact dofs."""
     space = system.space
     state = fem.Function(space)

@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import FUNCTION, check
 from dolfinx_signorini.solvers.system import System
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,12 @@ makes of the height of the obstacle.
 import math
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.solvers.system import System
-
-Array = npt.NDArray[np.float64]
 
 ROUNDING = 64 * PRECISION  # of A u where u is as high as the obstacle
 

@@ -18,13 +18,11 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.solvers.connected_parts import Bodies, bodies
 from dolfinx_signorini.solvers.densities import Densities
-
-Indices = npt.NDArray[np.int32]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,9 +38,9 @@ class Layout:
     """
 
     space: fem.FunctionSpace
-    facets: Indices
-    boundary_dofs: Indices
-    fixed_dofs: Indices
+    facets: LocalIndices
+    boundary_dofs: LocalIndices
+    fixed_dofs: LocalIndices
     ledger: Ledger = field(repr=False)
 
     @functools.cached_property
@@ -51,7 +49,7 @@ class Layout:
         return ~np.isin(self.boundary_dofs, self.fixed_dofs)
 
     @functools.cached_property
-    def contact_dofs(self) -> Indices:
+    def contact_dofs(self) -> LocalIndices:
         """The owned dofs on the contact boundary without Dirichlet data."""
         return self.boundary_dofs[self.free]
 
@@ -61,7 +59,7 @@ class Layout:
         return bodies(self.space)
 
     @functools.cached_property
-    def facet_cells(self) -> Indices:
+    def facet_cells(self) -> LocalIndices:
         """The contact facets that this rank owns as (cell, local facet) pairs."""
         topology = self.space.mesh.topology
         owned = self.facets < topology.index_map(topology.dim - 1).size_local
@@ -133,12 +131,12 @@ class System:
         return self.layout.space
 
     @property
-    def contact_dofs(self) -> Indices:
+    def contact_dofs(self) -> LocalIndices:
         """The owned dofs on the contact boundary that have no Dirichlet data."""
         return self.layout.contact_dofs
 
     @property
-    def fixed_dofs(self) -> Indices:
+    def fixed_dofs(self) -> LocalIndices:
         """The owned dofs with Dirichlet data."""
         return self.layout.fixed_dofs
 

@@ -8,17 +8,16 @@ few cells that together have the dofs.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.meshes.refinement import parent_mesh, prolong_on_cells
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.solvers.linear.hierarchy import is_straight, nodes_of
 from dolfinx_signorini.solvers.linear.lattice import find_lattice, surrounding
 
-Indices = npt.NDArray[np.int32]
 Pairs = Sequence[tuple[fem.Function, fem.Function]]
 
 PADDING = 0.1  # of the coarse cell size: how far a fine boundary may lie outside the coarse mesh
@@ -43,7 +42,7 @@ class Carrier:
         if source.mesh is not target.mesh and _linear(source) and _linear(target):
             self._lattice = find_lattice(source.mesh, nodes_of(source))
 
-    def __call__(self, pairs: Pairs, dofs: Indices) -> None:
+    def __call__(self, pairs: Pairs, dofs: LocalIndices) -> None:
         """Set values of the fine functions; collective.
 
         Args:
@@ -76,7 +75,7 @@ class Carrier:
             item.destroy()
 
 
-def interpolate_between(pairs: Pairs, cells: Indices) -> None:
+def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:
     """Interpolate functions between two meshes, on some cells of the target mesh only.
 
     Between spaces on one mesh no cell is searched for.

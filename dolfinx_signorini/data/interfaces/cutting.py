@@ -12,15 +12,11 @@ from dataclasses import dataclass, replace
 
 import basix
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.interfaces.sliding import FLAT, planes
-
-Array = npt.NDArray[np.float64]
-Ids = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
 
 NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
 SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
@@ -46,10 +42,10 @@ class Simplices:
     """
 
     x: Array
-    cells: Ids
-    facets: Ids
-    sides: Ids
-    fixed: Flags
+    cells: Indices
+    facets: Indices
+    sides: Indices
+    fixed: Mask
 
 
 def fitted(whole: Simplices, node: Node) -> Simplices:
@@ -100,7 +96,7 @@ def depths(whole: Simplices, node: Node) -> Array:
     return np.where(shares > ROUNDING, shares, 0.0)
 
 
-def _cuts(whole: Simplices, node: Node, on: Flags) -> tuple[Ids, Array]:
+def _cuts(whole: Simplices, node: Node, on: Mask) -> tuple[Indices, Array]:
     """Find the edges that cross the zeros of a function.
 
     Args:
@@ -129,12 +125,12 @@ def _cuts(whole: Simplices, node: Node, on: Flags) -> tuple[Ids, Array]:
     return edges[kept], (0.5 * (low + high))[kept]
 
 
-def _between(x: Array, edges: Ids, places: Array) -> Array:
+def _between(x: Array, edges: Indices, places: Array) -> Array:
     """The points at shares of edges."""
     return np.asarray(x[edges[:, 0]] + places[:, None] * (x[edges[:, 1]] - x[edges[:, 0]]))
 
 
-def _moved(whole: Simplices, edges: Ids, places: Array) -> tuple[Simplices, Flags]:
+def _moved(whole: Simplices, edges: Indices, places: Array) -> tuple[Simplices, Mask]:
     """Move vertices onto the zeros on their edges, and tell which vertices have been moved."""
     ends = np.where(places[:, None] < 0.5, edges, edges[:, ::-1])
     vertices, points = ends[:, 0], _between(whole.x, edges, places)
@@ -162,7 +158,7 @@ def _shapes(corners: Array) -> Array:
     return np.asarray(np.linalg.det(edges) / widths(corners) ** edges.shape[1])
 
 
-def _slides(whole: Simplices, vertices: Ids, ways: Array) -> Flags:
+def _slides(whole: Simplices, vertices: Indices, ways: Array) -> Mask:
     """Whether moves of vertices change neither the boundary nor one of its sides.
 
     Args:
@@ -182,7 +178,7 @@ def _slides(whole: Simplices, vertices: Ids, ways: Array) -> Flags:
     return free[vertices] & (across <= FLAT * np.linalg.norm(ways, axis=1))
 
 
-def _split(whole: Simplices, edges: Ids, places: Array) -> Simplices:
+def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:
     """Split edges with all cells and facets around them, the longest edge of a cell first."""
     if not len(edges):
         return whole
@@ -204,7 +200,7 @@ def _split(whole: Simplices, edges: Ids, places: Array) -> Simplices:
         sides = sides[parents]
 
 
-def _numbers(simplices: Ids, edges: Ids, count: int) -> Ids:
+def _numbers(simplices: Indices, edges: Indices, count: int) -> Indices:
     """The numbers of the edges of simplices in a list of edges, or -1; `count` vertices."""
     pairs = list(itertools.combinations(range(simplices.shape[1]), 2))
     ends = np.sort(simplices[:, pairs], axis=2)
@@ -213,7 +209,9 @@ def _numbers(simplices: Ids, edges: Ids, count: int) -> Ids:
     return np.where(known[places] == keys, places, -1)
 
 
-def _halves(simplices: Ids, edges: Ids, ready: Flags, first: int, count: int) -> tuple[Ids, Ids]:
+def _halves(
+    simplices: Indices, edges: Indices, ready: Mask, first: int, count: int
+) -> tuple[Indices, Indices]:
     """Split simplices at those of their edges that are ready, at most one of each simplex.
 
     Args:

@@ -17,16 +17,9 @@ import basix.ufl
 import numpy as np
 from dolfinx import mesh
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.data.formulas import Formula, Node
-from dolfinx_signorini.data.interfaces.cutting import (
-    THIN,
-    Array,
-    Flags,
-    Ids,
-    Simplices,
-    depths,
-    fitted,
-)
+from dolfinx_signorini.data.interfaces.cutting import THIN, Simplices, depths, fitted
 from dolfinx_signorini.data.interfaces.roughness import switches
 from dolfinx_signorini.meshes.mesh_defects import all_cells
 from dolfinx_signorini.meshes.refinement import refined
@@ -80,7 +73,7 @@ def fitted_mesh(
 
 def _fitted(
     gathered: Simplices | None, nodes: list[Node], lines: list[Node], max_cells: int
-) -> tuple[Simplices | None, Flags]:
+) -> tuple[Simplices | None, Mask]:
     """Fit a mesh on rank 0: the mesh, None if unchanged, and the cells too large for a curve."""
     if gathered is None:
         return None, np.empty(0, dtype=bool)
@@ -121,7 +114,7 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     domain, comm = sided.mesh, sided.mesh.comm
     dim = domain.topology.dim
     x: Array = np.empty((0, dim))
-    cells: Ids = np.empty((0, dim + 1), dtype=np.int64)
+    cells: Indices = np.empty((0, dim + 1), dtype=np.int64)
     if whole is not None:
         x, cells = whole.x, whole.cells
     element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))

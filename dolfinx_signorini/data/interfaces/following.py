@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.roughness import slopes, switches
@@ -23,8 +24,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_vertices,
     owned_cells,
 )
-
-Array = npt.NDArray[np.float64]
 
 NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
 STEPS = 4  # of Newton's method

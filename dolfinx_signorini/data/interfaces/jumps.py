@@ -18,6 +18,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, cut, divided, inside
@@ -31,10 +32,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
     sampled,
 )
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 
 ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
 SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
@@ -305,7 +302,7 @@ class _Projection:
         owners, count = np.tile(cells, len(self.weights)), len(self.whole)
         return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
 
-    def broken(self, pieces: Array) -> tuple[Marks, Marks]:
+    def broken(self, pieces: Array) -> tuple[Mask, Mask]:
         """Whether a switch changes its sign in a piece, or may do so between points of the lattice.
 
         And whether such a switch is not nearly linear in the piece, so that its zeros are curved.
@@ -344,11 +341,11 @@ class _Projection:
         with np.errstate(invalid="ignore"):
             return values, values - barycentric(self.lattice) @ values[self.corners]
 
-    def _count(self, marks: Marks) -> int:
+    def _count(self, marks: Mask) -> int:
         """How many pieces of all ranks are marked."""
         return int(self.comm.allreduce(int(marks.sum())))
 
-    def polar(self, pieces: Array) -> Marks:
+    def polar(self, pieces: Array) -> Mask:
         """Whether a pole is in a piece, or nearer to the piece than about its width."""
         found = np.zeros(len(pieces), dtype=bool)
         if not self.poles:

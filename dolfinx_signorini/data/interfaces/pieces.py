@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.meshes.parts import CHILDREN
 
-Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 
 MOST_PIECES = 20_000  # on all ranks that are divided once more

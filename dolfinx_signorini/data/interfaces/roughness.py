@@ -1,12 +1,10 @@
 """Where formulas are not smooth: the zeros of the parts that choose, and of denominators."""
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated, nodes
 from dolfinx_signorini.data.names import Names
-
-Array = npt.NDArray[np.float64]
 
 POSITIVE = ("exp", "cosh")  # without a zero
 

@@ -12,11 +12,11 @@ from typing import TypeAlias
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.roughness import jumps
 from dolfinx_signorini.meshes.points import FormulaAtPoints
@@ -24,9 +24,6 @@ from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule,
 from dolfinx_signorini.meshes.sided_meshes import longest_side, owned_cells
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int32]
 CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
 
 ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dolfinx_signorini.base.arrays import Array
 
 FLAT = 1e-9  # of the normals around a vertex: how far from parallel they may be, in squares
 

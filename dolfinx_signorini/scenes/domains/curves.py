@@ -3,13 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.meshes.curved_sides import Projection
-
-Array = npt.NDArray[np.float64]
 
 STEPS = 30  # of Newton's method, at most
 SETTLED = 1e-13  # of the largest coordinate

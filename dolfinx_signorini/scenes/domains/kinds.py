@@ -11,8 +11,9 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
-from dolfinx_signorini.meshes.sided_meshes import Indices, SidedMesh, boundary_facets, entity_nodes
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, entity_nodes
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.domains.polygons import Polygon
@@ -102,7 +103,7 @@ def _with_sides(domain: mesh.Mesh, names: Sequence[str]) -> SidedMesh:
     dim, facets = domain.topology.dim - 1, boundary_facets(domain)
     x = domain.geometry.x[entity_nodes(domain, dim, facets)]
 
-    def on(k: int) -> Indices:
+    def on(k: int) -> LocalIndices:
         return facets[(np.abs(x[:, :, k // 2] - k % 2) < 1e-12).all(axis=1)]
 
     sides = {name: on(k) for k, name in enumerate(names)}

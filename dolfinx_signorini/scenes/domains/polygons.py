@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.domains.domain import RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import with_gmsh
 from dolfinx_signorini.scenes.files.toml_table import TomlTable
 
-Array = npt.NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]
 
 SHORTEST = 1e-6  # length of an edge, relative to the size of the polygon

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.boundary_facets import on_frames
@@ -22,12 +22,7 @@ from dolfinx_signorini.bounds.cones import MORE
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.reference_flux import others
 from dolfinx_signorini.bounds.remainders import Remainders
-from dolfinx_signorini.bounds.strong_form import (
-    EnergyTerms,
-    FacetPolynomials,
-    Facets,
-    polynomial_degree,
-)
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.data.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.data.choices import decided
 from dolfinx_signorini.data.derivatives import load_and_current
@@ -41,9 +36,6 @@ from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
 from dolfinx_signorini.scenes.proven.known_diffusion import with_known_diffusion
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Marks = npt.NDArray[np.bool_]
 Known = tuple[EnergyTerms, Remainders]
 
 FLAT = 1e-12  # of a normal: components that are rounding
@@ -191,8 +183,8 @@ class KnownData:
         known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
         return replace(terms, neumann=[(flux, np.unique(sides))]), known
 
-    def _given_fluxes(self) -> list[tuple[Facets, list[Formula]]]:
-        """Facets with formulas of their flux, or of the components of a vector A grad u."""
+    def _given_fluxes(self) -> list[tuple[LocalIndices, list[Formula]]]:
+        """LocalIndices with formulas of their flux, or of the components of a vector A grad u."""
         if self.current:
             kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
             return [(kinds[Neumann.acts_like], self.current)]
@@ -203,7 +195,7 @@ class KnownData:
         ]
 
     def _flux_terms(
-        self, parts: list[tuple[Facets, list[Formula]]]
+        self, parts: list[tuple[LocalIndices, list[Formula]]]
     ) -> Iterator[tuple[Formula, tuple[Indices, Indices], Array, Array]]:
         """Yield formulas with facets of frames, their vertices, and the factor in the flux."""
         for sides, formulas in parts:
@@ -254,8 +246,8 @@ class KnownData:
             return None
         return FacetPolynomials(degree, coefficients), missed
 
-    def _facets(self, sides: Facets) -> tuple[Indices, Indices, Array]:
-        """Facets of the mesh as facets of frames, with their vertices."""
+    def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
+        """LocalIndices of the mesh as facets of frames, with their vertices."""
         frames = self.frames
         marks = on_frames(self.domain, frames, [sides])
         marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
@@ -322,5 +314,5 @@ class KnownData:
         zeros = np.zeros(int(cut.sum()))
         return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]
 
-    def _any(self, marks: Marks | bool) -> bool:
+    def _any(self, marks: Mask | bool) -> bool:
         return bool(self.comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

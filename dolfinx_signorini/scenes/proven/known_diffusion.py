@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 from ufl import SpatialCoordinate, as_matrix
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -24,9 +24,6 @@ from dolfinx_signorini.data.fits import followed_in_parts
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
 from dolfinx_signorini.scenes.files.scene import Scene
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
 DIVISIONS = 2  # of cells where discs tell little

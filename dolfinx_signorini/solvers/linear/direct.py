@@ -8,16 +8,13 @@ are exact, so that the active set needs neither loose solves nor local correctio
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
-
-Mask = npt.NDArray[np.bool_]
 
 MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
 

@@ -5,19 +5,15 @@ that the mesh was refined from, and last by the lattices behind a structured mes
 """
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import lagrange_space
 from dolfinx_signorini.meshes.refinement import ends_of_edges, first_places, parent_mesh
 from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_lattice
-
-Array = npt.NDArray[np.float64]
-Numbers = npt.NDArray[np.int64]
-Indices = npt.NDArray[np.int32]
 
 SMALL = 1000  # nodes: up to here BoomerAMG costs no more
 FEW = 200  # nodes of a coarsest lattice, about
@@ -95,7 +91,7 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
 
 
 def refinement_prolongation(
-    fine: mesh.Mesh, nodes: Indices, coarse: mesh.Mesh, parents: Indices
+    fine: mesh.Mesh, nodes: LocalIndices, coarse: mesh.Mesh, parents: LocalIndices
 ) -> PETSc.Mat:
     """Return the interpolation of nodes from the parent mesh, by nodes of its geometry.
 
@@ -137,7 +133,7 @@ def lattice_prolongations(lattice: Lattice) -> list[PETSc.Mat]:
 
 
 def edge_prolongation(
-    comm: MPI.Comm, parents: Numbers, owned: int, weights: Array | float = 0.5
+    comm: MPI.Comm, parents: Indices, owned: int, weights: Array | float = 0.5
 ) -> PETSc.Mat:
     """Return the interpolation of nodes from the ends of coarse edges.
 
@@ -174,7 +170,7 @@ def is_straight(domain: mesh.Mesh) -> bool:
     return simplices and domain.geometry.cmap.degree == 1
 
 
-def nodes_of(space: fem.FunctionSpace) -> Indices:
+def nodes_of(space: fem.FunctionSpace) -> LocalIndices:
     """Return the nodes of the geometry at the owned dofs of a space of degree 1."""
     owned, dofs, nodes = space.dofmap.index_map.size_local, space.dofmap.list, space.mesh.geometry
     if np.array_equal(dofs, nodes.dofmap):

@@ -15,9 +15,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
@@ -25,9 +25,6 @@ from dolfinx_signorini.solvers.linear.projected import Projected
 from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
-
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int32]
 
 # One Gauss-Seidel sweep forward on the way down and one backward on the way up are symmetric
 # together, and half the work of PETSc's default, which is symmetric each time. Sweeps leave out

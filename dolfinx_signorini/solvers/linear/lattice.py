@@ -12,14 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
-Array = npt.NDArray[np.float64]
-Places = npt.NDArray[np.int32]
-Numbers = npt.NDArray[np.int64]
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 
 ROUNDING = 1e-6  # of the width of a cell
 FLAT = 1.5  # times the least width of cells: larger widths in other directions stay as they are
@@ -44,7 +41,7 @@ class Lattice:
     corner: Array
     unit: Array
     lines: tuple[Array, ...]
-    places: Places
+    places: LocalIndices
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -57,7 +54,7 @@ class Lattice:
         return math.prod(n + 1 for n in self.cells)
 
 
-def find_lattice(domain: mesh.Mesh, nodes: Places) -> Lattice | None:
+def find_lattice(domain: mesh.Mesh, nodes: LocalIndices) -> Lattice | None:
     """Return the lattice of the vertices of a mesh; None if the vertices are none; collective.
 
     Args:
@@ -100,7 +97,7 @@ def _complete(lattice: Lattice) -> bool:
     return (found - (count - 1) * count * (2 * count - 1) // 6) % 2**64 == 0
 
 
-def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array | float] | None:
+def coarsened(lattice: Lattice) -> tuple[Lattice, Indices, Array | float] | None:
     """Return the lattice of every second node, and the coarse parents of each node; collective.
 
     On flat cells nodes are left out only in the directions in which the cells are narrow, until the
@@ -140,7 +137,7 @@ def coarsened(lattice: Lattice) -> tuple[Lattice, Numbers, Array | float] | None
     return coarse, box.table[ends], _weights(lattice, tables, lines)
 
 
-def surrounding(lattice: Lattice, first: int, x: Array) -> tuple[Numbers, Array]:
+def surrounding(lattice: Lattice, first: int, x: Array) -> tuple[Indices, Array]:
     """Return the nodes of the simplices in which points lie, and the barycentric coordinates.
 
     The simplex of a point belongs to the division of its small square or cube around the main
@@ -174,7 +171,7 @@ def surrounding(lattice: Lattice, first: int, x: Array) -> tuple[Numbers, Array]
 
 
 def _weights(
-    lattice: Lattice, tables: Sequence[tuple[Places, Places]], lines: Sequence[Array]
+    lattice: Lattice, tables: Sequence[tuple[LocalIndices, LocalIndices]], lines: Sequence[Array]
 ) -> Array | float:
     """The weights of the second parents: the mean over the directions in which a node lies between.
 
@@ -204,7 +201,7 @@ def _narrow(lattice: Lattice) -> list[bool]:
     return ((cells > 1) & (widths <= FLAT * widths.min())).tolist()
 
 
-def _parents(line: Array, halved: bool) -> tuple[Places, Places]:
+def _parents(line: Array, halved: bool) -> tuple[LocalIndices, LocalIndices]:
     """The coarse neighbours of nodes in a row, on the low and on the high side.
 
     Of an odd number of cells one stays as it is, the wider one of the first and the last: so no
@@ -225,7 +222,7 @@ def _parents(line: Array, halved: bool) -> tuple[Places, Places]:
     return low, high
 
 
-def _numbers(places: Places, cells: Sequence[int]) -> Numbers:
+def _numbers(places: LocalIndices, cells: Sequence[int]) -> Indices:
     """The numbers of nodes of a lattice, counted along the axes."""
     numbers = places[-1].astype(np.int64)
     for d in reversed(range(len(cells) - 1)):
@@ -238,30 +235,30 @@ class _Box:
     """A table over the smallest box of coarse places that holds those of this rank.
 
     Args:
-        low, high: Places of this rank.
+        low, high: LocalIndices of this rank.
 
     Attributes:
         table: The global number of each place; -1 where that is not known.
     """
 
-    def __init__(self, low: Places, high: Places):
+    def __init__(self, low: LocalIndices, high: LocalIndices):
         empty = not low.shape[1]
         self.origin = np.zeros((len(low), 1), np.int32) if empty else low.min(1, keepdims=True)
         last = self.origin if empty else high.max(1, keepdims=True)
         self.extent = [int(n) for n in (last - self.origin).ravel()]
         self.table = np.full(math.prod(n + 1 for n in self.extent), -1, dtype=PETSc.IntType)
 
-    def at(self, places: Places) -> Numbers:
+    def at(self, places: LocalIndices) -> Indices:
         """Return the indices of places in the table."""
         return _numbers(places - self.origin, self.extent)
 
-    def places(self, index: Numbers) -> Places:
+    def places(self, index: Indices) -> LocalIndices:
         """Return the places at some indices of the table."""
         shape = [n + 1 for n in self.extent[::-1]]
         return np.asarray(np.stack(np.unravel_index(index, shape)[::-1]) + self.origin)
 
 
-def _look_up(lattice: Lattice, numbers: Numbers, box: _Box, missing: Numbers) -> None:
+def _look_up(lattice: Lattice, numbers: Indices, box: _Box, missing: Indices) -> None:
     """Fill in global numbers that other ranks gave, by way of the rank in charge of a place.
 
     The ranks are in charge of equal shares of the places, so that no rank needs all of them.

@@ -12,14 +12,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.solvers.system import System
-
-Indices = npt.NDArray[np.int32]
 
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
 # On the coarsest level: one cycle of BoomerAMG may be far from a solution on flat cells. The matrix
@@ -68,7 +66,7 @@ class Multigrid:
         self._levels: list[tuple[PETSc.KSP, ...]] = []
         self._make()
 
-    def set_up(self, matrix: PETSc.Mat, held: Indices, diagonal: float) -> None:
+    def set_up(self, matrix: PETSc.Mat, held: LocalIndices, diagonal: float) -> None:
         """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.
 
         Args:
@@ -231,7 +229,7 @@ def multigrid_for(
     return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
 
 
-def _fill(matrix: PETSc.Mat, rows: Indices, value: float) -> None:
+def _fill(matrix: PETSc.Mat, rows: LocalIndices, value: float) -> None:
     """Set diagonal entries of some owned rows."""
     diagonal = matrix.getDiagonal()
     diagonal.array_w[rows] = value

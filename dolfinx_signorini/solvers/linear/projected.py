@@ -9,17 +9,13 @@ without the local solves each released dof costs CG about one iteration.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from petsc4py import PETSc
 from scipy.sparse.linalg import splu
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.solvers.patch import RINGS, patch_dofs
 from dolfinx_signorini.solvers.system import System
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
-
 
 FEW = 16  # changed dofs; in the plane local solves around more of them go twice as far
 # Of all dofs: a local solve with more of them costs more than the iterations that it saves. On
@@ -51,7 +47,7 @@ class Projected:
 
     def __init__(self, A: PETSc.Mat, pc: PETSc.PC):
         self.A, self.pc = A, pc
-        self._zeroed: Indices = np.empty(0, dtype=np.int32)
+        self._zeroed: LocalIndices = np.empty(0, dtype=np.int32)
         self._local: LocalSolve | None = None
         self._first, self._rest = A.createVecRight(), A.createVecLeft()
         self.operator = PETSc.Mat().createPython(A.getSizes(), self, comm=A.comm)
@@ -60,7 +56,7 @@ class Projected:
         self.preconditioner.setType(PETSc.PC.Type.PYTHON)
         self.preconditioner.setPythonContext(self)
 
-    def hold(self, system: System, held: Indices, changed: Indices | None) -> None:
+    def hold(self, system: System, held: LocalIndices, changed: LocalIndices | None) -> None:
         """Choose the dofs to hold.
 
         Args:
@@ -122,7 +118,7 @@ class LocalSolve:
         held: Owned dofs that are held.
     """
 
-    def __init__(self, system: System, seeds: Indices, held: Indices):
+    def __init__(self, system: System, seeds: LocalIndices, held: LocalIndices):
         first, last = system.A.getOwnershipRange()
         free = np.ones(last - first, dtype=bool)
         free[held] = False

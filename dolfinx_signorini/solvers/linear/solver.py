@@ -5,16 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import LocalIndices, Mask
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
-
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int32]
 
 
 class LinearSolver(ABC):
@@ -102,7 +99,7 @@ class LinearSolver(ABC):
                 item.destroy()
         self._matrix = None
 
-    def _hold(self, system: System, dofs: Indices, diagonal: float) -> PETSc.Mat:
+    def _hold(self, system: System, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = self.A.copy()

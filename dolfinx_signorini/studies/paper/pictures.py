@@ -6,11 +6,11 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.norms.orders import expected_order
@@ -19,8 +19,6 @@ from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 from dolfinx_signorini.pictures.picture import typeset_norm
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, christof_haubner, paper_problem
-
-Array = npt.NDArray[np.float64]
 
 EDGE_POINTS = 2000  # of the exact solution on the bottom edge
 

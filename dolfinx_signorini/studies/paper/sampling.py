@@ -17,13 +17,12 @@ and the 7 points are too few.
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
@@ -31,8 +30,6 @@ from dolfinx_signorini.norms.error_norms import error_norms, sampled_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 from dolfinx_signorini.norms.references import Reference
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 LINF, W1_INF, H1_2 = "Linf_sampled", "W1_inf_sampled", "H1_2_boundary_sampled"
 PAPER_NAMES = {LINF: "Linf", W1_INF: "W1_inf", H1_2: "H1_2_boundary"}  # in the paper's tables

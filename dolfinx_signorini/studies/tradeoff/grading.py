@@ -21,14 +21,12 @@ and Haubner, Section 2.2, for the singularity.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_edges, longest_side, owned_cells
 from dolfinx_signorini.problem.detachment import DetachmentPoint
-
-Array = npt.NDArray[np.float64]
 
 RADIUS = 0.125  # where the grading begins, relative to the size of the domain
 RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced

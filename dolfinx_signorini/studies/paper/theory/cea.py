@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation
 from dolfinx_signorini.studies.paper.theory.one_sided import EdgeData, edge_data
-
-Array = npt.NDArray[np.float64]
 
 
 def smallest_one_sided(discretisation: Discretisation) -> float:

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
-
-Array = npt.NDArray[np.float64]
 
 
 class BoundaryCurve:

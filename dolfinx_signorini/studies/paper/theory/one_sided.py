@@ -19,6 +19,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from scipy.optimize import linprog
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 
@@ -26,8 +27,6 @@ SAMPLES = 64  # intervals per edge
 VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
 MARGIN = 1e-9  # of the largest u on the boundary: more than HiGHS violates a constraint
 TOUCHING = 1e-9  # of the largest u on the boundary: what counts as touching; HiGHS' accuracy
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
