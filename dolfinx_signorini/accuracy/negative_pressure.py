@@ -10,7 +10,7 @@ from the facet as the part is long.
 The density is the function of the space whose products with the basis functions, integrated over
 the contact boundary, are the contact forces. The density has an error of its own, which its
 difference to its interpolation on the undivided mesh shows: so much below 0 does not count. Facets
-with Dirichlet data are left out: the forces on their dofs are those of the data, too.
+with Dirichlet data show no gap: the forces on their dofs are those of the data, too.
 
 Source: Sneddon, The distribution of stress in the neighbourhood of a crack in an elastic solid,
 Proc. R. Soc. Lond. A 187 (1946) 229-260.
@@ -22,11 +22,12 @@ import basix
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
 from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
-from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.ranks import marked, summed
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -36,8 +37,6 @@ from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 DOUBT = 2.0  # times the difference to the interpolation: more than the error of the density
-TOLERANCE = 1e-8  # of the density: what the iteration may leave
-ITERATIONS = 100  # at most; 5 to 15 are needed
 
 
 def negative_pressure(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
@@ -77,92 +76,67 @@ def pressure_density(problem: SignoriniProblem) -> fem.Function:
     """Return the density of the contact pressure, a function of the space on the contact boundary.
 
     Unlike `SignoriniProblem.pressure`, a mean around each dof that is nowhere negative, the density
-    is as accurate as the degree allows. On facets with Dirichlet data the density is known roughly.
+    is as accurate as the degree allows: its products with the basis functions are the forces. At
+    dofs with Dirichlet data the contact force is not known, and the density is the one whose part
+    of the highest degree is smallest on the facets around.
 
     Args:
         problem: The solved problem; the call is collective.
     """
-    space = problem.space
+    space, comm = problem.space, problem.comm
     pairs, dofs, _ = contact_on_facets(problem)
-    mass = _BoundaryMass(space, pairs, dofs)
-    # The density at dofs with Dirichlet data is taken to be the mean at the dofs beside them.
-    forces, weights = problem.forces.x.array, mass.matrices.sum(axis=2)
-    free = ~marked(space, problem.fixed_dofs)[dofs]
-    force, weight = ((free * f[dofs]).sum(axis=1) for f in (forces, mass.summed(weights)))
-    mean = np.divide(force, weight, out=np.zeros_like(force), where=weight > 0.0)
-    density = fem.Function(space)
-    unknown = np.where(free, 0.0, mean[:, None] * weights)
-    density.x.array[:] = mass.divided(forces + mass.summed(unknown))
+    owned, density = problem.system.layout.boundary_dofs, fem.Function(space)
+    first = comm.exscan(len(owned)) or 0
+    density.x.array[owned] = np.arange(first, first + len(owned))
+    density.x.scatter_forward()
+    places = density.x.array[dofs].astype(PETSc.IntType)
+    sizes = facet_scale(space.mesh, pairs)[:, None, None]
+    masses, highest = (sizes * products[pairs[:, 1]] for products in _facet_products(space))
+    fixed = marked(space, problem.fixed_dofs)
+    # With a share of the masses the dofs at corners where two facets meet are determined, too.
+    rows = np.where(fixed[dofs][:, :, None], highest + SOLVED * masses, masses)
+    matrix = PETSc.Mat().create(comm)
+    matrix.setSizes(((len(owned), None), (len(owned), None)))
+    matrix.setType(PETSc.Mat.Type.AIJ)
+    matrix.setUp()
+    starts = np.arange(0, rows.size + 1, rows.shape[2], dtype=PETSc.IntType)
+    columns = np.broadcast_to(places[:, None, :], rows.shape).ravel()
+    add = PETSc.InsertMode.ADD
+    matrix.setValuesIJV(starts, columns, rows.ravel(), addv=add, rowmap=places.ravel())
+    matrix.assemble()
+    x, forces = matrix.createVecs()
+    forces.array_w[:] = np.where(fixed[owned], 0.0, problem.forces.x.array[owned])
+    ksp = PETSc.KSP().create(comm)
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.LU)
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.setOperators(matrix)
+    ksp.solve(forces, x)
+    density.x.array[owned] = x.array_r
+    density.x.scatter_forward()
+    for item in (matrix, x, forces, ksp):
+        item.destroy()
     return density
 
 
-class _BoundaryMass:
-    """The products of basis functions, integrated over contact facets: a matrix facet by facet.
-
-    Args:
-        space: The space; the call is collective.
-        pairs: The owned contact facets as (cell, local facet) pairs.
-        dofs: The dofs of these facets, shape (facets, dofs of a facet).
-
-    Attributes:
-        matrices: The products on each facet, shape (facets, dofs, dofs).
-    """
-
-    def __init__(self, space: fem.FunctionSpace, pairs: LocalIndices, dofs: LocalIndices):
-        sizes: Array = facet_scale(space.mesh, pairs)
-        self.dofs, self._space = dofs, space
-        self.matrices: Array = sizes[:, None, None] * _facet_masses(space)[pairs[:, 1]]
-
-    def summed(self, values: Array) -> Array:
-        """Return for each dof the sum of the values that facets of all ranks have for the dof."""
-        return summed(self._space.dofmap.index_map, self.dofs, values)
-
-    def divided(self, rest: Array) -> Array:
-        """Return the dofs of the function whose products with the basis functions are given.
-
-        By conjugate gradients: the inverses on facets, with the mean at dofs of several facets, are
-        so near to the inverse that the steps are few.
-
-        Args:
-            rest: The products of all dofs of this rank; 0 away from the facets.
-        """
-        inverses: Array = np.asarray(np.linalg.inv(self.matrices), dtype=np.float64)
-        shares = 1.0 / np.maximum(self.summed(np.ones(self.dofs.shape)), 1.0)
-        x, step = np.zeros_like(rest), np.zeros_like(rest)
-        first = size = 0.0
-        for _ in range(ITERATIONS):
-            better = shares * self._applied(inverses, shares * rest)
-            last, size = size, self._dot(rest, better)
-            first = first or size
-            if size <= TOLERANCE**2 * first:
-                break
-            step = better + (size / last if last else 0.0) * step
-            image = self._applied(self.matrices, step)
-            share = size / self._dot(step, image)
-            x, rest = x + share * step, rest - share * image
-        return x
-
-    def _applied(self, matrices: Array, x: Array) -> Array:
-        return self.summed((matrices @ x[self.dofs][:, :, None])[:, :, 0])
-
-    def _dot(self, x: Array, y: Array) -> float:
-        owned = self._space.dofmap.index_map.size_local
-        return float(self._space.mesh.comm.allreduce(float(x[:owned] @ y[:owned])))
-
-
-def _facet_masses(space: fem.FunctionSpace) -> Array:
-    """The products of the basis functions on each facet of the reference cell.
+def _facet_products(space: fem.FunctionSpace) -> tuple[Array, Array]:
+    """The products of the basis functions, and of their parts of the highest degree, on facets.
 
     Returns:
-        The integrals over the facet, as a multiple of its size over that of the reference facet.
+        For each facet of the reference cell the integrals over the facet, as a multiple of its size
+        over that of the reference facet.
     """
     element, dim = space.element.basix_element, space.mesh.topology.dim
     facet = basix.cell.subentity_types(element.cell_type)[dim - 1][0]
     points, weights = QuadratureRule("default", 2 * element.degree).points(facet)
+    legendre = basix.PolynomialType.legendre
+    lower = basix.tabulate_polynomials(legendre, facet, element.degree - 1, points)
     corners = np.asarray(basix.geometry(element.cell_type))[facet_vertices(space.mesh)]
-    masses = []
+    masses, highest = [], []
     for (first, *others), dofs in zip(corners, element.entity_closure_dofs[dim - 1], strict=True):
         places = first + points @ (np.array(others) - first)
         table = element.tabulate(0, places)[0][:, dofs, 0]
+        known = lower @ (weights[:, None] * table)
         masses.append(table.T @ (weights[:, None] * table))
-    return np.array(masses)
+        highest.append(masses[-1] - known.T @ known)
+    return np.array(masses), np.array(highest)
