@@ -86,7 +86,7 @@ def pressure_density(problem: SignoriniProblem) -> fem.Function:
     space, comm = problem.space, problem.comm
     pairs, dofs, _ = contact_on_facets(problem)
     owned, density = problem.system.layout.boundary_dofs, fem.Function(space)
-    first = comm.exscan(len(owned)) or 0
+    first = sum(comm.allgather(len(owned))[: comm.rank])
     density.x.array[owned] = np.arange(first, first + len(owned))
     density.x.scatter_forward()
     places = density.x.array[dofs].astype(PETSc.IntType)

@@ -107,6 +107,9 @@ def control_points(space: fem.FunctionSpace, cells: LocalIndices | None = None) 
         space: A scalar space of continuous elements.
         cells: Cells of this rank whose dofs are wanted; None for all. Other places are 0.
     """
+    geometry = space.mesh.geometry
+    if cells is None and np.array_equal(space.dofmap.list, geometry.dofmap):
+        return np.array(geometry.x, dtype=np.float64)
     dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
     places = np.zeros((int(space.dofmap.list.max(initial=-1)) + 1, 3))
     for dof, place in zip(dofs.T, _on_cells(space, cells), strict=True):

@@ -12,8 +12,9 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
-from dolfinx_signorini.solvers.history import History
-from dolfinx_signorini.solvers.linear.direct import linear_solver
+from dolfinx_signorini.solvers.coarse_space import coarse_start
+from dolfinx_signorini.solvers.history import Guess, History
+from dolfinx_signorini.solvers.linear.direct import is_small, linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -86,7 +87,7 @@ class ActiveSetSolver:
             elif held is not None:
                 start = Start(x, held)
             else:
-                start = Start(x, _guessed(system, measure, history, x), TRUST)
+                start = _start(system, measure, history, x)
             predicted = time.perf_counter()
             residual = solve_active_set(system, linear, measure, start, rtol, stop)
             if stop is not None and stop.settled:
@@ -168,14 +169,25 @@ def solve_by_tao(
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
 
-def _guessed(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Mask:
-    """Set x to the guess that the history gives, if there is one, and return its active set.
+def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Start:
+    """The start without any hint of the user: from the last solutions, or from a coarse space.
+
+    A small problem, and one whose dofs have no coarse space, starts with all contact dofs held.
+    """
+    guess = history.guess(system)
+    if guess is not None:
+        return Start(x, _settled(system, measure, guess, x), TRUST)
+    held = None if is_small(system) else coarse_start(system, x)
+    if held is not None:
+        return Start(x, held, trust=math.inf)
+    return Start(x, np.full(len(system.contact_dofs), True), TRUST)
+
+
+def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:
+    """Set x to a guess, and return its active set.
 
     Where the guess may be rough, patch problems make it smooth and settle the set.
     """
-    guess = history.guess(system)
-    if guess is None:
-        return np.full(len(system.contact_dofs), True)
     x.array_w[:] = guess.values
     system.project(x)
     x.array_w[system.contact_dofs[guess.held]] = system.obstacle[guess.held]

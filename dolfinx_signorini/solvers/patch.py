@@ -68,7 +68,7 @@ def active_in_patch(
     first, last = system.A.getOwnershipRange()
     mine = (dofs >= first) & (dofs < last)
     if len(dofs):
-        active, values = _solve(matrix, residual, bound, start)
+        active, values = solve_small(matrix, residual, bound, start)
         x.array_w[dofs[mine] - first] = values[mine]
     matrix.destroy()
     owned = mine & np.isfinite(bound)
@@ -88,7 +88,7 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
     return values
 
 
-def _solve(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tuple[Mask, Array]:
+def solve_small(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tuple[Mask, Array]:
     """Take primal-dual active set steps; return the last active set and the last values.
 
     Args:

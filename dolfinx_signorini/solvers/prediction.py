@@ -8,6 +8,7 @@ ends of the predicted contact set, with the coarse solution outside, settle the 
 
 import numpy as np
 from dolfinx import fem
+from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked
@@ -68,13 +69,26 @@ def _settled(
         return held
     carry([(coarse, u)], wanted)
     x = system.vector_of(u)
+    held = settled(system, x, held)
+    x.destroy()
+    return held
+
+
+def settled(system: System, x: PETSc.Vec, held: Mask) -> Mask:
+    """Return a predicted set with its ends settled by patch problems; collective.
+
+    Args:
+        system: The system.
+        x: The values that go with the prediction, right near the ends of the set; x gets the
+            obstacle where the set holds, and the solution of the patches.
+        held: The predicted set, one entry per contact dof of this rank.
+    """
     x.array_w[system.contact_dofs[held]] = system.obstacle[held]
     system.project(x)
     residual = x.duplicate()
     system.A.mult(x, residual)
     residual.axpy(-1.0, system.b)
-    held = active_in_patch(system, x, residual, held, seeds)
-    x.destroy()
+    held = active_in_patch(system, x, residual, held, _ends(system, held))
     residual.destroy()
     return held
 
