@@ -62,7 +62,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     request = dial.add_mutually_exclusive_group()
     request.add_argument("--accuracy", type=float, metavar="E", help="the largest error allowed")
     request.add_argument(
-        "--budget", type=float, metavar="S", help="seconds for all meshes together"
+        "--budget",
+        type=float,
+        metavar="S",
+        help="seconds for all meshes together; files come on top",
     )
     dial.add_argument(
         "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"

@@ -14,6 +14,7 @@ from ufl.algorithms.analysis import extract_arguments, extract_type
 from ufl.classes import Derivative
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
+from dolfinx_signorini.solvers.unbounded import UNBOUNDED
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -59,7 +60,8 @@ def names_coarse_rule(method: Callable[P, R]) -> Callable[P, R]:
 
 
 def _may_be_singular(error: InputError | NotConvergedError) -> bool:
-    return isinstance(error, NotConvergedError) or error.message.startswith(INDEFINITE)
+    vanishing = error.message.startswith((INDEFINITE, UNBOUNDED))
+    return isinstance(error, NotConvergedError) or vanishing
 
 
 def _named_degrees(a: ufl.Form) -> Iterator[int]:

@@ -24,6 +24,7 @@ from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
+from dolfinx_signorini.solvers.unbounded import check_bounded
 
 LINEAR_FRACTION = 0.5  # of rtol is left to the linear solver
 LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
@@ -86,6 +87,9 @@ def solve_active_set(
     Returns:
         The relative natural residual reached; larger than rtol where the set does not settle or
         where there was an earlier stop.
+
+    Raises:
+        InputError: The form is found to be indefinite, or the energy to be unbounded.
     """
     x, held = start.x, start.held
     residual, best, stalled = _measured(measure, x, rtol), np.inf, 0
@@ -99,6 +103,7 @@ def solve_active_set(
         if careful and _any_equal(system, exact, held):
             break
         if ROUNDING * residual > rtol:  # of A x: x cannot be corrected, and zero is a better start
+            check_bounded(system)
             x.set(0.0)
             system.project(x)
             residual = measure(x)

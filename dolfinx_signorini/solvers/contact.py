@@ -23,6 +23,7 @@ from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
+from dolfinx_signorini.solvers.unbounded import check_bounded
 
 # TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier). At a dof
 # in contact whose multiplier is negative within the tolerance that is twice the natural residual.
@@ -75,7 +76,7 @@ class ActiveSetSolver:
             early: Whether to stop where the discretisation error hides what is left, see `stop`.
 
         Raises:
-            InputError: The form is found to be indefinite.
+            InputError: The form is found to be indefinite, or the energy to be unbounded.
             NotConvergedError: The natural residual was not reached.
         """
         began, linear = time.perf_counter(), self.linear
@@ -92,6 +93,8 @@ class ActiveSetSolver:
             residual = solve_active_set(system, linear, measure, start, rtol, stop)
             if stop is not None and stop.settled:
                 rtol = max(rtol, residual)
+            if not residual <= rtol:
+                check_bounded(system)  # TAO would go on until its limit
             solved = time.perf_counter()
             rounds = self._rounds(system, residual <= rtol)
             try:
@@ -153,7 +156,7 @@ def solve_by_tao(
         limits: The limits `max_iterations` and `max_evaluations`, where they are given.
 
     Raises:
-        InputError: The form is found to be indefinite.
+        InputError: The form is found to be indefinite, or the energy to be unbounded.
         NotConvergedError: The natural residual was not reached.
     """
     began = time.perf_counter()

@@ -23,7 +23,7 @@ from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
 from dolfinx_signorini.solvers.system import System
-from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, starts_in_infinity
+from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, moves_without_energy
 
 FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
@@ -158,7 +158,7 @@ class TaoRounds:
         return self.iterations >= self.max_iterations or self.evaluations >= self.max_evaluations
 
     def failure(self, name: str, residual: float, rtol: float) -> NotConvergedError:
-        """Return the exception that says that a residual was not reached.
+        """Return the exception that says that a residual was not reached, a collective call.
 
         Args:
             name: The name of the solver.
@@ -172,6 +172,8 @@ class TaoRounds:
             else "a further round hardly lowers it: loosen rtol, or look for thin cells and "
             "for coefficients far apart, whose rounding allows no less"
         )
+        if moves_without_energy(self.system):
+            advice = f"the form a {UNBOUNDED}"
         return NotConvergedError(
             f"{name} stopped at a relative natural residual of {residual:.3g}, not "
             f"{rtol:.3g}: {self.reason}",
@@ -206,8 +208,6 @@ class TaoRounds:
             Whether TAO took a step.
         """
         unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
-        if starts_in_infinity(self.system, x, measure.multiplier, self.size * self._diagonal):
-            raise InputError(UNBOUNDED, "form a")
         try:
             tao = self._made(x) if self._tao is None else self._tao
             self._pose(x, measure.multiplier, unit)

@@ -1,8 +1,9 @@
-"""Energies that have no lower bound, found along the iterates of a solver.
+"""Energies that have no lower bound.
 
 A form may vanish on functions that the load moves and that no obstacle stops, for example where the
-derivative in one direction is missing. Then the iterates grow without end, and direct solvers
-divide by what rounding has left of zero.
+derivative in one direction is missing. Then iterates grow without end, direct solvers divide by
+what rounding has left of zero, and conjugate gradients go on until their limit. Such functions are
+seen along the iterates of TAO, or looked for where a solver has failed.
 """
 
 import math
@@ -12,7 +13,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.tolerances import TINY
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
@@ -47,23 +49,50 @@ def falls_for_ever(
     return curvature <= VANISHING * size < math.inf and comm.allreduce(free, op=MPI.LAND)
 
 
-def starts_in_infinity(
-    system: System, x: PETSc.Vec, multiplier: PETSc.Vec, diagonal: npt.NDArray[np.float64]
-) -> bool:
-    """Return whether a solver has left a start along which the energy falls for ever.
+def check_bounded(system: System) -> None:
+    """Refuse a system, of which no solution was found, if its energy has no lower bound.
 
     Args:
         system: The system; the call is collective.
-        x: The start.
-        multiplier: A x - b.
-        diagonal: The diagonal of A, the rows of this rank.
+
+    Raises:
+        InputError: The energy is unbounded below.
     """
-    largest = x.norm(PETSc.NormType.INFINITY)
-    if not TINY < largest < 1.0 / TINY:
-        return False
-    v, unit = x.copy(), power_of_two(largest)
-    v.scale(1.0 / unit)
-    work = v.dot(system.b)
-    found = falls_for_ever(system, v, (v.dot(multiplier) + work) / unit, work, diagonal)
-    v.destroy()
-    return found
+    if moves_without_energy(system):
+        raise InputError(UNBOUNDED, "form a")
+
+
+def moves_without_energy(system: System) -> bool:
+    """Return whether the load moves a function that has no energy and vanishes at contact dofs.
+
+    With D the diagonal of A, conjugate gradients solve A y = A z for z = D^{-1} b, on the dofs that
+    nothing holds. What remains, z - y, is the part of z in the kernel of A, orthogonal to what has
+    energy in the product of D: the load does the work |z - y|_D^2 on it. Where A has no kernel
+    nothing remains but rounding, which has energy.
+
+    Args:
+        system: The system; the call is collective.
+    """
+    dofs = np.concatenate((system.contact_dofs, system.fixed_dofs))
+    matrix = system.A.copy()
+    matrix.zeroRowsColumns(dofs + matrix.getOwnershipRange()[0], diag=1.0)
+    diagonal, rest, found = matrix.getDiagonal(), system.b.duplicate(), system.b.duplicate()
+    ksp = PETSc.KSP().create(system.comm)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    ksp.setOperators(matrix)
+    ksp.setTolerances(rtol=SOLVED, atol=0.0, divtol=1.0 / TINY)
+    remains = system.b.copy()
+    remains.array_w[dofs] = 0.0
+    largest = remains.norm(PETSc.NormType.INFINITY)
+    remains.scale(1.0 / power_of_two(largest) if largest > 0.0 else 1.0)
+    remains.pointwiseDivide(remains, diagonal)
+    matrix.mult(remains, rest)
+    ksp.solve(rest, found)
+    remains.axpy(-1.0, found)
+    matrix.mult(remains, rest)
+    found.pointwiseMult(remains, diagonal)
+    energy, size = remains.dot(rest), remains.dot(found)
+    for item in (matrix, diagonal, rest, found, ksp, remains):
+        item.destroy()
+    return bool(energy <= VANISHING * size and size > 0.0)

@@ -15,6 +15,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem import checks
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.unbounded import moves_without_energy
 
 COMM = MPI.COMM_WORLD
 NAN, INF = float("nan"), float("inf")
@@ -181,6 +182,45 @@ def test_an_energy_without_a_bound(parts, measure, method):
     )
     with pytest.raises(InputError, match=r"form a: .*unbounded below"):
         problem.solve(method)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("load", [-1.0, -1e-200, -1e100])
+def test_an_energy_without_a_bound_on_a_mesh_for_multigrid(load):
+    """Conjugate gradients do not break down, as factorizations do: they go on and on."""
+    parts = Parts(60)
+    problem = parts.problem(
+        a=parts.u.dx(0) * parts.v.dx(0) * ufl.dx,
+        L=fem.Constant(parts.mesh, load) * parts.v * ufl.dx,
+        contact=parts.bottom,
+    )
+    with pytest.raises(InputError, match=r"form a: .*unbounded below"):
+        problem.solve()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("method", METHODS[1:])
+def test_an_energy_without_a_bound_that_a_limit_of_iterations_hides(parts, method):
+    problem = parts.problem(
+        a=parts.u.dx(0) * parts.v.dx(0) * ufl.dx,
+        L=-fem.Constant(parts.mesh, 1.0) * parts.v * ufl.dx,
+        contact=parts.bottom,
+    )
+    with pytest.raises((InputError, NotConvergedError), match=r"form a.*unbounded below") as caught:
+        problem.solve(method, max_iterations=20)
+    assert "loosen" not in str(caught.value)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("weak", [1e-3, 1e-9])
+def test_a_direction_that_hardly_counts_is_no_energy_without_a_bound(parts, weak):
+    a = parts.u.dx(0) * parts.v.dx(0) * ufl.dx + weak * parts.u.dx(1) * parts.v.dx(1) * ufl.dx
+    problem = parts.problem(
+        a=a, L=-fem.Constant(parts.mesh, 1.0) * parts.v * ufl.dx, contact=parts.bottom
+    )
+    assert not moves_without_energy(problem.system)
+    with pytest.raises(NotConvergedError):
+        problem.solve("bncg", max_iterations=2)
     problem.destroy()
 
 

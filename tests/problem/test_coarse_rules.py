@@ -10,8 +10,8 @@ from dolfinx_signorini.problem.coarse_rules import coarse_rule
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 
-def square(comm, cell=mesh.CellType.triangle):
-    return mesh.create_unit_square(comm, 4, 4, cell)
+def square(comm, cell=mesh.CellType.triangle, n=4):
+    return mesh.create_unit_square(comm, n, n, cell)
 
 
 def posed(domain, degree, dx):
@@ -49,6 +49,14 @@ def test_and_where_a_solver_does_not_converge(comm):
     assert "rule of degree 0" in str(caught.value) and "loosen" not in str(caught.value)
     caught = failure(*posed(square(comm), 2, ufl.dx(degree=2)), **limits)
     assert "rule" not in str(caught.value) and "loosen" in str(caught.value)
+
+
+@pytest.mark.parametrize("n", [4, 50])
+def test_and_where_the_energy_is_found_to_be_unbounded(comm, n):
+    """By a factorization, or by multigrid, on which the method of active sets would go on."""
+    caught = failure(*posed(square(comm, n=n), 2, ufl.dx(degree=0)))
+    assert caught.type is InputError and "unbounded below" in caught.value.message
+    assert "rule of degree 0" in caught.value.message
 
 
 def test_other_forms_are_not_blamed(comm):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 
 from dolfinx_signorini import (
     InputError,
@@ -16,6 +17,7 @@ from dolfinx_signorini import (
     solve_cascade,
 )
 from dolfinx_signorini.base.errors import together
+from dolfinx_signorini.problem.assembly import called
 
 FAILURES = (IndexError, KeyError, RuntimeError, ZeroDivisionError, TypeError, ValueError)
 
@@ -124,3 +126,27 @@ def test_what_is_raised_after_a_level_of_a_cascade_is_raised_on_all(comm):
             [4, 8],
             on_level=lambda problem: fails_on(last, comm, Ended("no file")),
         )
+
+
+def test_a_callable_without_points_is_not_called():
+    """What a rank without contact dofs does; the callable would take the first of its points."""
+    found = called(MPI.COMM_SELF, lambda x: x[0][0] + 0.0 * x[0], np.zeros((3, 0)))
+    assert found.shape == (0,)
+
+
+class Recording:
+    """A communicator of one rank that counts how often it was asked what the others have."""
+
+    asked = 0
+
+    def allgather(self, item):
+        self.asked += 1
+        return [item]
+
+
+def test_a_rank_whose_function_raises_tells_the_others_first():
+    """The others wait for what this rank has to say: without an answer they wait for ever."""
+    comm = Recording()
+    with pytest.raises(KeyError), together(comm, "on_step"):
+        raise KeyError("no such time")
+    assert comm.asked == 1

@@ -155,3 +155,24 @@ def test_without_reaction_some_dof_is_always_held(size, monkeypatch):
     assert counts[0] == min(counts) == 1  # the summit alone, to begin with
     if size < 1e-10:
         assert largest(values - summit) <= 1e-12
+
+
+@pytest.mark.parametrize("offset", [-1e-12, 1e-12])
+def test_what_is_accepted_at_once_gets_its_contact_exactly(offset, comm):
+    """The start has the residual already, and is off the obstacle by rounding."""
+    domain = friedrichs_keller(comm, 8)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    load = -fem.Constant(domain, 1.0) * v * ufl.dx
+    problem = SignoriniProblem(a, load, contact=boundary_facets(domain), obstacle=-0.1)
+    problem.solve(rtol=1e-12)
+    system = problem.system
+    x, solver = system.vector_of(problem.u), IterativeSolver(system)
+    held, measure = system.touching(x), NaturalResidual(system, 1e-7)
+    x.shift(offset)
+    assert solve_active_set(system, solver, measure, Start(x, held), 1e-7) <= 1e-7
+    assert solver.solves == 0 and comm.allreduce(int(held.sum())) > 0
+    assert np.array_equal(x.array_r[system.contact_dofs[held]], system.obstacle[held])
+    for item in (x, solver, measure, problem):
+        item.destroy()

@@ -154,3 +154,27 @@ def test_every_step_of_a_random_loop_has_its_contact(seed):
 def test_a_thousand_random_loops(block):
     for seed in range(100 * block, 100 * (block + 1)):
         run(seed)
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+@pytest.mark.parametrize("method", ["cascade", "bncg", "bntr"])
+@pytest.mark.parametrize("height", [1e-14, 1e-11])
+def test_a_start_that_hovers_above_the_obstacle_gets_its_contact(height, method, bound, comm):
+    """The residual accepts the start as it is: what is pressed is set down all the same."""
+    domain, sign = mesh.create_unit_square(comm, 8, 8), 1.0 if bound == "lower" else -1.0
+    V = fem.functionspace(domain, ("P", 2))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    load = fem.Constant(domain, -sign)
+    facets = mesh.exterior_facet_indices(boundary_topology(domain))
+    problem = SignoriniProblem(
+        a, load * v * ufl.dx, contact=facets, obstacle=0.1 * sign, bound=bound
+    )
+    problem.solve(rtol=1e-13)
+    force, touching = problem.force, problem.result.active_dofs
+    start = problem.u.copy()
+    start.x.array[:] += sign * height
+    problem.solve(method, start=start, rtol=1e-8)
+    assert problem.force == pytest.approx(force, rel=1e-6)
+    assert problem.result.active_dofs == touching > 0
+    problem.destroy()
