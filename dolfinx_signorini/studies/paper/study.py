@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,21 +71,12 @@ def run_study(
         NotConvergedError: Some problem could not be solved.
     """
     records = Records(comm, folder / ROWS, asdict(settings), keys=("n", "errors"))
-    done = {row["n"]: row for row in records.rows}
-    for n in cells:
-        if n in done:
-            log.info("N = %d: already done", n)
-            continue
-        log.debug("N = %d", n)
-        records.append(_row(comm, n, settings))
-        done[n] = records.rows[-1]
-        seconds = done[n]["seconds"].items()
-        log.info("N = %d: %s", n, ", ".join(f"{name} {value:.1f} s" for name, value in seconds))
-    return [done[n] for n in cells]
+    return [records.row(f"N = {n}", {"n": n}, partial(_row, comm, n, settings)) for n in cells]
 
 
 def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     """Compute one row."""
+    log.debug("N = %d", n)
     phases, coarse, rtol = Phases(comm), None, settings.rtol
     if rtol is None and settings.method == "cascade":
         rtol = DIGITS_RTOL
@@ -104,8 +96,9 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     seconds, result = phases.seconds, problem.result
     assert result is not None
     problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])
+    told = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
+    log.info("N = %d: %s", n, told)
     row = {
-        "n": n,
         "unknowns": problem.unknowns,
         "errors": errors,
         "active_dofs": result.active_dofs,

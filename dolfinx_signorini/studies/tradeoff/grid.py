@@ -60,6 +60,10 @@ class Item:
     rule: int = CELL_RULE.degree
     purpose: str = "main"
 
+    def __str__(self) -> str:
+        c = self.configuration
+        return f"{self.purpose}: {c}, {c.method}, rtol {c.rtol}"
+
     @property
     def size(self) -> int:
         """The dofs across the domain, as if the mesh was not graded."""

@@ -69,7 +69,10 @@ class Meter:
 
     def measured(self, items: Iterable[Item]) -> list[Row]:
         """Return the rows of some items, in their order."""
-        return [self._recorded(item) or self._measure(item) for item in items]
+        return [
+            self.records.row(str(item), item.key(self.comm), functools.partial(self._measure, item))
+            for item in items
+        ]
 
     def climbed(self, items: Iterable[Item]) -> list[Row]:
         """Return the rows of the adaptive loop for one accuracy after the other.
@@ -97,13 +100,8 @@ class Meter:
             self._finer.destroy()
             self._finer = None
 
-    def _recorded(self, item: Item) -> Row | None:
-        """The recorded row of an item."""
-        key = item.key(self.comm)
-        return next((row for row in self.records.rows if key.items() <= row.items()), None)
-
     def _measure(self, item: Item) -> Row:
-        """Measure an item, and record its row."""
+        """Return the row of an item, which compiles its forms before they are timed."""
         family, c = self._family(item.rule), item.configuration
         if self.reference is not None and self._finer is None:
             self._finer = solve_configuration(self.comm, family, self.reference)
@@ -111,11 +109,9 @@ class Meter:
         if forms not in self._warm:
             self._row(replace(item, configuration=_coarsest(c)), 1)
             self._warm.add(forms)
-        row = item.key(self.comm) | self._row(item, self.repeats)
-        told = item.purpose, c, c.method, c.rtol, row["total"]
-        log.info("%s: %s, %s, rtol %s  %.3f s", *told)
-        self.records.append(row)
-        return self.records.rows[-1]
+        row = self._row(item, self.repeats)
+        log.info("%s  %.3f s", item, row["total"])
+        return row
 
     def _row(self, item: Item, repeats: int) -> dict[str, Any]:
         """Solve some times; return cost and errors of an item."""
