@@ -15,8 +15,9 @@ from dolfinx_signorini.pictures.contact_boundary import (
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.palette import CONTACT, IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.plane_field import draw_plane_field, gather_plane_field
-from dolfinx_signorini.pictures.solid_pictures import draw_solid, gather_surface
+from dolfinx_signorini.pictures.plane_field import draw_plane_field, gather_facets
+from dolfinx_signorini.pictures.solid_pictures import draw_solid
+from dolfinx_signorini.pictures.triangles import gather_triangles
 
 PICTURES = ("contact", "solution")
 
@@ -63,11 +64,11 @@ def draw_solution(
         points: Detachment points to mark.
         title: The title of the picture.
     """
-    if u.function_space.mesh.topology.dim == 3:
-        surface = gather_surface(u)
-        return None if surface is None else draw_solid(surface, boundary, title)
-    field = gather_plane_field(u, parts)
-    if field is None or boundary is None:
+    domain, drawn = u.function_space.mesh, gather_triangles(u)
+    if domain.topology.dim == 3:
+        return None if drawn is None else draw_solid(drawn, boundary, title)
+    edges = gather_facets(domain, parts)
+    if drawn is None or edges is None or boundary is None:
         return None
-    field.parts["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
-    return draw_plane_field(field, {**styles, "in contact": IN_CONTACT}, points, title)
+    edges["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
+    return draw_plane_field(drawn, edges, {**styles, "in contact": IN_CONTACT}, points, title)
