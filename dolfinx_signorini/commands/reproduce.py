@@ -13,7 +13,7 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import check_outputs, on_first, versions, write_file
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
-from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.studies.paper import pictures
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
@@ -128,8 +128,8 @@ def _write(
         },
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
-    save(pictures.draw_solution_and_load(picture), folder / "solution_and_load")
+    pictures.draw_solution_and_load(picture).save(folder / "solution_and_load")
     if len(rows) > 1:
-        save(pictures.draw_convergence(rows, settings.norms), folder / "convergence")
-    save(pictures.draw_bottom_edge(picture), folder / "bottom_edge")
+        pictures.draw_convergence(rows, settings.norms).save(folder / "convergence")
+    pictures.draw_bottom_edge(picture).save(folder / "bottom_edge")
     log.info("tables and pictures: %s/", folder)

@@ -10,7 +10,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import check_outputs, on_first, write_file
 from dolfinx_signorini.commands.options import add_out
-from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import (
     Row,
@@ -85,9 +85,9 @@ def _write(
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
     for name in {statement.figure for statement in chosen if statement.checks} & FIGURES.keys():
-        save(FIGURES[name](rows), pictures / name)
+        FIGURES[name](rows).save(pictures / name)
     if approximation is not None:
-        save(draw_one_sided(approximation), pictures / ONE_SIDED)
+        draw_one_sided(approximation).save(pictures / ONE_SIDED)
     write_file(args.out / DOCUMENT, document.text(_command(args)))
     log.info("document and pictures: %s/", args.out)
 

@@ -18,8 +18,7 @@ from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compar
 from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
 from dolfinx_signorini.studies.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
 from dolfinx_signorini.studies.tradeoff.measuring import Meter
-from dolfinx_signorini.studies.tradeoff.page import write_page
-from dolfinx_signorini.studies.tradeoff.results import result_files, write_results
+from dolfinx_signorini.studies.tradeoff.results import result_files, write_page, write_results
 
 NORMS = "L4,Linf,W1_4,W1_inf"
 
