@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.special import zeta
 
 from dolfinx_signorini.norms.orders import eoc
 
@@ -288,5 +289,4 @@ def interpolation_constant() -> float:
 
 
 # sum over n of |n| |c_n|^2 of the interpolation error of s^{3/2} on edges: (9/16) zeta(3)/(4 pi^3).
-ZETA_3 = 1.2020569031595942
-TRACE_CONSTANT = 9.0 / 16.0 * ZETA_3 / (4.0 * math.pi**3)
+TRACE_CONSTANT = 9.0 / 16.0 * float(zeta(3.0)) / (4.0 * math.pi**3)

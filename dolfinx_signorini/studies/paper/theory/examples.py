@@ -12,7 +12,6 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
 from dolfinx_signorini.studies.paper.theory.pieces import (
-    BUMP_RADIUS,
     Piece,
     bumps,
     composed,
@@ -140,7 +139,7 @@ def sharp_example(p: float, last: int = 10) -> Example:
     """
     levels = levels_of_bumps(p, 3, last)
     points = tuple(point for level in levels for point in level.points)
-    free = [(x - BUMP_RADIUS * level.width, x) for level in levels for x, _ in level.points]
+    free = [(x - SUPPORT_RADIUS * level.width, x) for level in levels for x, _ in level.points]
     ends = [end for pair in free for end in pair]
     contact = tuple(zip(ends[1::2], [*ends[2::2], 4.0 + ends[0]], strict=True))
     return Example(partial(bumps, levels=levels), points, contact)

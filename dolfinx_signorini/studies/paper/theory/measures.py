@@ -17,7 +17,7 @@ from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem.detachment import detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.studies.paper.solution import PAPER_RULE
+from dolfinx_signorini.studies.paper.solution import DETACHMENT, PAPER_RULE
 from dolfinx_signorini.studies.paper.theory import parts, ritz, triangulations
 from dolfinx_signorini.studies.paper.theory.cea import smallest_one_sided
 from dolfinx_signorini.studies.paper.theory.contact_sets import discrete_contact_set
@@ -45,7 +45,6 @@ ERROR_NORMS = ("L4", "L16", "Linf", *GRADIENT_NORMS, "H1_2_boundary", TRACE)
 SECOND = (2.0, 3.0, 16.0)  # exponents of the discrete W^{2,p} seminorm
 REFINEMENT = 4  # of the mesh of the dual solutions against that of u_h
 ITERATED = 51  # cells per side: where TAO alone takes no longer than all others
-POINT = (0.5, 0.0)  # the detachment point of the paper's solution
 
 
 def errors(d: Discretisation) -> Row:
@@ -111,8 +110,10 @@ def factors(d: Discretisation) -> Row:
     assert d.u_h is d.u
     terms = EnergyTerms(reaction=1.0, load=d.exact.load)
     points = detachment_points(d)
-    found = stress_intensity(d, min(points, key=lambda p: abs(p.position[0] - 0.5)), terms)
-    exact = stress_intensity(d, POINT, terms)
+    found = stress_intensity(
+        d, min(points, key=lambda p: abs(p.position[0] - DETACHMENT[0])), terms
+    )
+    exact = stress_intensity(d, DETACHMENT, terms)
     return {
         "factors": {
             "half": exact.half,

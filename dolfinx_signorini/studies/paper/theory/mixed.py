@@ -20,6 +20,7 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import Reference, interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
@@ -30,15 +31,13 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     near_cells,
 )
 
-SINGULAR = 1.5  # the exponent at a detachment point
-
 
 def power_exponents(p: float) -> tuple[float, ...]:
     """Return the exponents of r in the solution for a regularity p; infinity for 3/2 alone."""
     if math.isinf(p):
-        return (SINGULAR,)
+        return (DETACHMENT_EXPONENT,)
     b = 2.0 - 2.0 / p
-    return (b,) if p < 4.0 else (SINGULAR, b)
+    return (b,) if p < 4.0 else (DETACHMENT_EXPONENT, b)
 
 
 def critical_exponent(p: float) -> float:
@@ -90,7 +89,7 @@ def _powers(
     w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
     value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
     for b in exponents:
-        power = fem.Constant(domain, np.float64(b - SINGULAR))
+        power = fem.Constant(domain, np.float64(b - DETACHMENT_EXPONENT))
         value -= r**power
         slopes -= power * r ** (power - 2.0)
         load += power * (power + 3.0) * r ** (power - 2.0)  # b^2 - 9/4

@@ -21,12 +21,11 @@ from scipy.optimize import linprog
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 
 SAMPLES = 64  # intervals per edge
 VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
-MARGIN = 1e-9  # of the largest u on the boundary: more than HiGHS violates a constraint
-TOUCHING = 1e-9  # of the largest u on the boundary: what counts as touching; HiGHS' accuracy
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class EdgeData:
         oscillation = window.max(axis=2) - window.min(axis=2)
         sag = 0.25 * (self.t[1] - self.t[0]) * self.widths[:, None] * oscillation
         sides = np.pad(sag, ((0, 0), (1, 1)))
-        margin = MARGIN * float(self.u.max(initial=0.0))
+        margin = SOLVED * float(self.u.max(initial=0.0))
         u = np.maximum(self.u - np.maximum(sides[:, :-1], sides[:, 1:]) - margin, 0.0)
         return replace(self, u=u)
 
@@ -214,7 +213,7 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
         data: u along the edges.
         y: w_h - R_h(u) at the nodes.
     """
-    tolerance = TOUCHING * float(data.u.max(initial=1e-300))
+    tolerance = SOLVED * float(data.u.max(initial=1e-300))
     excess = data.along(y) + data.u
     # A touching point lies between samples: the LP touches the samples next to the point.
     inner = (excess[:, 1:-1] <= tolerance).any(axis=1)
