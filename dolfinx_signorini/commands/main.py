@@ -130,10 +130,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         if guarded.failure:
             raise InputError(f"cannot be written: {guarded.failure}", "standard output")
         return code
-    except InputError as error:
-        return _fail(comm, error, 2)
-    except NotConvergedError as error:
-        return _fail(comm, error, 3)
+    except (InputError, NotConvergedError) as error:
+        if comm.rank == 0:
+            print(f"error: {error}", file=sys.stderr, flush=True)
+        return error.exit_code
     except KeyboardInterrupt as stop:
         code = 128 + (stop.args[0] if stop.args else signal.SIGINT)
         if stop.args and comm.size > 1:
@@ -172,9 +172,3 @@ def _stoppable() -> Iterator[None]:
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:
-    if comm.rank == 0:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-    return code

@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         log.info("%s = %s: %d unknowns, %.2f s", args.key, value, row["unknowns"], row["seconds"])
     rows = [done.get(v) or {"value": v, FAILED: str(failures[v])} for v in values]
     on_first(comm, args.out, lambda: _write(args.out, args.key, rows))
-    return min((2 if isinstance(e, InputError) else 3 for e in failures.values()), default=0)
+    return min((error.exit_code for error in failures.values()), default=0)
 
 
 def _scenes(

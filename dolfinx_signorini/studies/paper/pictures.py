@@ -4,22 +4,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import basix
 import numpy as np
-from dolfinx import fem, mesh
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms.orders import expected_order
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.pictures.palette import COLOURS
 from dolfinx_signorini.pictures.picture import Picture, add_curve, name_cells, typeset_norm
 from dolfinx_signorini.pictures.triangles import gather_triangles
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
-from dolfinx_signorini.studies.paper.solution import DETACHMENT, christof_haubner, paper_problem
-
-EDGE_POINTS = 2000  # of the exact solution on the bottom edge
+from dolfinx_signorini.studies.paper.solution import (
+    DETACHMENT,
+    PAPER_RULE,
+    christof_haubner,
+    paper_problem,
+)
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,8 @@ class PaperPicture:
         load: The load on the grid.
         u_h: The discrete solution on the grid.
         pressure: Density of the contact pressure on the bottom edge, shape (n + 1,).
-        edge: On the bottom edge x, the exact u and the exact pressure du/dn, at points that do not
-            depend on the mesh, shape (3, points).
+        edge: On the bottom edge x, the exact u and the exact pressure du/dn, at the points of the
+            paper's rule on each edge of the mesh, shape (3, points).
     """
 
     n: int
@@ -65,11 +70,11 @@ def paper_picture(comm: MPI.Comm, n: int) -> PaperPicture | None:
     fields = [interpolant(problem.space, expression) for expression in (exact.u, exact.load)]
     fields += [problem.solve(), problem.pressure]
     problem.destroy()
-    grids = [_grid(field, n) for field in fields]
+    grids, edge = [_grid(field, n) for field in fields], _exact_on_edge(exact)
     if comm.rank:
         return None
     u, load, u_h, density = grids
-    return PaperPicture(n, u, load, u_h, density[0], _exact_on_edge())
+    return PaperPicture(n, u, load, u_h, density[0], edge)
 
 
 def draw_solution_and_load(picture: PaperPicture) -> Picture:
@@ -128,18 +133,16 @@ def draw_bottom_edge(picture: PaperPicture) -> Picture:
     return figure
 
 
-def _exact_on_edge() -> Array:
-    """Return x, u and du/dn of the exact solution on the bottom edge, in this process alone."""
-    strip = mesh.create_rectangle(
-        MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0 / EDGE_POINTS)], (EDGE_POINTS, 1)
-    )
-    exact = christof_haubner(strip)
-    space = fem.functionspace(strip, ("Lagrange", 1))
-    x, y = control_points(space).T[:2]
-    bottom = np.flatnonzero(y == 0.0)
-    bottom = bottom[np.argsort(x[bottom])]
-    fields = (interpolant(space, expression) for expression in (exact.u, -exact.grad[1]))
-    return np.array([x[bottom], *(field.x.array[bottom] for field in fields)])
+def _exact_on_edge(exact: ManufacturedSolution) -> Array:
+    """Return x, u and du/dn of the exact solution on the bottom edge, at the points of a rule."""
+    edges = BoundaryEdges(exact.mesh)
+    t, _ = PAPER_RULE.points(basix.CellType.interval)
+    values = edges.samples([exact.u, -exact.grad[1]], t[:, 0])
+    x, dx = edges.x[:, 0, 0], edges.x[:, 1, 0] - edges.x[:, 0, 0]
+    bottom = (edges.x[:, :, 1] == 0.0).all(axis=1)
+    places = x[bottom, None] + dx[bottom, None] * t[:, 0]
+    table = np.concatenate([places[:, :, None], values[bottom]], axis=2).reshape(-1, 3)
+    return np.asarray(table[np.argsort(table[:, 0])].T)
 
 
 def _grid(function: fem.Function, n: int) -> Array:

@@ -25,6 +25,7 @@ from dolfinx_signorini.studies.tradeoff.comparing import Row
 from dolfinx_signorini.studies.tradeoff.family import Family
 from dolfinx_signorini.studies.tradeoff.grid import Item
 from dolfinx_signorini.studies.tradeoff.runs import (
+    COARSEST,
     Configuration,
     Run,
     algebraic_errors,
@@ -32,7 +33,6 @@ from dolfinx_signorini.studies.tradeoff.runs import (
     solve_configuration,
 )
 
-WARM_UP = 8  # cells across of the run that compiles the forms
 ENOUGH = 1.0  # seconds after which an item is not timed again
 
 
@@ -164,7 +164,7 @@ def _coarsest(configuration: Configuration) -> Configuration:
     """A run that needs the same forms and takes little time."""
     if configuration.norm is not None:
         return replace(configuration, accuracy=sys.float_info.max)
-    return replace(configuration, n=WARM_UP)
+    return replace(configuration, n=COARSEST)
 
 
 def _reset_peak() -> None:

@@ -21,17 +21,16 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.norms.references import CARRIED_DEGREE, Reference, carried
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.tradeoff.family import Family, Posed
 from dolfinx_signorini.studies.tradeoff.grading import graded_mesh
 from dolfinx_signorini.studies.tradeoff.kinds import Kind
 
 COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
-COARSE_RTOL = 1e-7  # of the coarse levels: after 1e-5, degree 4 misplaces detachment points
-TIGHT = 1e-10  # tolerance of the solutions that algebraic errors are measured against
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
                 [*levels(configuration, family.dimension), configuration.n],
                 method=configuration.method,
                 rtol=configuration.rtol,
-                coarse_rtol=COARSE_RTOL,
+                coarse_rtol=DEFAULT_RTOL,  # after 1e-5, degree 4 misplaces detachment points
             )
     seconds = _phases(clock.total, ascent)
     return Run(configuration, ascent.posed, tuple(ascent.points), seconds, found)
@@ -192,7 +191,7 @@ def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
         norms: Names of the norms.
     """
     loose = run.u.x.array.copy()
-    tight = run.posed.problem.solve(rtol=TIGHT)
+    tight = run.posed.problem.solve(rtol=TIGHT_RTOL)
     difference = fem.Function(tight.function_space)
     difference.x.array[:] = tight.x.array - loose
     return error_norms(difference, None, norms)

@@ -72,15 +72,7 @@ def _gram(d: Discretisation, functions: list) -> Array:  # type: ignore[type-arg
 
 def _constraints(data: EdgeData, free: npt.NDArray[np.int64]) -> tuple[Array, Array]:
     """The rows of y >= -u at the samples of the edges that have a free node, and of y <= 0."""
-    n = len(data.u)
-    column = np.full(n, -1)
-    column[free] = np.arange(len(free))
-    rows, lower = [-np.eye(len(free))], [np.zeros(len(free))]
-    for edge in np.flatnonzero((column >= 0) | (np.roll(column, -1) >= 0)):
-        block = np.zeros((len(data.t), len(free)))
-        for node, weight in ((edge, 1.0 - data.t), ((edge + 1) % n, data.t)):
-            if column[node] >= 0:
-                block[:, column[node]] = weight
-        rows.append(block)
-        lower.append(-data.u[edge])
-    return np.vstack(rows), np.concatenate(lower)
+    samples = data.matrix[:, free]
+    held = np.repeat(np.isin(np.arange(len(data.u)), np.concatenate([free, free - 1])), len(data.t))
+    rows = np.vstack([-np.eye(len(free)), samples[held].toarray()])
+    return rows, np.concatenate([np.zeros(len(free)), -data.u.ravel()[held]])

@@ -17,6 +17,7 @@ from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem.detachment import detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, PAPER_RULE
 from dolfinx_signorini.studies.paper.theory import parts, ritz, triangulations
 from dolfinx_signorini.studies.paper.theory.cea import smallest_one_sided
@@ -213,7 +214,7 @@ def _second_solution(problem: SignoriniProblem, first: Any) -> float:
     """How far from a solution another one is, found by TAO from a start far away."""
     start = first.copy()
     start.x.array[:] = 1.0 + np.abs(first.x.array)
-    other = problem.solve("bncg", start=start, rtol=1e-10, warm_start=False)
+    other = problem.solve("bncg", start=start, rtol=TIGHT_RTOL, warm_start=False)
     system = problem.system
     x, y = system.vector_of(difference(first, other)), system.vector_of(first)
     sizes = []

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import Reference, interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -28,6 +28,7 @@ from dolfinx_signorini.studies.paper.solution import DETACHMENT, half_angle
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     NEAR_CELL_RULE,
     THEORY_RTOL,
+    integrated,
     near_cells,
 )
 
@@ -64,16 +65,14 @@ class PowerProblem(SignoriniProblem):
         space = fem.functionspace(domain, ("Lagrange", 1))
         self.exact, load = _powers(domain, power_exponents(p))
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        near = near_cells(domain, (DETACHMENT,))
-        owned = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
-        dx = ufl.Measure("dx", domain, subdomain_data=[(1, np.setdiff1d(owned, near)), (2, near)])
+        cells = owned_cells(domain)
+        near = np.isin(cells, near_cells(domain, (DETACHMENT,)))
         bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
         others = np.setdiff1d(boundary_facets(domain), bottom)
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
             ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
-            load * v * dx(1, metadata=CELL_RULE.metadata)
-            + load * v * dx(2, metadata=NEAR_CELL_RULE.metadata),
+            integrated(load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
             contact=bottom,
             bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
         )

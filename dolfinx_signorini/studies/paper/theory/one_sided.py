@@ -21,7 +21,7 @@ from scipy.optimize import linprog
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 
 SAMPLES = 64  # intervals per edge
@@ -72,7 +72,16 @@ class EdgeData:
 
     def along(self, nodal: Array) -> Array:
         """Return the samples of a piecewise linear function, given by its values at the nodes."""
-        return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
+        return np.asarray(self.matrix @ nodal).reshape(self.u.shape)
+
+    @property
+    def matrix(self) -> sp.csr_matrix:
+        """From the nodal values of a piecewise linear function to its samples, edge by edge."""
+        edges, samples = np.indices(self.u.shape).reshape(2, -1)
+        columns = np.concatenate([edges, (edges + 1) % len(self.u)])
+        weights = np.concatenate([1.0 - self.t[samples], self.t[samples]])
+        rows = np.tile(np.arange(self.u.size), 2)
+        return sp.csr_matrix((weights, (rows, columns)), shape=(self.u.size, len(self.u)))
 
 
 @dataclass(frozen=True)
@@ -173,27 +182,16 @@ def solve_linear_program(
 
 
 def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
-    n, m = data.u.shape
     scale = float(data.u.max()) or 1.0
     low = -data.u[:, 0] / scale
     # Edges on which u vanishes are held by their nodes alone.
-    edges = np.flatnonzero((data.u > 0.0).any(axis=1))
-    rows = np.arange(len(edges) * (m - 2)).reshape(len(edges), m - 2)
-    t = np.broadcast_to(data.t[1:-1], rows.shape)
-    first = np.broadcast_to(edges[:, None], rows.shape)
-    second = (first + 1) % n
-    inner = sp.csr_matrix(
-        (
-            np.concatenate([(1.0 - t).ravel(), t.ravel()]),
-            (np.tile(rows.ravel(), 2), np.concatenate([first.ravel(), second.ravel()])),
-        ),
-        shape=(rows.size, n),
-    )
+    inner = np.zeros(data.u.shape, dtype=bool)
+    inner[:, 1:-1] = (data.u > 0.0).any(axis=1, keepdims=True)
     result = linprog(
-        cost / max(float(np.abs(cost).max()), 1e-300),
-        A_ub=-inner,
-        b_ub=data.u[edges, 1:-1].ravel() / scale,
-        bounds=np.column_stack([low, np.full(n, 0.0 if bounded else np.inf)]),
+        cost / max(float(np.abs(cost).max()), TINY),
+        A_ub=-data.matrix[inner.ravel()],
+        b_ub=data.u[inner] / scale,
+        bounds=np.column_stack([low, np.full(len(low), 0.0 if bounded else np.inf)]),
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )
@@ -213,7 +211,7 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
         data: u along the edges.
         y: w_h - R_h(u) at the nodes.
     """
-    tolerance = SOLVED * float(data.u.max(initial=1e-300))
+    tolerance = SOLVED * float(data.u.max(initial=TINY))
     excess = data.along(y) + data.u
     # A touching point lies between samples: the LP touches the samples next to the point.
     inner = (excess[:, 1:-1] <= tolerance).any(axis=1)
