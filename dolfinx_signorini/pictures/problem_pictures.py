@@ -23,14 +23,20 @@ PICTURES = ("contact", "solution")
 
 
 def draw_problem(
-    problem: Solved, what: str, sides: Mapping[str, LocalIndices] | None
+    problem: Solved,
+    what: str,
+    sides: Mapping[str, LocalIndices] | None,
+    parts: Mapping[str, LocalIndices] | None = None,
+    styles: Mapping[str, Mapping[str, Any]] | None = None,
+    title: str = "",
 ) -> Picture | None:
     """Return a picture of a solved problem on rank 0, and None on the others.
 
     Args:
         problem: The problem; the call is collective.
         what: "contact" for gap and pressure, "solution" for u with the facets in contact.
-        sides: LocalIndices of the mesh by the name of their side.
+        sides: Facets by the name of their side.
+        parts, styles, title: See `draw_solution`; the contact boundary by default.
 
     Raises:
         InputError: There is no such picture, or the problem is one on a line.
@@ -42,8 +48,9 @@ def draw_problem(
     boundary = gather_contact_boundary(problem, sides)
     if what == "contact":
         return None if boundary is None else draw_contact(boundary)
-    parts, styles = {"contact boundary": problem.contact}, {"contact boundary": CONTACT}
-    return draw_solution(problem.u, boundary, parts, styles)
+    if parts is None or styles is None:
+        parts, styles = {"contact boundary": problem.contact}, {"contact boundary": CONTACT}
+    return draw_solution(problem.u, boundary, parts, styles, title=title)
 
 
 def draw_solution(
@@ -59,7 +66,7 @@ def draw_solution(
     Args:
         u: The solution; the call is collective.
         boundary: The contact boundary, on rank 0.
-        parts: LocalIndices by the name of a part of the boundary; in the plane they are drawn.
+        parts: Facets by the name of a part of the boundary; in the plane they are drawn.
         styles: How matplotlib draws these parts, by name.
         points: Detachment points to mark.
         title: The title of the picture.
