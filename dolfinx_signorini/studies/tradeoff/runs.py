@@ -6,7 +6,8 @@ mesh, the assembly and the solve, each with its seconds; on adapted meshes the w
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from dolfinx import fem
 from mpi4py import MPI
@@ -16,6 +17,7 @@ from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import grading_exponent
@@ -48,6 +50,8 @@ class Configuration:
         norm: The norm of the error that the adaptive loop is asked for.
         accuracy: The largest error allowed; None for as many unknowns as are allowed.
         max_unknowns: The largest number of unknowns on adapted meshes.
+        rule: Degree of the Gauss-Jacobi rule of the load, for the family.
+        purpose: "main" for the comparison of meshes and elements, else the name of a sweep.
     """
 
     kind: Kind
@@ -57,6 +61,19 @@ class Configuration:
     norm: str | None = None
     accuracy: float | None = None
     max_unknowns: int | None = None
+    rule: int = CELL_RULE.degree
+    purpose: str = "main"
+
+    @property
+    def size(self) -> int:
+        """The dofs across the domain, as if the mesh was not graded."""
+        return self.kind.degree * self.n
+
+    def key(self, comm: MPI.Comm) -> dict[str, Any]:
+        """Return the entries that identify the row of the configuration among all rows."""
+        own = asdict(self)
+        last = {name: own.pop(name) for name in ("rule", "purpose")}
+        return own | own.pop("kind") | last | {"ranks": comm.size}
 
     def __str__(self) -> str:
         if self.norm is None:
