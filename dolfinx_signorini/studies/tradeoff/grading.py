@@ -58,7 +58,7 @@ def graded_mesh(
         raise InputError("grading: only for triangulations of plane domains")
     radii, grading = _radii(sided, points), exponent < 1.0 and len(points) > 0
     for level in reversed(range(halvings + 1)):
-        parts = level == 1 and _count(sided) > MANY
+        parts = level == 1 and sided.mesh.topology.index_map(2).size_global > MANY
         while grading:
             places, sizes = _cells(sided, parts)
             wanted = np.full(len(sizes), width)
@@ -83,10 +83,6 @@ def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
         others = distances[distances > 0.0]
         radii.append(min(RADIUS * size, 0.5 * float(others.min(initial=np.inf))))
     return radii
-
-
-def _count(sided: SidedMesh) -> int:
-    return int(sided.mesh.topology.index_map(2).size_global)
 
 
 def _cells(sided: SidedMesh, parts: bool) -> tuple[Array, Array]:

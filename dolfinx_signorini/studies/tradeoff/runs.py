@@ -163,21 +163,29 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
         NotConvergedError: The solver failed.
     """
     _check(family, configuration)
-    clock, ascent = Phases(comm), _Ascent(comm, family, configuration.kind)
+    c = configuration
+    clock, ascent = Phases(comm), _Ascent(comm, family, c.kind)
     found: AdaptiveSolution | None = None
     with clock("all"):
-        if configuration.kind.mesh == "adapted":
-            found = _adapted(ascent, configuration)
+        if c.kind.mesh == "adapted":
+            assert c.norm is not None
+            found = solve_adaptively(
+                ascent.on,
+                family.make(comm, c.n),
+                norm=c.norm,
+                accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
+                max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
+            )
         else:
             solve_cascade(
                 ascent.problem,
-                [*levels(configuration, family.dimension), configuration.n],
-                method=configuration.method,
-                rtol=configuration.rtol,
+                [*levels(c, family.dimension), c.n],
+                method=c.method,
+                rtol=c.rtol,
                 coarse_rtol=DEFAULT_RTOL,  # after 1e-5, degree 4 misplaces detachment points
             )
     seconds = _phases(clock.total, ascent)
-    return Run(configuration, ascent.posed, tuple(ascent.points), seconds, found)
+    return Run(c, ascent.posed, tuple(ascent.points), seconds, found)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:
@@ -225,19 +233,6 @@ def _check(family: Family, configuration: Configuration) -> None:
         raise InputError("only in the plane", "graded")
     if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
         raise InputError("for adapted meshes, and only for these", "norm")
-
-
-def _adapted(ascent: "_Ascent", configuration: Configuration) -> AdaptiveSolution:
-    """Solve on adapted meshes."""
-    c, make = configuration, ascent.family.make
-    assert c.norm is not None
-    return solve_adaptively(
-        ascent.on,
-        make(ascent.comm, c.n),
-        norm=c.norm,
-        accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
-        max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
-    )
 
 
 def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:
