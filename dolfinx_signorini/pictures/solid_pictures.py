@@ -19,6 +19,7 @@ from matplotlib.colors import Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.compiled import LONGEST
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.contact_pictures import draw_faces
 from dolfinx_signorini.pictures.palette import COLOUR_MAP
@@ -26,7 +27,6 @@ from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.triangles import Triangles
 
 RENDERER = Path(__file__).with_name("solid_rendering.py")
-PATIENCE = 60.0  # seconds for PyVista
 EMPTY = 0.02  # of the pixels; an image with fewer that are not white shows nothing
 
 
@@ -98,7 +98,7 @@ def _render(surface: Triangles, view: Array) -> Array | None:
         if not kept.get("DISPLAY") and which("xvfb-run"):
             command = ["xvfb-run", "-a", *command]
         try:
-            subprocess.run(command, env=kept, capture_output=True, timeout=PATIENCE, check=True)
+            subprocess.run(command, env=kept, capture_output=True, timeout=LONGEST, check=True)
             pixels = np.load(image)
         except (OSError, ValueError, subprocess.SubprocessError):
             return None
