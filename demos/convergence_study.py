@@ -79,7 +79,7 @@ if comm.rank == 0:
 
 def draw() -> Figure:
     """Draw the errors over the width of the cells."""
-    figure = Picture(figsize=(6.4, 4.2), layout="constrained")
+    figure = Picture(figsize=(6.4, 4.2))
     axes = figure.subplots()
     for norm, marker in zip(NORMS, "osD^v", strict=True):
         axes.loglog(widths, [row[norm] for row in rows], marker=marker, label=norm)

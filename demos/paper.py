@@ -22,7 +22,6 @@ from dolfinx_signorini import (
     solve_cascade,
 )
 from dolfinx_signorini.norms.orders import eoc, expected_order
-from dolfinx_signorini.pictures.plotting import save
 from dolfinx_signorini.studies.paper.pictures import (
     draw_bottom_edge,
     draw_convergence,
@@ -95,6 +94,6 @@ folder = Path("results")
 picture = paper_picture(comm, 101)
 if picture is not None:
     folder.mkdir(exist_ok=True)
-    save(draw_convergence(rows, NORMS), folder / "demo_paper_convergence")
-    save(draw_bottom_edge(picture), folder / "demo_paper_bottom_edge")
+    draw_convergence(rows, NORMS).save(folder / "demo_paper_convergence")
+    draw_bottom_edge(picture).save(folder / "demo_paper_bottom_edge")
     say(f"pictures: {folder}/demo_paper_*.png")

@@ -93,7 +93,7 @@ if comm.rank == 0:
 # ## Picture: the open part of the wall over time
 
 # %%
-picture = Picture(figsize=(7.2, 4.2), layout="constrained")
+picture = Picture(figsize=(7.2, 4.2))
 axes = picture.subplots()
 nodes = np.linspace(0.0, 1.0, cells + 1)
 axes.contourf(times, nodes, is_open.T, levels=[0.5, 1.0], colors=["#56B4E9"])

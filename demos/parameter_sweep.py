@@ -56,7 +56,7 @@ if comm.rank == 0:
 
 def draw() -> Figure:
     """Draw the contact set and the force of the floor over its height."""
-    figure = Picture(figsize=(8.0, 3.4), layout="constrained")
+    figure = Picture(figsize=(8.0, 3.4))
     left, right = figure.subplots(1, 2)
     left.plot(heights, [row[1] for row in table], "o-")
     left.set(xlabel="height of the floor", ylabel="dofs in contact")

@@ -13,7 +13,6 @@ from pathlib import Path
 from mpi4py import MPI
 
 from dolfinx_signorini.base.tables import markdown_table
-from dolfinx_signorini.pictures.plotting import save
 from dolfinx_signorini.studies.paper.theory.checks import number
 from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import discretise
@@ -41,5 +40,5 @@ if comm.rank == 0:
     print(markdown_table(columns, lines))
     print("The ratio is the inequality (9): never above 1. The last column is (13), of order 3/2.")
     folder.mkdir(parents=True, exist_ok=True)
-    save(draw_one_sided(approximations[31]), folder / "theory_one_sided")
+    draw_one_sided(approximations[31]).save(folder / "theory_one_sided")
     print(f"\npicture: {folder}/theory_one_sided.png")

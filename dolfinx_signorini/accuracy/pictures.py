@@ -32,7 +32,7 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
     plane, several = domain.topology.dim == 2, len(found.steps) > 1
     if not (plane or several):
         return None
-    figure = Picture(figsize=(5.0 * plane + 5.5 * several, 4.5), layout="constrained")
+    figure = Picture(figsize=(5.0 * plane + 5.5 * several, 4.5))
     axes = figure.subplots(1, plane + several, squeeze=False)
     if plane:
         polygons, cells = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))

@@ -31,7 +31,7 @@ _codes: dict[tuple[str, str], Any] = {}  # by signature and options
 
 # What FFCx says after it has waited in vain for the code of another process.
 WAITED = re.compile(r"JIT compilation timed out.*remove (.*\.c)\)", re.DOTALL)
-LONGEST = 60.0  # seconds that a compilation takes, before its process is taken for one that is gone
+LONGEST = 60.0  # seconds that another process takes, before it is taken for one that is gone
 
 
 def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:

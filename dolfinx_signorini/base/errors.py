@@ -24,7 +24,10 @@ class InputError(ValueError):
     Attributes:
         message: What is wrong.
         subject: The argument, option or part of a scene that is wrong; "" where no single one is.
+        exit_code: What a command ends with.
     """
+
+    exit_code = 2
 
     def __init__(self, message: str, subject: str = ""):
         super().__init__(f"{subject}: {message}" if subject else message)
@@ -38,7 +41,10 @@ class NotConvergedError(RuntimeError):
         message: What was reached and asked for.
         residual: The natural residual that was reached, relative to the data.
         reason: Why the solver stopped, in words.
+        exit_code: What a command ends with.
     """
+
+    exit_code = 3
 
     def __init__(self, message: str, residual: float, reason: str, advice: str = ""):
         super().__init__(f"{message}; {advice}" if advice else message)

@@ -24,6 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import log
 
 T = TypeVar("T")
 
@@ -57,6 +58,23 @@ class Records:
         self.rows: list[dict[str, Any]] = on_first(
             comm, path.parent, lambda: _open(path, json.loads(json.dumps(settings)), keys)
         )
+
+    def row(
+        self, title: str, key: Mapping[str, Any], compute: Callable[[], Mapping[str, Any]]
+    ) -> dict[str, Any]:
+        """Return the finished row that has some entries, or compute and add the row.
+
+        Args:
+            title: What the row is called where it is told that the row is there already.
+            key: The entries.
+            compute: Returns the other entries.
+        """
+        for row in self.rows:
+            if key.items() <= row.items():
+                log.info("%s: already done", title)
+                return row
+        self.append({**key, **compute()})
+        return self.rows[-1]
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add the finished row of rank 0; the row is on disk when the call returns.

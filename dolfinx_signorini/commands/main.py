@@ -14,7 +14,6 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import pairwise
 from typing import Any, NoReturn
 
 from mpi4py import MPI
@@ -36,29 +35,19 @@ JOBS = {
 }
 
 
-NEGATIVE = re.compile(r"-[\d.(]")  # how -1e-3, -0.1*x and -(1 + x) begin
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are InputErrors, so that one rank reports them for all.
 
-    Attributes:
-        negative: Whether the positional arguments may begin as a negative number does.
+    What begins as a negative number does is no option.
     """
 
-    negative = False
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; see `argparse.ArgumentParser`."""
-        if self.negative:
-            # No option begins as a number does, and none has a space in front.
-            pairs = pairwise(["", *args])
-            args = [
-                f" {text}" if NEGATIVE.match(text) and not before.startswith("--") else text
-                for before, text in pairs
-            ]
-        return super().parse_known_args(args, namespace)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # How -1e-3, -0.1*x and -(1 + x) begin.
+        self._negative_number_matcher = re.compile(r"-[\d.(]")
 
     def error(self, message: str) -> NoReturn:
         if re.search(r"VALUE|unrecognized.* -\w", message):
@@ -97,7 +86,6 @@ def make_parser() -> argparse.ArgumentParser:
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
     for name, (module, summary) in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)
-        job.negative = module is sweep
         module.configure(job)
         add_talk(job)
     return parser
@@ -130,10 +118,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         if guarded.failure:
             raise InputError(f"cannot be written: {guarded.failure}", "standard output")
         return code
-    except InputError as error:
-        return _fail(comm, error, 2)
-    except NotConvergedError as error:
-        return _fail(comm, error, 3)
+    except (InputError, NotConvergedError) as error:
+        if comm.rank == 0:
+            print(f"error: {error}", file=sys.stderr, flush=True)
+        return error.exit_code
     except KeyboardInterrupt as stop:
         code = 128 + (stop.args[0] if stop.args else signal.SIGINT)
         if stop.args and comm.size > 1:
@@ -172,9 +160,3 @@ def _stoppable() -> Iterator[None]:
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-def _fail(comm: MPI.Comm, error: Exception, code: int) -> int:
-    if comm.rank == 0:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-    return code

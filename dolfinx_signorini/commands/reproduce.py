@@ -13,15 +13,14 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import check_outputs, on_first, versions, write_file
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
-from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.studies.paper import pictures
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.studies.paper.study import PAPER_NORMS, StudySettings, run_study
-from dolfinx_signorini.studies.paper.tables import error_table, order_table
+from dolfinx_signorini.studies.paper.tables import error_table, order_table, paper_table
 
-FIRST, STEP, LARGEST = 101, 100, 5001
-PICTURE_CELLS = 101
+LARGEST = 5001  # cells per side
 PICTURES = ("solution_and_load", "convergence", "bottom_edge")
 TABLES = ("table1.md", "table1.csv", "table2.md", "table2.csv", "tables.txt", "results.json")
 
@@ -71,8 +70,9 @@ def run(args: argparse.Namespace) -> int:
     comm = MPI.COMM_WORLD
     settings = _settings(args)
     check_outputs(comm, args.out, (*TABLES, *picture_files(PICTURES)))
-    rows = run_study(comm, range(FIRST, args.max_n + 1, STEP), settings, args.out)
-    picture = pictures.paper_picture(comm, PICTURE_CELLS)
+    first, second, *_ = map(int, paper_table(1))
+    rows = run_study(comm, range(first, args.max_n + 1, second - first), settings, args.out)
+    picture = pictures.paper_picture(comm, first)
     on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
     if args.costs and comm.rank == 0:
         print(f"Costs of N = {rows[-1]['n']}:")
@@ -81,8 +81,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> StudySettings:
-    if not FIRST <= args.max_n <= LARGEST:
-        raise InputError(f"must lie between {FIRST} and {LARGEST}, not {args.max_n}", "--max-n")
+    first = int(next(iter(paper_table(1))))
+    if not first <= args.max_n <= LARGEST:
+        raise InputError(f"must lie between {first} and {LARGEST}, not {args.max_n}", "--max-n")
     if args.method not in METHODS:
         raise InputError(f"unknown {args.method!r}, known are {', '.join(METHODS)}", "--method")
     if args.rtol is not None and not 0.0 < args.rtol < 1.0:
@@ -128,8 +129,8 @@ def _write(
         },
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
-    save(pictures.draw_solution_and_load(picture), folder / "solution_and_load")
+    pictures.draw_solution_and_load(picture).save(folder / "solution_and_load")
     if len(rows) > 1:
-        save(pictures.draw_convergence(rows, settings.norms), folder / "convergence")
-    save(pictures.draw_bottom_edge(picture), folder / "bottom_edge")
+        pictures.draw_convergence(rows, settings.norms).save(folder / "convergence")
+    pictures.draw_bottom_edge(picture).save(folder / "bottom_edge")
     log.info("tables and pictures: %s/", folder)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.costs import cost_text
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import folder_name
 from dolfinx_signorini.base.timing import Phases
@@ -24,8 +24,6 @@ from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
-
-NOT_REACHED = 3  # exit code: the accuracy was not reached; the best solution is written
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -123,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         print(listing([time_line(phases.seconds)]), end="")
         if outputs:
             print(f"results: {folder}/")
-    return 0 if result.found is None or result.found.reached else NOT_REACHED
+    return 0 if result.found is None or result.found.reached else NotConvergedError.exit_code
 
 
 def _progress(step: Step) -> None:

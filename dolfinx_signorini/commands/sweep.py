@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
@@ -18,8 +17,7 @@ from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_firs
 from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.commands.options import add_out, add_scene
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
-from dolfinx_signorini.pictures.picture import typeset_norm
-from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.pictures.picture import Picture, picture_files, typeset_norm
 from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
@@ -78,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         log.info("%s = %s: %d unknowns, %.2f s", args.key, value, row["unknowns"], row["seconds"])
     rows = [done.get(v) or {"value": v, FAILED: str(failures[v])} for v in values]
     on_first(comm, args.out, lambda: _write(args.out, args.key, rows))
-    return min((2 if isinstance(e, InputError) else 3 for e in failures.values()), default=0)
+    return min((error.exit_code for error in failures.values()), default=0)
 
 
 def _scenes(
@@ -126,7 +124,7 @@ def _write(folder: Path, key: str, rows: list[Row]) -> None:
     print(_text([key, *numbers], rows, cells), end="", flush=True)
     write_file(folder / TABLE, csv_table([key, *columns[1:]], cells))
     if len(solved) > 1:
-        save(draw_sweep(key, solved), folder / PICTURE)
+        draw_sweep(key, solved).save(folder / PICTURE)
     log.info("table%s: %s/", " and plot" if len(solved) > 1 else "", folder)
 
 
@@ -140,7 +138,7 @@ def _text(heads: list[str], rows: list[Row], cells: list[list[Any]]) -> str:
     return "\n".join(table) + "\n"
 
 
-def draw_sweep(key: str, rows: list[Row]) -> Figure:
+def draw_sweep(key: str, rows: list[Row]) -> Picture:
     """Return a plot of contact set and contact force, or of the errors, over the values of a key.
 
     Args:
@@ -154,15 +152,14 @@ def draw_sweep(key: str, rows: list[Row]) -> Figure:
         raise InputError("a plot needs two values at least", key)
     errors = [name for name in rows[0] if name.startswith(("error ", "estimate"))]
     panels = [["in contact"], ["force of contact"], *([errors] if errors else [])]
-    figure = Figure(figsize=(4.0 * len(panels), 3.6), layout="constrained")
+    figure = Picture(figsize=(4.0 * len(panels), 3.6))
     x, numeric = _positions(rows)
-    for axes, names in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+    for axes, names in zip(figure.panels(1, len(panels)), panels, strict=True):
         for k, name in enumerate(names):
             y = [row.get(name, float("nan")) for row in rows]
             label = typeset_norm(name.removeprefix("error "))
             axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], color=COLOURS[k], label=label)
         axes.set(xlabel=key, ylabel="error" if names is errors else names[0])
-        axes.grid(alpha=0.3)
         if names is errors:
             axes.set_yscale("log")
             if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):

@@ -10,7 +10,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.records import check_outputs, on_first, write_file
 from dolfinx_signorini.commands.options import add_out
-from dolfinx_signorini.pictures.plotting import picture_files, save
+from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import (
     Row,
@@ -22,9 +22,9 @@ from dolfinx_signorini.studies.paper.theory.figures import FIGURES, draw_one_sid
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.studies.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.studies.paper.theory.statements import MEASURED, Statement, select
+from dolfinx_signorini.studies.paper.theory.tables import FINE
 
-SMALLEST, LARGEST = 201, 1001  # cells per side of the finest mesh
-PICTURE_CELLS = 31
+SMALLEST = 201  # cells per side of the finest mesh
 DOCUMENT, ONE_SIDED = "theory.md", "one_sided"
 
 
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=SMALLEST,
         metavar="N",
-        help=f"cells per side of the finest mesh, {SMALLEST} to {LARGEST} (default %(default)s)",
+        help=f"cells per side of the finest mesh, {SMALLEST} to {_largest()} (default %(default)s)",
     )
     add_out(parser, "results/theory", "rows, document and pictures")
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     rows = run_experiments(comm, names, args.max_n, args.out)
     approximation = None
     if any(statement.figure == ONE_SIDED for statement in chosen):
-        discretisation = discretise(comm, paper_example(), PICTURE_CELLS)
+        discretisation = discretise(comm, paper_example(), FINE)
         approximation = one_sided_approximation(discretisation)
         discretisation.destroy()
     on_first(comm, args.out, lambda: _write(args, chosen, rows, approximation))
@@ -85,16 +85,16 @@ def _write(
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
     for name in {statement.figure for statement in chosen if statement.checks} & FIGURES.keys():
-        save(FIGURES[name](rows), pictures / name)
+        FIGURES[name](rows).save(pictures / name)
     if approximation is not None:
-        save(draw_one_sided(approximation), pictures / ONE_SIDED)
+        draw_one_sided(approximation).save(pictures / ONE_SIDED)
     write_file(args.out / DOCUMENT, document.text(_command(args)))
     log.info("document and pictures: %s/", args.out)
 
 
 def _statements(args: argparse.Namespace) -> list[Statement]:
-    if not SMALLEST <= args.max_n <= LARGEST:
-        message = f"must lie between {SMALLEST} and {LARGEST}, not {args.max_n}"
+    if not SMALLEST <= args.max_n <= _largest():
+        message = f"must lie between {SMALLEST} and {_largest()}, not {args.max_n}"
         raise InputError(message, "--max-n")
     try:
         return select(args.statement)
@@ -102,6 +102,11 @@ def _statements(args: argparse.Namespace) -> list[Statement]:
         known = ", ".join(statement.key for statement in MEASURED)
         message = f"unknown {error.args[0]!r}, known are {known}"
         raise InputError(message, "--statement") from None
+
+
+def _largest() -> int:
+    """The cells per side of the finest mesh of all experiments."""
+    return max(max(experiment.cells) for experiment in experiments().values())
 
 
 def _command(args: argparse.Namespace) -> str:

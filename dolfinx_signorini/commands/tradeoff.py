@@ -18,8 +18,7 @@ from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compar
 from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
 from dolfinx_signorini.studies.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
 from dolfinx_signorini.studies.tradeoff.measuring import Meter
-from dolfinx_signorini.studies.tradeoff.page import write_page
-from dolfinx_signorini.studies.tradeoff.results import result_files, write_results
+from dolfinx_signorini.studies.tradeoff.results import result_files, write_page, write_results
 
 NORMS = "L4,Linf,W1_4,W1_inf"
 
@@ -73,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
         check_norms(norms, expect(scene, coarsest.make(comm)), "--norms")
     make_family = _families(scene)
     family = make_family(PAPER_RULE.degree)
-    items = grid(args.max_unknowns, family.dimension, sweeps=paper)
-    if not items:
+    configurations = grid(args.max_unknowns, family.dimension, sweeps=paper)
+    if not configurations:
         raise InputError(f"no mesh has as few as {args.max_unknowns}", "--max-unknowns")
     known = scene is None or scene.solution is not None
     reference = None if known else finer_configuration(args.max_unknowns, family.dimension)
@@ -87,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(comm, args.out, result_files(norms))
     records = Records(comm, args.out / ROWS, settings, keys=("mesh", "degree", "purpose", "ranks"))
     meter = Meter(records, make_family, norms, args.repeats, reference)
-    rows = meter.measured(items)
+    rows = meter.measured(configurations)
     rows += _adapted(meter, rows, args.max_unknowns, family.dimension)
     meter.destroy()
     tables = on_first(comm, args.out, lambda: write_results(args.out, rows, settings))

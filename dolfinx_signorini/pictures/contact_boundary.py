@@ -12,13 +12,9 @@ from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
-from dolfinx_signorini.meshes.elements import (
-    control_points,
-    facet_dofs,
-    facet_pieces,
-    values_at_control_points,
-)
+from dolfinx_signorini.meshes.elements import facet_dofs, facet_pieces, values_at_control_points
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, simplex_sizes
+from dolfinx_signorini.pictures.triangles import gathered
 
 # Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
 # and the size L of the boundary, what a mesh cannot tell from contact (a gap opens like r^{3/2}).
@@ -143,9 +139,8 @@ def gather_contact_boundary(
         sides: Facets of the mesh by the name of their side, for pictures.
     """
     space = problem.space
-    domain, index_map = space.mesh, space.dofmap.index_map
-    tdim = domain.topology.dim
-    count = domain.topology.index_map(tdim - 1).size_local
+    domain = space.mesh
+    count = domain.topology.index_map(domain.topology.dim - 1).size_local
     facets = problem.contact[problem.contact < count]
     pairs = facet_cells(domain, facets)
     named: Indices = np.full(len(facets), -1)
@@ -158,29 +153,24 @@ def gather_contact_boundary(
     fields = problem.u.x.array, opened, problem.pressure.x.array
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
     pressure[fixed[used]] = np.nan
-    data = (
-        index_map.local_to_global(used),
-        control_points(space)[used][:, :tdim],
-        np.stack((values, gap, pressure, opened[used]), axis=1),
-        index_map.local_to_global(pieces.flatten()).reshape(-1, tdim),
-        named[owners],
-    )
-    parts = domain.comm.gather(data, root=0)
-    return None if parts is None else _merged(parts, problem.sign < 0.0, tuple(sides or ()))
+    columns = np.stack((values, gap, pressure, opened[used]), axis=1)
+    found = gathered(space, used, columns, pieces, named[owners])
+    return None if found is None else _sorted(problem.sign < 0.0, tuple(sides or ()), *found)
 
 
-def _merged(
-    parts: list[tuple[Indices, Array, Array, Indices, Indices]], upper: bool, names: tuple[str, ...]
+def _sorted(
+    upper: bool,
+    names: tuple[str, ...],
+    points: Array,
+    values: Array,
+    pieces: Indices,
+    sides: Indices,
 ) -> ContactBoundary:
-    """Number the points of all ranks by their place, so that the number of ranks does not show."""
-    joined = (np.concatenate(item) for item in zip(*parts, strict=True))
-    numbers, points, values, pieces, sides = joined
-    numbers, first = np.unique(numbers, return_index=True)
-    points, values = points[first], values[first]
+    """Number the points by their place, so that the number of ranks does not show."""
     order = np.lexsort(np.round(points, 12).T[::-1])
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
-    pieces = np.sort(place[np.searchsorted(numbers, pieces)], axis=1)
+    pieces = np.sort(place[pieces], axis=1)
     by_place = np.lexsort(pieces.T[::-1])
     pieces, sides = pieces[by_place], sides[by_place]
     points, values = points[order], values[order]

@@ -23,8 +23,8 @@ def draw_contact(boundary: ContactBoundary) -> Picture:
 
 
 def _draw_lines(boundary: ContactBoundary) -> Picture:
-    figure = Picture(figsize=(7.6, 5.4), layout="constrained")
-    above, below = both = figure.subplots(2, 1, sharex=True)
+    figure = Picture(figsize=(7.6, 5.4))
+    above, below = both = figure.panels(2, sharex=True)
     start = 0.0
     for chain in boundary.chains():
         x = boundary.points[chain]
@@ -41,7 +41,6 @@ def _draw_lines(boundary: ContactBoundary) -> Picture:
     above.set_ylabel(_gap_label(boundary))
     below.set(xlabel="arc length $s$ along the contact boundary", ylabel=PRESSURE)
     for axes in both:
-        axes.grid(alpha=0.3)
         axes.margins(x=0.0)
     figure.suptitle("Contact boundary (grey: in contact)", fontsize="large")
     return figure
@@ -85,7 +84,7 @@ def _name_sides(both: Any, boundary: ContactBoundary, chain: Indices, s: Array) 
 
 
 def _draw_surface(boundary: ContactBoundary) -> Picture:
-    figure = Picture(figsize=(10.0, 4.6), layout="constrained")
+    figure = Picture(figsize=(10.0, 4.6))
     for place, name in ((1, _gap_label(boundary)), (2, PRESSURE)):
         axes: Any = figure.add_subplot(1, 2, place, projection="3d")
         values = np.ma.masked_invalid(boundary.values[boundary.pieces, place]).mean(axis=1)

@@ -1,7 +1,9 @@
-"""A figure that a notebook shows, with any backend of matplotlib."""
+"""A figure that a notebook shows, with any backend of matplotlib, and its files."""
 
 import io
 import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,10 @@ from matplotlib.collections import TriMesh
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+
 DPI = 150
+SUFFIXES = (".png", ".svg")  # of the files of a picture
 NORM = re.compile(r"(L|W1_|H)(inf|\d+(?:\.\d+)?)(_2)?(_boundary)?(_\w+)?")
 
 
@@ -29,6 +34,48 @@ def typeset_norm(name: str) -> str:
     upper = {"L": power, "W1_": f"1,{power}", "H": f"{power}/2" if half else power}[kind]
     place = r"(\partial\Omega)" if boundary else ""
     return f"${kind[0]}^{{{upper}}}{place}$" + rest.replace("_", " ")
+
+
+def picture_files(names: Iterable[str]) -> list[str]:
+    """Return the names of the files of some pictures."""
+    return [name + suffix for name in names for suffix in SUFFIXES]
+
+
+def add_curve(
+    axes: Axes,
+    n: Sequence[float],
+    values: Sequence[float],
+    label: str,
+    index: int,
+    order: float | None = None,
+) -> None:
+    """Draw values against cells per side, both logarithmic.
+
+    Args:
+        axes: Where to draw.
+        n: The cells per side.
+        values: The values, which are drawn as markers.
+        label: The name of the values.
+        index: The number of the colour and the marker.
+        order: The order of a line through the last value; None for a line from value to value.
+    """
+    colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
+    line = "-" if order is None else ""
+    axes.loglog(n, values, marker + line, color=colour, label=label, linewidth=0.9)
+    if order is not None:
+        line_of_order = values[-1] * (np.asarray(n, dtype=float) / n[-1]) ** -order
+        axes.loglog(n, line_of_order, color=colour, linewidth=0.9)
+
+
+def name_cells(axes: Axes, n: Sequence[int]) -> None:
+    """Write the cells per side below axes, but for those whose labels would overlap."""
+    ticks = [n[-1]]
+    for value in n[-2::-1]:
+        if ticks[-1] >= 1.2 * value:
+            ticks.append(value)
+    axes.set_xticks(ticks, [str(value) for value in ticks], minor=False)
+    axes.minorticks_off()
+    axes.set_xlabel("cells per side N")
 
 
 def add_triangles(
@@ -64,18 +111,39 @@ class Picture(Figure):
 
     Figures that pyplot makes do so with some backends only:
 
-        picture = Picture(figsize=(6.0, 4.0), layout="constrained")
-        picture.subplots().plot([0.0, 1.0], [0.0, 1.0])
+        picture = Picture(figsize=(6.0, 4.0))
+        picture.panels()[0].plot([0.0, 1.0], [0.0, 1.0])
         picture
     """
 
     def __init__(self, **options: Any) -> None:
-        """Make a figure with the resolution of all pictures of the package.
+        """Make a figure with the resolution and the layout of all pictures of the package.
 
         Args:
             options: The arguments of matplotlib's `Figure`.
         """
-        super().__init__(**{"dpi": DPI, **options})
+        super().__init__(**{"dpi": DPI, "layout": "constrained", **options})
+
+    def panels(self, rows: int = 1, columns: int = 1, **options: Any) -> list[Axes]:
+        """Return axes with a grid, row by row.
+
+        Args:
+            rows, columns: How many.
+            options: Arguments of matplotlib's `subplots`.
+        """
+        axes = self.subplots(rows, columns, squeeze=False, **options)
+        for each in axes.flat:
+            each.grid(alpha=0.3)
+        return list(axes.flat)
+
+    def save(self, path: Path) -> None:
+        """Write the picture as PNG and as SVG.
+
+        Args:
+            path: The name of both files, which their suffixes complete.
+        """
+        for suffix in SUFFIXES:
+            self.savefig(path.with_suffix(suffix))
 
     def _repr_png_(self) -> bytes:
         """Return the picture as IPython asks for the picture."""

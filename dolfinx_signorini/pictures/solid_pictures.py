@@ -8,80 +8,30 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from typing import cast
 
 import numpy as np
-from dolfinx import fem
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
-from dolfinx_signorini.base.arrays import Array, Indices
-from dolfinx_signorini.meshes.elements import control_points, facet_pieces
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.compiled import LONGEST
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.contact_pictures import draw_faces
 from dolfinx_signorini.pictures.palette import COLOUR_MAP
 from dolfinx_signorini.pictures.picture import Picture
+from dolfinx_signorini.pictures.triangles import Triangles
 
 RENDERER = Path(__file__).with_name("solid_rendering.py")
-PATIENCE = 60.0  # seconds for PyVista
 EMPTY = 0.02  # of the pixels; an image with fewer that are not white shows nothing
 
 
-@dataclass(frozen=True)
-class Surface:
-    """A function on the boundary of a solid, as triangles.
-
-    A solved problem in space gives one, on rank 0:
-
-        surface = gather_surface(problem.u)
-        if surface is not None:
-            draw_solid(surface).savefig("solid.png")
-
-    Attributes:
-        points: Coordinates of the vertices, shape (points, 3).
-        values: The values at the vertices.
-        triangles: Indices of points, shape (triangles, 3).
-    """
-
-    points: Array
-    values: Array
-    triangles: Indices
-
-
-def gather_surface(u: fem.Function) -> Surface | None:
-    """Return a function on the boundary of its mesh of tetrahedra on rank 0, None on the others.
-
-    Args:
-        u: The function, in Lagrange elements; the call is collective.
-    """
-    space = u.function_space
-    domain, index_map = space.mesh, space.dofmap.index_map
-    facets = boundary_facets(domain)
-    pairs = facet_cells(domain, facets[facets < domain.topology.index_map(2).size_local])
-    local, _ = facet_pieces(space, pairs)
-    used = np.unique(local)
-    data = (
-        index_map.local_to_global(used),
-        control_points(space)[used],
-        u.x.array[used],
-        index_map.local_to_global(local.flatten()).reshape(-1, 3),
-    )
-    parts = domain.comm.gather(data, root=0)
-    if parts is None:
-        return None
-    numbers, points, values, triangles = (np.concatenate(item) for item in zip(*parts, strict=True))
-    numbers, first = np.unique(numbers, return_index=True)
-    return Surface(points[first], values[first], np.searchsorted(numbers, triangles))
-
-
 def draw_solid(
-    surface: Surface, contact: ContactBoundary | None = None, title: str = ""
+    surface: Triangles, contact: ContactBoundary | None = None, title: str = ""
 ) -> Picture:
     """Return a picture of a function on the boundary of a solid.
 
@@ -94,14 +44,14 @@ def draw_solid(
     image = _render(surface, view)
     colours: ScalarMappable
     if image is not None:
-        figure = Picture(figsize=(7.6, 6.0), layout="constrained")
+        figure = Picture(figsize=(7.6, 6.0))
         axes = figure.add_subplot()
         axes.imshow(_cropped(image))
         axes.set_axis_off()
         scale = Normalize(surface.values.min(), surface.values.max())
         colours = ScalarMappable(scale, COLOUR_MAP)
     else:
-        figure = Picture(figsize=(7.6, 5.4), layout="constrained")
+        figure = Picture(figsize=(7.6, 5.4))
         axes = figure.add_subplot(projection="3d")
         values = surface.values[surface.triangles].mean(axis=1)
         faces = draw_faces(axes, surface.points[surface.triangles], values)
@@ -114,7 +64,7 @@ def draw_solid(
     return figure
 
 
-def view_of(surface: Surface, contact: ContactBoundary | None) -> Array:
+def view_of(surface: Triangles, contact: ContactBoundary | None) -> Array:
     """Return the direction from a solid to the eye, -1 or 1 along each axis: where contact is.
 
     Args:
@@ -135,7 +85,7 @@ def _cropped(image: Array) -> Array:
     return image[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
 
-def _render(surface: Surface, view: Array) -> Array | None:
+def _render(surface: Triangles, view: Array) -> Array | None:
     """Return the image that PyVista makes, shape (height, width, 3); None where none comes out."""
     if find_spec("pyvista") is None:
         return None
@@ -148,7 +98,7 @@ def _render(surface: Surface, view: Array) -> Array | None:
         if not kept.get("DISPLAY") and which("xvfb-run"):
             command = ["xvfb-run", "-a", *command]
         try:
-            subprocess.run(command, env=kept, capture_output=True, timeout=PATIENCE, check=True)
+            subprocess.run(command, env=kept, capture_output=True, timeout=LONGEST, check=True)
             pixels = np.load(image)
         except (OSError, ValueError, subprocess.SubprocessError):
             return None

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from dolfinx_signorini import __version__
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import reproduce
-from dolfinx_signorini.pictures.plotting import picture_files
+from dolfinx_signorini.pictures.picture import picture_files
 
 TABLES = ("table1.csv", "table2.csv")
 # A job of its own inside of one that mpirun started: mpirun does not nest.

@@ -17,7 +17,7 @@ from dolfinx_signorini.pictures import solid_pictures
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
-from dolfinx_signorini.pictures.plane_field import gather_plane_field
+from dolfinx_signorini.pictures.triangles import Triangles, gather_triangles
 
 COMM = MPI.COMM_WORLD
 
@@ -54,10 +54,7 @@ def test_cells_that_are_no_simplices_are_drawn_whole(cell, degree):
     problem = solved(domain, degree)
     boundary = gather_contact_boundary(problem)
     u = problem.u
-    if cell == "quadrilateral":
-        drawn, whole = gather_plane_field(u, {}), 1.0
-    else:
-        drawn, whole = solid_pictures.gather_surface(u), 6.0
+    drawn, whole = gather_triangles(u), 1.0 if cell == "quadrilateral" else 6.0
     if COMM.rank == 0:
         assert boundary.sizes.sum() == pytest.approx(4.0 if cell == "quadrilateral" else 6.0)
         corners = drawn.points[drawn.triangles]
@@ -141,7 +138,7 @@ def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
     domain = mesh.create_unit_cube(COMM, 2, 3, 4)
     u = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
     u.interpolate(lambda x: x[0] + 2.0 * x[1] - x[2])
-    surface = solid_pictures.gather_surface(u)
+    surface = gather_triangles(u)
     if surface is None:
         return
     corners = surface.points[surface.triangles]
@@ -160,7 +157,7 @@ def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
 
 def test_a_solid_is_seen_from_where_contact_is():
     corners = np.array(list(product([1.0, 3.0], [-2.0, 0.0], [0.0, 1e-3])))
-    surface = solid_pictures.Surface(corners, np.zeros(8), np.array([[0, 1, 2]]))
+    surface = Triangles(corners, np.zeros(8), np.array([[0, 1, 2]]))
     for axis, end in product(range(3), (0, 1)):
         side = corners[corners[:, axis] == np.unique(corners[:, axis])[end]]
         nothing = np.zeros(4, dtype=bool)
@@ -174,7 +171,7 @@ def test_pyvista_draws_a_solid(serial):
     pytest.importorskip("pyvista")
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
-    surface = solid_pictures.Surface(points, np.zeros(4), triangles)
+    surface = Triangles(points, np.zeros(4), triangles)
     image = solid_pictures._render(surface, np.ones(3))
     if image is None:
         pytest.skip("PyVista finds neither a display nor a library that draws without one")
@@ -185,7 +182,7 @@ def test_pyvista_draws_a_solid(serial):
 
 
 def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path, serial):
-    surface = solid_pictures.Surface(np.eye(3), np.arange(3.0), np.array([[0, 1, 2]]))
+    surface = Triangles(np.eye(3), np.arange(3.0), np.array([[0, 1, 2]]))
     program = tmp_path / "renderer.py"
     monkeypatch.setattr(solid_pictures, "RENDERER", program)
     monkeypatch.setattr(solid_pictures, "find_spec", lambda _: object())

@@ -1,7 +1,6 @@
 """The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 from dolfinx_signorini.base.records import on_first, versions, write_file
 from dolfinx_signorini.base.tables import csv_table
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
-from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
 from dolfinx_signorini.scenes.output.pictures import draw_scene
@@ -36,7 +34,6 @@ def write_results(
         outputs: Which of `OUTPUTS` to write; the record comes with all of them.
         folder: Where to write.
     """
-    comm = result.posed.problem.comm
     if "fields" in outputs:
         write_fields(result, folder)
     drawn = {"pictures", "report"} & set(outputs)
@@ -44,9 +41,19 @@ def write_results(
 
     def write() -> None:
         assert boundary is not None  # rank 0 has the boundary
-        _write_small_files(result, summary, boundary, figures, outputs, folder)
+        record = make_record(result, summary)
+        if "boundary" in outputs:
+            write_file(folder / "boundary.csv", boundary_csv(boundary))
+        images = {name: figure.png() for name, figure in figures.items()}
+        if "pictures" in outputs:
+            for name, image in images.items():
+                (folder / f"{name}.png").write_bytes(image)
+        if "report" in outputs:
+            write_file(folder / "report.html", write_report(record, summary, images))
+        record["files"] = sorted([RECORD, *(path.name for path in folder.iterdir())])
+        write_file(folder / RECORD, json.dumps(record, indent=1) + "\n")
 
-    on_first(comm, folder.parent, write)
+    on_first(result.posed.problem.comm, folder.parent, write)
 
 
 def boundary_csv(boundary: ContactBoundary) -> str:
@@ -70,60 +77,24 @@ def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
         result: The solved scene.
         summary: The numbers of the result.
     """
-    scene = result.posed.scene
+    scene, found = result.posed.scene, result.found
+    asked: dict[str, Any] = {"rtol": scene.rtol}
+    if found is not None:
+        request = found.request
+        asked = {"accuracy": request.accuracy, "budget": request.budget}
+        asked = {key: value for key, value in asked.items() if value is not None}
+        asked["norm"] = request.target.name
     return {
         "title": scene.title,
         "versions": versions(),
         "ranks": result.posed.problem.comm.size,
-        "options": _options(result),
+        "options": asked | {"degree": scene.degree},
         "scene": scene.text,
         "set": list(scene.overrides),
         "summary": asdict(summary),
-        "meshes": _meshes(result),
+        "meshes": [asdict(item) for item in (result.levels if found is None else found.steps)],
         "expected_orders": result.expectation.orders,
         "notes": list(result.expectation.notes),
         "solver": asdict(result.solve),
         **scene.domain.record(),
     }
-
-
-def _options(result: SceneResult) -> dict[str, Any]:
-    """Return what a run was asked for, on the command line or in the scene."""
-    found, scene = result.found, result.posed.scene
-    if found is None:
-        return {"degree": scene.degree, "rtol": scene.rtol}
-    request = found.request
-    asked = {"accuracy": request.accuracy, "budget": request.budget, "norm": request.target.name}
-    return {key: value for key, value in asked.items() if value is not None} | {
-        "degree": scene.degree
-    }
-
-
-def _meshes(result: SceneResult) -> list[dict[str, Any]]:
-    """Return the levels of the cascade, or the steps of the adaptive loop, in their order."""
-    if result.found is not None:
-        return [asdict(step) for step in result.found.steps]
-    return [asdict(level) for level in result.levels]
-
-
-def _write_small_files(
-    result: SceneResult,
-    summary: Summary,
-    boundary: ContactBoundary,
-    figures: dict[str, Picture],
-    outputs: Sequence[str],
-    folder: Path,
-) -> None:
-    """Write all outputs but the fields; rank 0 only."""
-    record = make_record(result, summary)
-    if "boundary" in outputs:
-        write_file(folder / "boundary.csv", boundary_csv(boundary))
-    images = {}
-    for name, figure in figures.items():
-        images[name] = figure.png()
-        if "pictures" in outputs:
-            (folder / f"{name}.png").write_bytes(images[name])
-    if "report" in outputs:
-        write_file(folder / "report.html", write_report(record, summary, images))
-    record["files"] = sorted([RECORD, *(path.name for path in folder.iterdir())])
-    write_file(folder / RECORD, json.dumps(record, indent=1) + "\n")

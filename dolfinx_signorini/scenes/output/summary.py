@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
@@ -18,11 +19,9 @@ from dolfinx_signorini.scenes.posing import LOAD
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
 
-ROUNDING = 1e-12  # of coordinates
 MAX_DIGITS = 8  # of a coordinate
 MAX_POINTS = 8  # detachment points that are listed
 ALIKE = 3  # digits of a coordinate: what differs by less does not change the order of points
-SHORT = 0.005  # seconds of a phase that is not listed
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,8 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
 
 def time_line(phases: Mapping[str, float]) -> tuple[str, str]:
     """Return the seconds of everything and of the phases as a pair of name and text."""
-    parts = (f"{name} {seconds:.2f}" for name, seconds in phases.items() if seconds >= SHORT)
+    texts = {name: f"{seconds:.2f}" for name, seconds in phases.items()}
+    parts = (f"{name} {text}" for name, text in texts.items() if text != "0.00")
     return "time", f"{sum(phases.values()):.2f} s: {', '.join(parts)}"
 
 

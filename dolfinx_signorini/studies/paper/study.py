@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,11 @@ from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.sampling import H1_2, LINF, W1_INF, paper_errors
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, christof_haubner, paper_problem
 
 PAPER_NORMS = ("L4", "L16", LINF, "W1_4", "W1_16", W1_INF, H1_2)
-
-# Residual of the cascade: the algebra leaves some ten times as much in an error (1e-6 with 1e-7),
-# and ten times that in an order between N = 901 and 1001. Some figures of the paper are so close to
-# other digits: orders by 1e-6, L^inf at N = 301 by 3e-9. Rounding alone leaves 1.5e-18 N^2.
-DIGITS_RTOL = 1e-10
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class StudySettings:
     Attributes:
         method: Solver, see `SignoriniProblem.solve`.
         norms: Names of the norms of the error, see `sampling.paper_errors`.
-        rtol: Relative natural residual; None for `DIGITS_RTOL` with the cascade, and for the
+        rtol: Relative natural residual; None for `TIGHT_RTOL` with the cascade, and for the
             default of other methods.
         rule: Quadrature rule of the load and of the norms on cells.
         boundary_rule: Quadrature rule of the paper's H^{1/2} norm on facets.
@@ -70,24 +67,15 @@ def run_study(
         NotConvergedError: Some problem could not be solved.
     """
     records = Records(comm, folder / ROWS, asdict(settings), keys=("n", "errors"))
-    done = {row["n"]: row for row in records.rows}
-    for n in cells:
-        if n in done:
-            log.info("N = %d: already done", n)
-            continue
-        log.debug("N = %d", n)
-        records.append(_row(comm, n, settings))
-        done[n] = records.rows[-1]
-        seconds = done[n]["seconds"].items()
-        log.info("N = %d: %s", n, ", ".join(f"{name} {value:.1f} s" for name, value in seconds))
-    return [done[n] for n in cells]
+    return [records.row(f"N = {n}", {"n": n}, partial(_row, comm, n, settings)) for n in cells]
 
 
 def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     """Compute one row."""
+    log.debug("N = %d", n)
     phases, coarse, rtol = Phases(comm), None, settings.rtol
     if rtol is None and settings.method == "cascade":
-        rtol = DIGITS_RTOL
+        rtol = TIGHT_RTOL
     if settings.method == "cascade" and (levels := coarse_levels(n)):
         with phases("coarse"):
             coarser = solve_cascade(lambda m, _: _problem(comm, m), levels, rtol=DEFAULT_RTOL)
@@ -104,8 +92,9 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     seconds, result = phases.seconds, problem.result
     assert result is not None
     problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])
+    told = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
+    log.info("N = %d: %s", n, told)
     row = {
-        "n": n,
         "unknowns": problem.unknowns,
         "errors": errors,
         "active_dofs": result.active_dofs,

@@ -37,7 +37,7 @@ def of_kind(rows: Iterable[Row], kind: Kind) -> list[Row]:
 
 def describe(row: Row) -> str:
     """Return the configuration of a row in words."""
-    own = {field.name: row[field.name] for field in fields(Configuration) if field.name != "kind"}
+    own = {field.name: row[field.name] for field in fields(Configuration) if field.name in row}
     return str(Configuration(kind_of(row), **own))
 
 

@@ -31,7 +31,6 @@ from dolfinx_signorini.problem.detachment import DetachmentPoint
 RADIUS = 0.125  # where the grading begins, relative to the size of the domain
 RESOLUTION = 0.25  # smallest cell over uncertainty of a point: smaller cells would be misplaced
 TOLERANCE = 1.5  # a cell is cut if its size over the wanted size is larger
-MAX_ROUNDS = 60
 MANY = 1500  # cells: from here on a few more of them cost less than to make a finer mesh again
 
 
@@ -57,10 +56,10 @@ def graded_mesh(
     domain = sided.mesh
     if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
         raise InputError("grading: only for triangulations of plane domains")
-    radii, rounds = _radii(sided, points), MAX_ROUNDS if exponent < 1.0 and points else 0
+    radii, grading = _radii(sided, points), exponent < 1.0 and len(points) > 0
     for level in reversed(range(halvings + 1)):
-        parts = level == 1 and _count(sided) > MANY
-        for _ in range(rounds):
+        parts = level == 1 and sided.mesh.topology.index_map(2).size_global > MANY
+        while grading:
             places, sizes = _cells(sided, parts)
             wanted = np.full(len(sizes), width)
             for point, radius in zip(points, radii, strict=True):
@@ -84,10 +83,6 @@ def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
         others = distances[distances > 0.0]
         radii.append(min(RADIUS * size, 0.5 * float(others.min(initial=np.inf))))
     return radii
-
-
-def _count(sided: SidedMesh) -> int:
-    return int(sided.mesh.topology.index_map(2).size_global)
 
 
 def _cells(sided: SidedMesh, parts: bool) -> tuple[Array, Array]:

@@ -1,12 +1,8 @@
 """The grid of configurations whose speed and accuracy are compared."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import replace
 
-from mpi4py import MPI
-
-from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.studies.tradeoff.kinds import (
     GRADED_P2,
     GRADED_P4,
@@ -44,35 +40,7 @@ SWEEP_RULE = (1, 2, 3, 4, 5, 7, 9, 11)
 SWEEP_METHOD = ("cascade", "bqnls", "bncg", "bntr")
 
 
-@dataclass(frozen=True)
-class Item:
-    """One point of the grid:
-
-        Item(Configuration(UNIFORM_P1, 101), rule=3, purpose="rule")
-
-    Attributes:
-        configuration: Mesh, elements, method and tolerance.
-        rule: Degree of the Gauss-Jacobi rule of the load.
-        purpose: "main" for the comparison of meshes and elements, else the name of a sweep.
-    """
-
-    configuration: Configuration
-    rule: int = CELL_RULE.degree
-    purpose: str = "main"
-
-    @property
-    def size(self) -> int:
-        """The dofs across the domain, as if the mesh was not graded."""
-        return self.configuration.kind.degree * self.configuration.n
-
-    def key(self, comm: MPI.Comm) -> dict[str, Any]:
-        """Return the entries that identify the row of the item among all rows."""
-        own = asdict(self.configuration)
-        own |= own.pop("kind")
-        return own | {"rule": self.rule, "purpose": self.purpose, "ranks": comm.size}
-
-
-def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Item]:
+def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Configuration]:
     """Return uniform and graded meshes of all degrees, and sweeps of one setting each.
 
     Args:
@@ -80,20 +48,18 @@ def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Ite
         dimension: The dimension of space; meshes are graded in the plane only.
         sweeps: Whether tolerances, quadrature rules and methods are varied, too.
     """
-    items = [
-        Item(Configuration(kind, n)) for kind, sizes in CELLS[dimension].items() for n in sizes
-    ]
-    items = [item for item in items if (item.size + 1) ** dimension <= max_unknowns]
-    # From small to large, so that memory left by larger items does not count as peak memory.
-    items.sort(key=lambda item: item.size)
+    found = [Configuration(kind, n) for kind, sizes in CELLS[dimension].items() for n in sizes]
+    found = [c for c in found if (c.size + 1) ** dimension <= max_unknowns]
+    # From small to large, so that memory left by larger ones does not count as peak memory.
+    found.sort(key=lambda c: c.size)
     if not sweeps:
-        return items
-    return [item for item in [*items, *_sweeps()] if item.size**2 < max_unknowns]
+        return found
+    return [c for c in [*found, *_sweeps()] if c.size**2 < max_unknowns]
 
 
 def ladder(
     kind: Kind, norm: str, accuracies: Sequence[float], max_unknowns: int, dimension: int = 2
-) -> list[Item]:
+) -> list[Configuration]:
     """Return the adaptive loop for one accuracy after the other.
 
     Args:
@@ -105,7 +71,7 @@ def ladder(
     """
     limit = min(max_unknowns, ADAPTED)
     first = Configuration(kind, FIRST[dimension], norm=norm, max_unknowns=limit)
-    return [Item(replace(first, accuracy=accuracy)) for accuracy in accuracies]
+    return [replace(first, accuracy=accuracy) for accuracy in accuracies]
 
 
 def adapted_kinds(max_unknowns: int, dimension: int) -> list[Kind]:
@@ -138,14 +104,14 @@ def finer_configuration(max_unknowns: int, dimension: int) -> Configuration:
     return Configuration(kind, n, norm="H1", max_unknowns=limit)
 
 
-def _sweeps() -> list[Item]:
+def _sweeps() -> list[Configuration]:
     """Two configurations with varied tolerance and quadrature, and two with varied method."""
-    items = []
+    found = []
     for c in (Configuration(UNIFORM_P1, 101), Configuration(GRADED_P4, 24)):
-        items += [Item(replace(c, rtol=rtol), purpose="tolerance") for rtol in SWEEP_RTOL]
-        items += [Item(c, rule=rule, purpose="rule") for rule in SWEEP_RULE]
+        found += [replace(c, rtol=rtol, purpose="tolerance") for rtol in SWEEP_RTOL]
+        found += [replace(c, rule=rule, purpose="rule") for rule in SWEEP_RULE]
     for n in (51, 101):
         for method in SWEEP_METHOD:
-            c = Configuration(UNIFORM_P1, n, method=method, rtol=1e-6)
-            items.append(Item(c, purpose="method"))
-    return items
+            c = Configuration(UNIFORM_P1, n, method=method, rtol=1e-6, purpose="method")
+            found.append(c)
+    return found

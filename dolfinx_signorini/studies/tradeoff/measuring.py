@@ -1,4 +1,4 @@
-"""Speed against accuracy, measured: seconds, memory and errors of the items of a grid.
+"""Speed against accuracy, measured: seconds, memory and errors of configurations.
 
 Seconds are wall-clock seconds from nothing to the solution: coarse levels (those that find the
 detachment points of a graded mesh included) or all steps of the adaptive loop, mesh, assembly and
@@ -23,8 +23,8 @@ from dolfinx_signorini.base.records import Records
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.tradeoff.comparing import Row
 from dolfinx_signorini.studies.tradeoff.family import Family
-from dolfinx_signorini.studies.tradeoff.grid import Item
 from dolfinx_signorini.studies.tradeoff.runs import (
+    COARSEST,
     Configuration,
     Run,
     algebraic_errors,
@@ -32,12 +32,11 @@ from dolfinx_signorini.studies.tradeoff.runs import (
     solve_configuration,
 )
 
-WARM_UP = 8  # cells across of the run that compiles the forms
-ENOUGH = 1.0  # seconds after which an item is not timed again
+ENOUGH = 1.0  # seconds after which a configuration is not timed again
 
 
 class Meter:
-    """Measures items in some norms, each item once: recorded rows are not measured again.
+    """Measures configurations in some norms, each once: recorded rows are not measured again.
 
     For example:
 
@@ -48,7 +47,7 @@ class Meter:
         records: The file of finished rows.
         make_family: Returns the problem for a degree of the quadrature rule of its load.
         norms: Names of the norms.
-        repeats: How often to time each item; an item that takes long is timed less often.
+        repeats: How often to time each configuration; one that takes long is timed less often.
         reference: For a problem without a known solution: the configuration whose solution errors
             are measured against.
     """
@@ -67,26 +66,29 @@ class Meter:
         self._finer: Run | None = None
         self._warm: set[tuple[Any, ...]] = set()
 
-    def measured(self, items: Iterable[Item]) -> list[Row]:
-        """Return the rows of some items, in their order."""
-        return [self._recorded(item) or self._measure(item) for item in items]
+    def measured(self, configurations: Iterable[Configuration]) -> list[Row]:
+        """Return the rows of some configurations, in their order."""
+        return [
+            self.records.row(str(c), c.key(self.comm), functools.partial(self._measure, c))
+            for c in configurations
+        ]
 
-    def climbed(self, items: Iterable[Item]) -> list[Row]:
+    def climbed(self, configurations: Iterable[Configuration]) -> list[Row]:
         """Return the rows of the adaptive loop for one accuracy after the other.
 
         An accuracy that the loop has reached with the one before is left out. The climb ends with
         the first accuracy that the loop does not reach within its limit.
 
         Args:
-            items: Items on adapted meshes, see `grid.ladder`.
+            configurations: Those on adapted meshes, see `grid.ladder`.
         """
         rows: list[Row] = []
-        for item in items:
-            accuracy = item.configuration.accuracy
+        for configuration in configurations:
+            accuracy = configuration.accuracy
             assert accuracy is not None
             if rows and rows[-1]["estimate"] <= accuracy:
                 continue
-            rows += self.measured([item])
+            rows += self.measured([configuration])
             if rows[-1]["estimate"] > accuracy:
                 break
         return rows
@@ -97,36 +99,29 @@ class Meter:
             self._finer.destroy()
             self._finer = None
 
-    def _recorded(self, item: Item) -> Row | None:
-        """The recorded row of an item."""
-        key = item.key(self.comm)
-        return next((row for row in self.records.rows if key.items() <= row.items()), None)
-
-    def _measure(self, item: Item) -> Row:
-        """Measure an item, and record its row."""
-        family, c = self._family(item.rule), item.configuration
+    def _measure(self, c: Configuration) -> Row:
+        """Return the row of a configuration, which compiles its forms before they are timed."""
         if self.reference is not None and self._finer is None:
-            self._finer = solve_configuration(self.comm, family, self.reference)
-        forms = (c.kind, c.norm, c.method, item.rule)
+            self._finer = solve_configuration(self.comm, self._family(c.rule), self.reference)
+        forms = (c.kind, c.norm, c.method, c.rule)
         if forms not in self._warm:
-            self._row(replace(item, configuration=_coarsest(c)), 1)
+            self._row(_coarsest(c), 1)
             self._warm.add(forms)
-        row = item.key(self.comm) | self._row(item, self.repeats)
-        told = item.purpose, c, c.method, c.rtol, row["total"]
+        row = self._row(c, self.repeats)
+        told = c.purpose, c, c.method, c.rtol, row["total"]
         log.info("%s: %s, %s, rtol %s  %.3f s", *told)
-        self.records.append(row)
-        return self.records.rows[-1]
+        return row
 
-    def _row(self, item: Item, repeats: int) -> dict[str, Any]:
-        """Solve some times; return cost and errors of an item."""
-        family, memory, totals = self._family(item.rule), 0, list[float]()
+    def _row(self, c: Configuration, repeats: int) -> dict[str, Any]:
+        """Solve some times; return cost and errors."""
+        family, memory, totals = self._family(c.rule), 0, list[float]()
         samples: list[dict[str, float]] = []
         run: Run | None = None
         while len(samples) < repeats and sum(totals) < ENOUGH:
             if run is not None:
                 run.destroy()
             _reset_peak()
-            run = solve_configuration(self.comm, family, item.configuration)
+            run = solve_configuration(self.comm, family, c)
             memory = self.comm.allreduce(_peak_bytes())
             samples.append(run.seconds)
             totals.append(run.total_seconds)
@@ -148,7 +143,7 @@ class Meter:
             "estimate": None if run.found is None else run.found.estimate,
             **self._errors(run),
         }
-        if item.purpose == "tolerance":
+        if c.purpose == "tolerance":
             row["algebraic"] = algebraic_errors(run, self.norms)
         run.destroy()
         return row
@@ -168,7 +163,7 @@ def _coarsest(configuration: Configuration) -> Configuration:
     """A run that needs the same forms and takes little time."""
     if configuration.norm is not None:
         return replace(configuration, accuracy=sys.float_info.max)
-    return replace(configuration, n=WARM_UP)
+    return replace(configuration, n=COARSEST)
 
 
 def _reset_peak() -> None:

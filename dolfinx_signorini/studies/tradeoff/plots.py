@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.studies.tradeoff.comparing import Row, describe, of_kind, pareto_front, slope
 from dolfinx_signorini.studies.tradeoff.kinds import KINDS, MESHES, Kind
 
@@ -17,14 +16,15 @@ FRONT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 12}
 FRONT |= {"markerfacecolor": "none", "markeredgecolor": "0.45", "label": "Pareto front"}
 
 
-def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
+def draw_work_precision(rows: Sequence[Row], norm: str) -> Picture:
     """Draw error against seconds and against unknowns, with a line per mesh and degree.
 
     Args:
         rows: Rows that are compared in the norm.
         norm: The norm of the error.
     """
-    figure, panels = plt.subplots(1, 2, figsize=(11, 6.4), sharey=True)
+    figure = Picture(figsize=(11, 6.4))
+    panels = figure.panels(1, 2, sharey=True)
     drawn: dict[Kind, Line2D] = {}
     for axes, cost, label in zip(
         panels, ("total", "unknowns"), ("seconds from nothing", "unknowns"), strict=True
@@ -46,17 +46,15 @@ def draw_work_precision(rows: Sequence[Row], norm: str) -> Figure:
                     linewidth=1.2,
                 )
         axes.set_xlabel(label)
-        axes.grid(alpha=0.3)
     panels[0].set_ylabel(f"error in {norm}")
     panels[0].legend(loc="lower left")
-    figure.tight_layout(rect=(0, 0.17, 1, 1))
     # A column for each degree.
     lines = sorted(drawn.items(), key=lambda item: (item[0].degree, KINDS.index(item[0])))
     figure.legend(
         [line for _, line in lines],
         [_label(kind, rows, norm) for kind, _ in lines],
         title="mesh and elements: order in unknowns",
-        loc="lower center",
+        loc="outside lower center",
         ncols=HIGHEST_DEGREE,
         frameon=False,
     )
@@ -69,14 +67,15 @@ def _label(kind: Kind, rows: Sequence[Row], norm: str) -> str:
     return str(kind) if order is None else f"{kind}: {order:.2f}"
 
 
-def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Figure:
+def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Picture:
     """Draw the algebraic error, relative to the discretisation error, against the tolerance.
 
     Args:
         sweep: For each mesh the rows with different tolerances.
         norm: The norm of the errors.
     """
-    figure, axes = plt.subplots(figsize=(6.4, 4.4))
+    figure = Picture(figsize=(6.4, 4.4))
+    (axes,) = figure.panels()
     for k, (name, rows) in enumerate(sweep.items()):
         rows = sorted(rows, key=lambda row: row["rtol"])
         axes.loglog(
@@ -91,15 +90,14 @@ def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Figure:
         xlabel="relative natural residual asked for",
         ylabel=f"algebraic / discretisation error, {norm}",
     )
-    axes.grid(alpha=0.3)
     axes.legend()
-    figure.tight_layout()
     return figure
 
 
-def draw_phases(rows: Sequence[Row]) -> Figure:
+def draw_phases(rows: Sequence[Row]) -> Picture:
     """Draw the share of each phase in the seconds of some rows."""
-    figure, axes = plt.subplots(figsize=(8, 0.9 + 0.55 * len(rows)))
+    figure = Picture(figsize=(8, 0.9 + 0.55 * len(rows)))
+    axes = figure.subplots()
     labels = [f"{describe(row)}: {row['total']:.3g} s" for row in rows]
     left = [0.0] * len(rows)
     for k, phase in enumerate(rows[0]["seconds"]):
@@ -109,5 +107,4 @@ def draw_phases(rows: Sequence[Row]) -> Figure:
     axes.invert_yaxis()
     axes.set(xlabel="% of the seconds", xlim=(0, 100))
     axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=len(rows[0]["seconds"]))
-    figure.tight_layout()
     return figure

@@ -1,21 +1,25 @@
-"""The files of a comparison: rows as JSON and CSV, tables of targets, work-precision diagrams."""
+"""The files of a comparison: rows as JSON and CSV, tables, work-precision diagrams, and a page."""
 
 import json
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from dolfinx_signorini.base.records import versions, write_file
-from dolfinx_signorini.base.tables import csv_table, text_table
-from dolfinx_signorini.pictures import plotting
+from dolfinx_signorini.base.tables import csv_table, markdown_table, text_table
+from dolfinx_signorini.pictures.picture import Picture, picture_files
 from dolfinx_signorini.studies.tradeoff import plots
 from dolfinx_signorini.studies.tradeoff.comparing import (
     Row,
     compared,
     describe,
+    order_table,
     pareto_front,
+    rivals,
     target_table,
 )
+from dolfinx_signorini.studies.tradeoff.measuring import told_by_kernel
 
 TARGETS, REPORT, TABLE = "targets.txt", "tradeoff.json", "tradeoff.csv"
 DIAGRAM = "work_precision"  # with the norm
@@ -23,7 +27,7 @@ DIAGRAM = "work_precision"  # with the norm
 
 def result_files(norms: Iterable[str]) -> list[str]:
     """Return the names of the files of a comparison, for the norms in which errors are measured."""
-    pictures = plotting.picture_files(f"{DIAGRAM}_{norm}" for norm in norms)
+    pictures = picture_files(f"{DIAGRAM}_{norm}" for norm in norms)
     return [TARGETS, REPORT, TABLE, *pictures]
 
 
@@ -52,7 +56,7 @@ def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -
     write_file(folder / REPORT, json.dumps(report, indent=1) + "\n")
     write_file(folder / TABLE, _csv(rows))
     for norm in norms:
-        plotting.save(plots.draw_work_precision(main[norm], norm), folder / f"{DIAGRAM}_{norm}")
+        plots.draw_work_precision(main[norm], norm).save(folder / f"{DIAGRAM}_{norm}")
     return tables
 
 
@@ -79,3 +83,54 @@ def _csv(rows: Sequence[Row]) -> str:
         flat.append(line)
     columns = list(dict.fromkeys(key for line in flat for key in line))
     return csv_table(columns, [[line.get(key) for key in columns] for line in flat])
+
+
+def write_page(path: Path, rows: Sequence[Row], norms: Sequence[str], max_unknowns: int) -> None:
+    """Write the page and its diagrams, which go into a folder of the page's name.
+
+    Args:
+        path: The page, a Markdown file.
+        rows: All rows of the paper's problem; those on several ranks are left out.
+        norms: The norms of the error.
+        max_unknowns: The limit that the rows were measured with.
+    """
+    folder = path.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = [row for row in rows if row["ranks"] == 1]
+    programs = ", ".join(f"{name} {version}" for name, version in versions().items())
+    command = f"dolfinx-signorini tradeoff --max-unknowns {max_unknowns} --page {path.name}"
+    lines = ["# Speed against accuracy", "", f"With {programs}, on {_processor()}:", ""]
+    lines += [f"    {command}", ""]
+    for norm in norms:
+        table = markdown_table(*target_table(compared(rows, norm), norm))
+        lines += [f"## The fastest for an error in {norm}", "", table]
+    table = markdown_table(*order_table(rows, norms))
+    lines += ["## Orders in h, measured (and allowed by approximation)", "", table]
+    lines += ["## The diagrams", ""]
+    for name, text, figure in _diagrams(rows, norms):
+        figure.save(folder / name)
+        lines += [f"![{text}]({folder.name}/{name}.png)", ""]
+    write_file(path, "\n".join(lines))
+
+
+def _diagrams(rows: Sequence[Row], norms: Sequence[str]) -> Iterator[tuple[str, str, Picture]]:
+    """Name, description and figure of each diagram."""
+    for norm in norms:
+        text = f"error in {norm} against seconds and unknowns, with slopes"
+        figure = plots.draw_work_precision(compared(rows, norm), norm)
+        yield f"{DIAGRAM}_{norm}", text, figure
+    sweep: dict[str, list[Row]] = {}
+    for row in rows:
+        if row["purpose"] == "tolerance":
+            sweep.setdefault(describe(row), []).append(row)
+    if sweep:
+        yield "tolerance", "algebraic error", plots.draw_tolerance(sweep, norms[0])
+    yield "phases", "where the time goes", plots.draw_phases(rivals(rows, norms))
+
+
+def _processor() -> str:
+    """The processor of this machine, as the kernel calls it."""
+    for line in told_by_kernel("cpuinfo"):
+        if line.startswith("model name"):
+            return f"{os.cpu_count()} cores of {line.split(':', 1)[1].strip()}"
+    return f"{os.cpu_count()} cores"

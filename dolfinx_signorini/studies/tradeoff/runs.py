@@ -6,7 +6,8 @@ mesh, the assembly and the solve, each with its seconds; on adapted meshes the w
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from dolfinx import fem
 from mpi4py import MPI
@@ -16,22 +17,22 @@ from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.norms.references import CARRIED_DEGREE, Reference, carried
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.tradeoff.family import Family, Posed
 from dolfinx_signorini.studies.tradeoff.grading import graded_mesh
 from dolfinx_signorini.studies.tradeoff.kinds import Kind
 
 COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
-COARSE_RTOL = 1e-7  # of the coarse levels: after 1e-5, degree 4 misplaces detachment points
-TIGHT = 1e-10  # tolerance of the solutions that algebraic errors are measured against
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class Configuration:
         norm: The norm of the error that the adaptive loop is asked for.
         accuracy: The largest error allowed; None for as many unknowns as are allowed.
         max_unknowns: The largest number of unknowns on adapted meshes.
+        rule: Degree of the Gauss-Jacobi rule of the load, for the family.
+        purpose: "main" for the comparison of meshes and elements, else the name of a sweep.
     """
 
     kind: Kind
@@ -58,6 +61,19 @@ class Configuration:
     norm: str | None = None
     accuracy: float | None = None
     max_unknowns: int | None = None
+    rule: int = CELL_RULE.degree
+    purpose: str = "main"
+
+    @property
+    def size(self) -> int:
+        """The dofs across the domain, as if the mesh was not graded."""
+        return self.kind.degree * self.n
+
+    def key(self, comm: MPI.Comm) -> dict[str, Any]:
+        """Return the entries that identify the row of the configuration among all rows."""
+        own = asdict(self)
+        last = {name: own.pop(name) for name in ("rule", "purpose")}
+        return own | own.pop("kind") | last | {"ranks": comm.size}
 
     def __str__(self) -> str:
         if self.norm is None:
@@ -147,21 +163,29 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
         NotConvergedError: The solver failed.
     """
     _check(family, configuration)
-    clock, ascent = Phases(comm), _Ascent(comm, family, configuration.kind)
+    c = configuration
+    clock, ascent = Phases(comm), _Ascent(comm, family, c.kind)
     found: AdaptiveSolution | None = None
     with clock("all"):
-        if configuration.kind.mesh == "adapted":
-            found = _adapted(ascent, configuration)
+        if c.kind.mesh == "adapted":
+            assert c.norm is not None
+            found = solve_adaptively(
+                ascent.on,
+                family.make(comm, c.n),
+                norm=c.norm,
+                accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
+                max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
+            )
         else:
             solve_cascade(
                 ascent.problem,
-                [*levels(configuration, family.dimension), configuration.n],
-                method=configuration.method,
-                rtol=configuration.rtol,
-                coarse_rtol=COARSE_RTOL,
+                [*levels(c, family.dimension), c.n],
+                method=c.method,
+                rtol=c.rtol,
+                coarse_rtol=DEFAULT_RTOL,  # after 1e-5, degree 4 misplaces detachment points
             )
     seconds = _phases(clock.total, ascent)
-    return Run(configuration, ascent.posed, tuple(ascent.points), seconds, found)
+    return Run(c, ascent.posed, tuple(ascent.points), seconds, found)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:
@@ -192,7 +216,7 @@ def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
         norms: Names of the norms.
     """
     loose = run.u.x.array.copy()
-    tight = run.posed.problem.solve(rtol=TIGHT)
+    tight = run.posed.problem.solve(rtol=TIGHT_RTOL)
     difference = fem.Function(tight.function_space)
     difference.x.array[:] = tight.x.array - loose
     return error_norms(difference, None, norms)
@@ -209,19 +233,6 @@ def _check(family: Family, configuration: Configuration) -> None:
         raise InputError("only in the plane", "graded")
     if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
         raise InputError("for adapted meshes, and only for these", "norm")
-
-
-def _adapted(ascent: "_Ascent", configuration: Configuration) -> AdaptiveSolution:
-    """Solve on adapted meshes."""
-    c, make = configuration, ascent.family.make
-    assert c.norm is not None
-    return solve_adaptively(
-        ascent.on,
-        make(ascent.comm, c.n),
-        norm=c.norm,
-        accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
-        max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
-    )
 
 
 def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:

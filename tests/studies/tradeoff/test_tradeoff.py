@@ -30,7 +30,7 @@ from dolfinx_signorini.studies.tradeoff.comparing import (
     target_table,
     targets,
 )
-from dolfinx_signorini.studies.tradeoff.grid import FIRST, Item, adapted_kinds, grid, ladder
+from dolfinx_signorini.studies.tradeoff.grid import FIRST, adapted_kinds, grid, ladder
 from dolfinx_signorini.studies.tradeoff.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.measuring import Meter
 from dolfinx_signorini.studies.tradeoff.results import result_files
@@ -115,15 +115,15 @@ def test_levels_of_graded_meshes_are_coarse(n: int) -> None:
 def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
     items = [
         # Loose, by a method that does the same on any partition of the mesh.
-        Item(Configuration(UNIFORM_P1, 12, method="bncg", rtol=1e-2), purpose="tolerance"),
-        Item(Configuration(GRADED_P2, 12, rtol=1e-7), rule=5, purpose="tolerance"),
+        Configuration(UNIFORM_P1, 12, method="bncg", rtol=1e-2, purpose="tolerance"),
+        Configuration(GRADED_P2, 12, rtol=1e-7, rule=5, purpose="tolerance"),
     ]
     norms = ["L4", "W1_inf"]
     records = Records(comm, folder / "rows.jsonl", {})
     rows = Meter(records, make_family, norms, repeats=2).measured(items)
     assert len(records.rows) == 2
     for measured, item in zip(rows, items, strict=True):
-        run = solve_configuration(comm, make_family(item.rule), item.configuration)
+        run = solve_configuration(comm, make_family(item.rule), item)
         errors = error_norms(run.u, exact_solution(run, None), norms)
         assert measured["unknowns"] == run.unknowns
         for norm in norms:
@@ -133,7 +133,7 @@ def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
         difference.x.array[:] += run.posed.problem.solve("bqnls", rtol=1e-11).x.array
         algebraic = error_norms(difference, None, norms)
         for norm in norms:
-            if item.configuration.method == "bncg":
+            if item.method == "bncg":
                 assert math.isclose(measured["algebraic"][norm], algebraic[norm], rel_tol=1e-3)
             else:
                 assert 0.0 <= measured["algebraic"][norm] <= 1e-6 * errors[norm]
@@ -141,7 +141,7 @@ def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
         assert set(measured["seconds"]) == PHASES
         assert 0.0 < measured["fastest"] <= measured["total"] <= measured["slowest"]
         assert measured["peak_bytes"] > 20e6 * comm.size
-        assert measured["natural_residual"] <= item.configuration.rtol
+        assert measured["natural_residual"] <= item.rtol
     assert len(rows[0]["detachment_points"]) == 0
     assert abs(rows[1]["detachment_points"][0][0] - 0.5) < 0.1
 
@@ -149,7 +149,7 @@ def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
 def test_recorded_rows_are_not_measured_again(
     comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    items = [Item(Configuration(UNIFORM_P1, n)) for n in (4, 6)]
+    items = [Configuration(UNIFORM_P1, n) for n in (4, 6)]
     records = Records(comm, folder / "rows.jsonl", {})
     first = Meter(records, make_family, ["L2"], repeats=1).measured(items[:1])
     meter = Meter(Records(comm, folder / "rows.jsonl", {}), make_family, ["L2"], repeats=1)
@@ -168,9 +168,9 @@ def test_an_item_that_takes_long_is_timed_once(
 ) -> None:
     records = Records(comm, folder / "rows.jsonl", {})
     meter = Meter(records, make_family, ["L2"], repeats=2)
-    (often,) = meter.measured([Item(Configuration(UNIFORM_P1, 4))])
+    (often,) = meter.measured([Configuration(UNIFORM_P1, 4)])
     monkeypatch.setattr(measuring, "ENOUGH", 1e-9)
-    (once,) = meter.measured([Item(Configuration(UNIFORM_P1, 6))])
+    (once,) = meter.measured([Configuration(UNIFORM_P1, 6)])
     assert (often["repeats"], once["repeats"]) == (2, 1)
 
 
@@ -215,12 +215,9 @@ def test_first_meshes_of_the_loop_are_within_the_limit(dimension: int) -> None:
 def test_the_grid_respects_its_limit() -> None:
     for limit in (500, 5000, 110_000):
         for item in grid(limit):
-            c = item.configuration
+            c = item
             assert (c.kind.degree * c.n) ** 2 < limit
-    assert all(
-        item.configuration.kind.mesh == "uniform"
-        for item in grid(20_000, dimension=3, sweeps=False)
-    )
+    assert all(item.kind.mesh == "uniform" for item in grid(20_000, dimension=3, sweeps=False))
 
 
 def test_a_finer_solution_stands_in_for_the_exact_one(comm: MPI.Comm) -> None:

@@ -97,7 +97,7 @@ class Verdict:
     """What the check of a condition found:
 
         verdict = condition_a_h(sets, corners=(0.0, 1.0, 2.0, 3.0))
-        print(verdict)
+        print(*verdict.violations)
 
     Attributes:
         violations: What is violated, in words; empty where the condition holds.
@@ -113,9 +113,6 @@ class Verdict:
     def holds(self) -> bool:
         """Whether the condition holds."""
         return not self.violations
-
-    def __str__(self) -> str:
-        return "; ".join(self.violations) or "holds"
 
 
 def condition_a_h(levels: Sequence[ContactSet], corners: Sequence[float]) -> Verdict:

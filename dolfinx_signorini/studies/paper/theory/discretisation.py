@@ -13,6 +13,8 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
+from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import NotConvergedError
@@ -166,27 +168,40 @@ class Discretisation(SignoriniProblem):
 
     def _product(self, v: ufl.Argument) -> ufl.Form:
         """(u, v)_H1 with the exact u and its gradient."""
-        domain = self.exact.mesh
-        cells = self.exact.support_cells()
-        near = near_cells(domain, self.example.singular)
-        parts = [(1, np.setdiff1d(cells, near)), (2, np.intersect1d(cells, near))]
-        dx = ufl.Measure("dx", domain, subdomain_data=parts)
         integrand = ufl.inner(ufl.as_vector(self.exact.grad), ufl.grad(v)) + self.exact.u * v
-        return integrand * dx(1, metadata=PAPER_RULE.metadata) + integrand * dx(
-            2, metadata=NEAR_CELL_RULE.metadata
-        )
+        cells, near = self.exact.support_cells(), near_cells(self.exact.mesh, self.example.singular)
+        return integrated(integrand, "dx", cells, np.isin(cells, near), PAPER_RULE, NEAR_CELL_RULE)
 
     def _flux(self, v: ufl.Argument) -> ufl.Form:
         """<du/dn, v> on the boundary."""
         domain = self.exact.mesh
+        integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
         facets = facet_cells(domain, boundary_facets(domain))
         near = np.isin(facets[:, 0], near_cells(domain, self.example.singular))
-        parts = [(1, facets[~near].flatten()), (2, facets[near].flatten())]
-        ds = ufl.Measure("ds", domain, subdomain_data=parts)
-        integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
-        return integrand * ds(1, metadata=FAR_FACET_RULE.metadata) + integrand * ds(
-            2, metadata=NEAR_FACET_RULE.metadata
-        )
+        return integrated(integrand, "ds", facets, near, FAR_FACET_RULE, NEAR_FACET_RULE)
+
+
+def integrated(
+    integrand: Expr,
+    measure: str,
+    entities: np.ndarray,
+    near: np.ndarray,
+    far_rule: QuadratureRule,
+    near_rule: QuadratureRule,
+) -> ufl.Form:
+    """Return an integral by two rules: a finer one near the points that are singular.
+
+    Args:
+        integrand: The integrand, which knows its mesh.
+        measure: dx or ds.
+        entities: The cells, or the facets as pairs of a cell and a local facet.
+        near: Which of them are near.
+        far_rule, near_rule: The rules.
+    """
+    parts = [(1, entities[~near].flatten()), (2, entities[near].flatten())]
+    dx = ufl.Measure(measure, extract_unique_domain(integrand), subdomain_data=parts)
+    far, close = dx(1, metadata=far_rule.metadata), dx(2, metadata=near_rule.metadata)
+    return integrand * far + integrand * close
 
 
 def difference(v: fem.Function, w: fem.Function) -> fem.Function:

@@ -31,8 +31,7 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     cell_size,
     difference,
 )
-from dolfinx_signorini.studies.paper.theory.parts import expression_norms
-from dolfinx_signorini.studies.paper.theory.seminorms import second_seminorms
+from dolfinx_signorini.studies.paper.theory.parts import expression_norms, second_seminorms
 
 EPSILONS = (0.1, 0.25, 0.45)  # of the exponents (4 - eps)/3 and their like
 TOO_HIGH = 2.0  # an exponent above 4/3: second derivatives of z are not in this L^q

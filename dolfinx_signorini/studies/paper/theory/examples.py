@@ -9,10 +9,9 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, SUPPORT_RADIUS, christof_haubner
 from dolfinx_signorini.studies.paper.theory.pieces import (
-    BUMP_RADIUS,
     Piece,
     bumps,
     composed,
@@ -73,14 +72,8 @@ def smooth_example() -> Example:
 
     def exact(domain: mesh.Mesh) -> ManufacturedSolution:
         x = ufl.SpatialCoordinate(domain)
-        c, s = ufl.cos(math.pi * x[0]), ufl.sin(math.pi * x[0])
-        c2, s2 = ufl.cos(2.0 * math.pi * x[1]), ufl.sin(2.0 * math.pi * x[1])
-        return ManufacturedSolution(
-            mesh=domain,
-            u=2.0 + c * c2,
-            grad=(-math.pi * s * c2, -2.0 * math.pi * c * s2),
-            load=2.0 + (1.0 + 5.0 * math.pi**2) * c * c2,
-        )
+        u = 2.0 + ufl.cos(math.pi * x[0]) * ufl.cos(2.0 * math.pi * x[1])
+        return manufacture(domain, u, reaction=1.0)
 
     return Example(exact, singular=(), contact=())
 
@@ -90,9 +83,7 @@ def kinked_example() -> Example:
 
     def exact(domain: mesh.Mesh) -> ManufacturedSolution:
         x = ufl.SpatialCoordinate(domain)
-        side = x[0] + 0.3 * x[1] - 0.7
-        sign = ufl.conditional(ufl.lt(side, 0.0), -1.0, 1.0)
-        return ManufacturedSolution(domain, abs(side), (sign, 0.3 * sign), abs(side))
+        return manufacture(domain, abs(x[0] + 0.3 * x[1] - 0.7), reaction=1.0)
 
     return Example(exact, singular=(), contact=())
 
@@ -140,7 +131,7 @@ def sharp_example(p: float, last: int = 10) -> Example:
     """
     levels = levels_of_bumps(p, 3, last)
     points = tuple(point for level in levels for point in level.points)
-    free = [(x - BUMP_RADIUS * level.width, x) for level in levels for x, _ in level.points]
+    free = [(x - SUPPORT_RADIUS * level.width, x) for level in levels for x, _ in level.points]
     ends = [end for pair in free for end in pair]
     contact = tuple(zip(ends[1::2], [*ends[2::2], 4.0 + ends[0]], strict=True))
     return Example(partial(bumps, levels=levels), points, contact)

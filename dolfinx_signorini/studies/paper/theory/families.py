@@ -74,7 +74,7 @@ class Experiment:
     Attributes:
         example: The name of an example with its numbers, see `data/experiments.toml`.
         cells: Cells per side of the meshes, increasing.
-        measure: The names of functions of `measures`.
+        measure: Names in `measures.MEASURES`.
         mesh: The name of a function of `triangulations`; empty for Friedrichs-Keller meshes.
     """
 
@@ -129,7 +129,7 @@ def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
     else:
         d = discretise(comm, example, n)
     for measure in experiment.measure:
-        row |= getattr(measures, measure)(d)
+        row |= measures.MEASURES[measure](d)
     d.destroy()
     return row
 
@@ -153,16 +153,20 @@ def run_experiments(
         NotConvergedError: Some problem could not be solved.
     """
     records = Records(comm, folder / ROWS, SETTINGS)
-    done = {(row["experiment"], row["n"]): row for row in records.rows}
-    known, result = experiments(), {}
-    for name in names:
-        experiment = known[name]
-        cells = [n for n in experiment.cells if experiment.finest * n <= max_n]
-        for n in cells:
-            if (name, n) not in done:
-                start = time.perf_counter()
-                records.append({"experiment": name} | compute_row(comm, experiment, n))
-                done[name, n] = records.rows[-1]
-                log.info("%s, N = %d: %.1f s", name, n, time.perf_counter() - start)
-        result[name] = [done[name, n] for n in cells]
-    return result
+    known = experiments()
+
+    def row(name: str, n: int) -> Row:
+        title = f"{name}, N = {n}"
+
+        def computed() -> Row:
+            start = time.perf_counter()
+            row = compute_row(comm, known[name], n)
+            log.info("%s: %.1f s", title, time.perf_counter() - start)
+            return row
+
+        return records.row(title, {"experiment": name, "n": n}, computed)
+
+    return {
+        name: [row(name, n) for n in known[name].cells if known[name].finest * n <= max_n]
+        for name in names
+    }

@@ -19,7 +19,8 @@ from mpi4py import MPI
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import Reference, interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
@@ -27,18 +28,17 @@ from dolfinx_signorini.studies.paper.solution import DETACHMENT, half_angle
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     NEAR_CELL_RULE,
     THEORY_RTOL,
+    integrated,
     near_cells,
 )
-
-SINGULAR = 1.5  # the exponent at a detachment point
 
 
 def power_exponents(p: float) -> tuple[float, ...]:
     """Return the exponents of r in the solution for a regularity p; infinity for 3/2 alone."""
     if math.isinf(p):
-        return (SINGULAR,)
+        return (DETACHMENT_EXPONENT,)
     b = 2.0 - 2.0 / p
-    return (b,) if p < 4.0 else (SINGULAR, b)
+    return (b,) if p < 4.0 else (DETACHMENT_EXPONENT, b)
 
 
 def critical_exponent(p: float) -> float:
@@ -65,16 +65,14 @@ class PowerProblem(SignoriniProblem):
         space = fem.functionspace(domain, ("Lagrange", 1))
         self.exact, load = _powers(domain, power_exponents(p))
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        near = near_cells(domain, (DETACHMENT,))
-        owned = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
-        dx = ufl.Measure("dx", domain, subdomain_data=[(1, np.setdiff1d(owned, near)), (2, near)])
+        cells = owned_cells(domain)
+        near = np.isin(cells, near_cells(domain, (DETACHMENT,)))
         bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
         others = np.setdiff1d(boundary_facets(domain), bottom)
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
             ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
-            load * v * dx(1, metadata=CELL_RULE.metadata)
-            + load * v * dx(2, metadata=NEAR_CELL_RULE.metadata),
+            integrated(load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
             contact=bottom,
             bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
         )
@@ -90,7 +88,7 @@ def _powers(
     w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
     value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
     for b in exponents:
-        power = fem.Constant(domain, np.float64(b - SINGULAR))
+        power = fem.Constant(domain, np.float64(b - DETACHMENT_EXPONENT))
         value -= r**power
         slopes -= power * r ** (power - 2.0)
         load += power * (power + 3.0) * r ** (power - 2.0)  # b^2 - 9/4

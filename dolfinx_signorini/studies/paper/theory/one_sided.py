@@ -8,6 +8,12 @@ so that problem (11) is a linear program for the nodal values of y:
 The upper bound holds along an edge as soon as it holds at the nodes. The lower bound is set at
 samples of every edge, for u lowered by what u may sag between two samples, so that it holds along
 the whole edge: w_h is feasible, and at most a trifle larger than the solution of (11).
+
+The infimum of Lemma 3.4 is attained by a discretely harmonic function, too, and is a quadratic
+program for the values of y at the nodes where u is positive. As the nearest point of a polyhedron
+the program is one of non-negative least squares.
+
+Source: Lawson and Hanson, Solving Least Squares Problems (1974), Chapter 23.
 """
 
 from dataclasses import dataclass, replace
@@ -17,16 +23,15 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 from mpi4py import MPI
-from scipy.optimize import linprog
+from scipy.optimize import linprog, nnls
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
+from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 
 SAMPLES = 64  # intervals per edge
 VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
-MARGIN = 1e-9  # of the largest u on the boundary: more than HiGHS violates a constraint
-TOUCHING = 1e-9  # of the largest u on the boundary: what counts as touching; HiGHS' accuracy
 
 
 @dataclass(frozen=True)
@@ -67,13 +72,22 @@ class EdgeData:
         oscillation = window.max(axis=2) - window.min(axis=2)
         sag = 0.25 * (self.t[1] - self.t[0]) * self.widths[:, None] * oscillation
         sides = np.pad(sag, ((0, 0), (1, 1)))
-        margin = MARGIN * float(self.u.max(initial=0.0))
+        margin = SOLVED * float(self.u.max(initial=0.0))
         u = np.maximum(self.u - np.maximum(sides[:, :-1], sides[:, 1:]) - margin, 0.0)
         return replace(self, u=u)
 
     def along(self, nodal: Array) -> Array:
         """Return the samples of a piecewise linear function, given by its values at the nodes."""
-        return nodal[:, None] * (1.0 - self.t) + np.roll(nodal, -1)[:, None] * self.t
+        return np.asarray(self.matrix @ nodal).reshape(self.u.shape)
+
+    @property
+    def matrix(self) -> sp.csr_matrix:
+        """From the nodal values of a piecewise linear function to its samples, edge by edge."""
+        edges, samples = np.indices(self.u.shape).reshape(2, -1)
+        columns = np.concatenate([edges, (edges + 1) % len(self.u)])
+        weights = np.concatenate([1.0 - self.t[samples], self.t[samples]])
+        rows = np.tile(np.arange(self.u.size), 2)
+        return sp.csr_matrix((weights, (rows, columns)), shape=(self.u.size, len(self.u)))
 
 
 @dataclass(frozen=True)
@@ -174,27 +188,16 @@ def solve_linear_program(
 
 
 def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
-    n, m = data.u.shape
     scale = float(data.u.max()) or 1.0
     low = -data.u[:, 0] / scale
     # Edges on which u vanishes are held by their nodes alone.
-    edges = np.flatnonzero((data.u > 0.0).any(axis=1))
-    rows = np.arange(len(edges) * (m - 2)).reshape(len(edges), m - 2)
-    t = np.broadcast_to(data.t[1:-1], rows.shape)
-    first = np.broadcast_to(edges[:, None], rows.shape)
-    second = (first + 1) % n
-    inner = sp.csr_matrix(
-        (
-            np.concatenate([(1.0 - t).ravel(), t.ravel()]),
-            (np.tile(rows.ravel(), 2), np.concatenate([first.ravel(), second.ravel()])),
-        ),
-        shape=(rows.size, n),
-    )
+    inner = np.zeros(data.u.shape, dtype=bool)
+    inner[:, 1:-1] = (data.u > 0.0).any(axis=1, keepdims=True)
     result = linprog(
-        cost / max(float(np.abs(cost).max()), 1e-300),
-        A_ub=-inner,
-        b_ub=data.u[edges, 1:-1].ravel() / scale,
-        bounds=np.column_stack([low, np.full(n, 0.0 if bounded else np.inf)]),
+        cost / max(float(np.abs(cost).max()), TINY),
+        A_ub=-data.matrix[inner.ravel()],
+        b_ub=data.u[inner] / scale,
+        bounds=np.column_stack([low, np.full(len(low), 0.0 if bounded else np.inf)]),
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )
@@ -214,7 +217,7 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
         data: u along the edges.
         y: w_h - R_h(u) at the nodes.
     """
-    tolerance = TOUCHING * float(data.u.max(initial=1e-300))
+    tolerance = SOLVED * float(data.u.max(initial=TINY))
     excess = data.along(y) + data.u
     # A touching point lies between samples: the LP touches the samples next to the point.
     inner = (excess[:, 1:-1] <= tolerance).any(axis=1)
@@ -235,3 +238,65 @@ def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
     """
     counts = np.bincount(node_cases(data, y), minlength=4)
     return int(counts[1]), int(counts[2]), int(counts[3]), int(counts[0])
+
+
+def smallest_one_sided(discretisation: Discretisation) -> float:
+    """Return the infimum of the right-hand side of (9)."""
+    d, curve, data = discretisation, discretisation.curve, edge_data(discretisation).lowered()
+    ritz = curve.values(d.ritz)
+    touching = (data.u == 0.0).any(axis=1)
+    free = np.flatnonzero(~(touching | np.roll(touching, 1)))
+    functions = [d.harmonic(curve.function(ritz))]
+    for node in free:
+        unit = np.zeros(len(ritz))
+        unit[node] = 1.0
+        functions.append(d.harmonic(curve.function(unit)))
+    gram = _gram(d, functions)
+    square = float(gram[0, 0])
+    if len(free):
+        y = nearest(gram[1:, 1:], gram[1:, 0], *_constraints(data, free))
+        square += float(y @ gram[1:, 1:] @ y + 2.0 * gram[1:, 0] @ y)
+    return float(np.sqrt(max(square, 0.0)))
+
+
+def nearest(matrix: Array, vector: Array, rows: Array, lower: Array) -> Array:
+    """Minimise y . matrix y / 2 + vector . y over all y with rows y >= lower.
+
+    Args:
+        matrix: Symmetric and positive definite, shape (n, n).
+        vector: Shape (n,).
+        rows: Shape (m, n).
+        lower: Shape (m,).
+    """
+    L = np.linalg.cholesky(matrix)
+    centre = np.linalg.solve(L, vector)  # y = L^-T (x - centre), and |x| is to be smallest
+    turned = np.linalg.solve(L, rows.T)
+    shifted = lower + turned.T @ centre
+    scale = float(np.abs(shifted).max()) or 1.0
+    system = np.vstack([turned, shifted / scale])
+    target = np.zeros(len(system))
+    target[-1] = 1.0
+    weights, _ = nnls(system, target, maxiter=100 * system.shape[1])
+    residual = target - system @ weights
+    x = -scale * residual[:-1] / residual[-1]
+    return np.asarray(np.linalg.solve(L.T, x - centre))
+
+
+def _gram(d: Discretisation, functions: list) -> Array:  # type: ignore[type-arg]
+    """The H^1 products of functions."""
+    vectors = [d.system.vector_of(function) for function in functions]
+    image, result = vectors[0].duplicate(), np.zeros((len(vectors), len(vectors)))
+    for i, vector in enumerate(vectors):
+        d.A.mult(vector, image)
+        result[i] = image.mDot(vectors)
+    for item in (*vectors, image):
+        item.destroy()
+    return 0.5 * (result + result.T)
+
+
+def _constraints(data: EdgeData, free: npt.NDArray[np.int64]) -> tuple[Array, Array]:
+    """The rows of y >= -u at the samples of the edges that have a free node, and of y <= 0."""
+    samples = data.matrix[:, free]
+    held = np.repeat(np.isin(np.arange(len(data.u)), np.concatenate([free, free - 1])), len(data.t))
+    rows = np.vstack([-np.eye(len(free)), samples[held].toarray()])
+    return rows, np.concatenate([np.zeros(len(free)), -data.u.ravel()[held]])

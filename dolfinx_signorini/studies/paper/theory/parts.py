@@ -1,5 +1,15 @@
-"""Parts of the error: positive and negative, near the singular points and away from them."""
+"""Parts of the error, by sign and by place, and the discrete W^{2,p} seminorm.
 
+The gradient of a function of V_h jumps across the inner edges E, by J_E in the normal direction.
+J_E / h plays the part of a second derivative in the cells beside E, whose area is like h^2:
+
+    |v_h|_{2,p,h} = ( sum over E of |E|^2 (|J_E| / |E|)^p )^{1/p}.
+
+On quasi-uniform meshes the seminorm of approximations of u stays bounded if u is in W^{2,p}, and
+grows like h^{a - 2 + 2/p} if u is like r^a with a smaller a than that allows.
+"""
+
+import math
 from collections.abc import Collection
 
 import numpy as np
@@ -7,6 +17,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
@@ -83,3 +94,27 @@ def _parts(
         part: expression_norms(discretisation.space, mask * v, norms, mask * grad)
         for part, mask in (("near", near), ("far", 1.0 - near))
     }
+
+
+def second_seminorms(function: fem.Function, exponents: tuple[float, ...]) -> dict[str, float]:
+    """Return the discrete W^{2,p} seminorms of a piecewise linear function.
+
+    Args:
+        function: The function.
+        exponents: The exponents p, finite.
+
+    Returns:
+        The seminorms by the exponent as text.
+    """
+    domain = function.function_space.mesh
+    n = ufl.FacetNormal(domain)
+    jump = abs(ufl.jump(ufl.grad(function), n))
+    edge = ufl.FacetArea(domain)("+")
+    dS = ufl.dS(metadata={"quadrature_degree": 0})
+    result = {}
+    for p in exponents:
+        power = fem.Constant(domain, float(p))  # type: ignore[arg-type]
+        form = compiled.form(edge ** (1.0 - power) * ufl.max_value(jump, 1e-30) ** power * dS)
+        total = domain.comm.allreduce(float(fem.assemble_scalar(form)))
+        result[f"{p:g}"] = math.pow(total, 1.0 / p)
+    return result

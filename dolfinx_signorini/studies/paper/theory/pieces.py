@@ -18,9 +18,7 @@ import ufl
 from dolfinx import mesh
 
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
-from dolfinx_signorini.studies.paper.solution import local_piece
-
-BUMP_RADIUS = 0.45  # in widths of a bump
+from dolfinx_signorini.studies.paper.solution import SUPPORT_RADIUS, local_piece
 
 Point = tuple[float, float]
 
@@ -126,7 +124,7 @@ def bumps(domain: mesh.Mesh, levels: Sequence[Level]) -> ManufacturedSolution:
     amplitude = ufl.conditional(ufl.lt(x[0], levels[0].start), 0.0, amplitude)
     # The distance from the middle of the bump: the position less its integer part less 1/2.
     X = -ufl.atan(1.0 / ufl.tan(math.pi * (x[0] - start) * scale)) / math.pi
-    value, slope, laplacian = local_piece(X, x[1] * scale, BUMP_RADIUS)
+    value, slope, laplacian = local_piece(X, x[1] * scale, SUPPORT_RADIUS)
     return ManufacturedSolution(
         domain,
         amplitude * value,

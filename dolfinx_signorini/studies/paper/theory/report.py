@@ -90,7 +90,7 @@ class Document:
 
 def _list(pairs: Sequence[tuple[Check, Verdict]]) -> str:
     """One row for each check."""
-    lines = [[c.name, c.proven, v.measured, _answer(v)] for c, v in pairs]
+    lines = [[c.name, c.proven, v.measured, "yes" if v.holds else "NO"] for c, v in pairs]
     return markdown_table(("measured quantity", "proven", "measured", "holds"), lines)
 
 
@@ -122,10 +122,6 @@ def _equations() -> str:
     parts = [f"{', '.join(found)}: {text}" for text, found in tags.items()]
     words = "Where they are measured, or what they are: " + "; ".join(parts) + "."
     return f"## Numbered formulas\n\n{_wrapped(words)}\n"
-
-
-def _answer(verdict: Verdict) -> str:
-    return "yes" if verdict.holds else "NO"
 
 
 def _command(statement: Statement) -> str:

@@ -9,13 +9,13 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 from dolfinx_signorini.studies.paper.theory.one_sided import edge_data, solve_linear_program
 
 LOAD_RULE = QuadratureRule("Gauss-Jacobi", 15)
-PULL = 1e-9  # of the largest (u, phi_i)_H1: what counts as a negative flux, above rounding
 STABLE = ("W1_2", "W1_16", "W1_inf")  # norms in which R_h is stable
 DOMAIN_NORMS = ("L2", "L3", "L4", "H1", "W1_3", "W1_4")
 TRACE_NORMS = ("L2_boundary", "L3_boundary", "L4_boundary", "H1_2_boundary")
@@ -69,7 +69,7 @@ def check_obstacle_problem(discretisation: Discretisation) -> ObstacleCheck:
     flux_function.x.array[: discretisation.flux.getLocalSize()] = discretisation.flux.array_r
     flux = curve.values(flux_function)
     data = edge_data(discretisation)
-    pulled = bool((flux < -PULL * discretisation.moments.norm(3)).any())
+    pulled = bool((flux < -SOLVED * discretisation.moments.norm(3)).any())
     minimum = -np.inf
     if not pulled:
         y = solve_linear_program(discretisation.comm, data, np.maximum(flux, 0.0), bounded=False)

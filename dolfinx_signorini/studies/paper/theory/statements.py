@@ -8,11 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.studies.paper.tables import read_data
-from dolfinx_signorini.studies.paper.theory.checks import (
-    RULES,
-    Check,
-    Together,
-)
+from dolfinx_signorini.studies.paper.theory.checks import RULES, Check, Together
 from dolfinx_signorini.studies.paper.theory.tables import TABLES
 from dolfinx_signorini.studies.paper.theory.values import TOGETHER, value_of
 
@@ -28,6 +24,7 @@ class Statement:
 
     Attributes:
         key: The number of the statement, by which the command line knows the statement.
+        checks: The measurements.
         name: The name of the statement.
         claim: What the statement says, in one line.
         comment: How the statement is measured and what is seen.
@@ -35,18 +32,17 @@ class Statement:
         figure: Name of the picture; empty without one.
         drawn: The experiments that the picture reads besides those of the checks.
         beyond: Whether the statement goes beyond the paper.
-        checks: The measurements.
     """
 
     key: str
+    checks: tuple[Check, ...]
     name: str
     claim: str
-    comment: str
-    reason: str
-    figure: str
-    drawn: tuple[str, ...]
-    beyond: bool
-    checks: tuple[Check, ...]
+    comment: str = ""
+    reason: str = ""
+    figure: str = ""
+    drawn: Sequence[str] = ()
+    beyond: bool = False
 
     @property
     def experiments(self) -> set[str]:
@@ -56,13 +52,13 @@ class Statement:
 
 
 def _statement(key: str, texts: Texts) -> Statement:
-    fields = ("name", "claim", "comment", "reason", "figure")
-    name, claim, comment, reason, figure = (
-        " ".join(str(texts.get(field, "")).split()) for field in fields
-    )
     checks = tuple(check for entry in texts.get("checks", ()) for check in _checks(entry))
-    drawn, beyond = tuple(texts.get("drawn", ())), bool(texts.get("beyond"))
-    return Statement(key, name, claim, comment, reason, figure, drawn, beyond, checks)
+    fields: dict[str, Any] = {
+        field: " ".join(value.split()) if isinstance(value, str) else value
+        for field, value in texts.items()
+        if field != "checks"
+    }
+    return Statement(key, checks, **fields)
 
 
 def _checks(texts: Texts) -> list[Check]:

@@ -11,11 +11,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
 
 SHIFT = 0.45  # of a cell: how far the rows of nodes are moved against each other
-GRADING = 0.5  # mu: cells of the size h r^{1 - mu}; the order of W^{1,inf} is 1 again
 CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 
 
@@ -47,6 +47,8 @@ def obtuse(comm: MPI.Comm, n: int) -> mesh.Mesh:
 def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
     """Return a Friedrichs-Keller triangulation drawn towards the detachment point.
 
+    Cells have the size h r^{1 - mu}, and the order of W^{1,inf} is 1 again.
+
     Args:
         comm: The communicator that shares the mesh.
         n: Even number of cells per side: the point is a node.
@@ -56,7 +58,9 @@ def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
     # Rays to the sides of the square; the maximum norm makes the square one half-ball.
     offset = np.asarray(x[:, :2] - np.array(DETACHMENT), dtype=np.float64)
     size = np.maximum(2.0 * np.abs(offset[:, 0]), offset[:, 1])
-    factor = np.where(size > 0.0, np.maximum(size, 1e-300) ** (1.0 / GRADING - 1.0), 0.0)
+    factor = np.where(
+        size > 0.0, np.maximum(size, 1e-300) ** (1.0 / grading_exponent(1) - 1.0), 0.0
+    )
     x[:, :2] = np.array(DETACHMENT) + factor[:, None] * offset
     return domain
 

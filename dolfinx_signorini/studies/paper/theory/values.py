@@ -4,13 +4,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
+from dolfinx_signorini.studies.paper.solution import AMPLITUDE, DETACHMENT
 from dolfinx_signorini.studies.paper.theory.checks import Row, Value, entry
 from dolfinx_signorini.studies.paper.theory.contact_sets import ContactSet, condition_a_h
 from dolfinx_signorini.studies.paper.theory.measures import TRACE
+from dolfinx_signorini.studies.paper.theory.proven import supercloseness_order
 
-CORNERS = (0.0, 1.0, 2.0, 3.0)  # arc length on the boundary of the unit square
-STRENGTH = 10.0  # the factor of r^{3/2} of the paper's solution
-SHARP_EXPONENT = 3.0  # p of the bumps of all scales
 TABLE_1 = {"L4": {101: 5.8745e-4, 1001: 6.0007e-6}, "W1_4": {101: 1.3044e-1, 1001: 1.3395e-2}}
 PLACED = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", TRACE)
 
@@ -45,7 +47,12 @@ def contact_set(row: Row) -> ContactSet:
 
 def detachment_error(row: Row) -> float:
     """Return the distance of the point of Section 7 from the nearest detachment point found."""
-    return min(abs(s - 0.5) for s in row["contact_set"]["detachments"])
+    return min(abs(s - DETACHMENT[0]) for s in row["contact_set"]["detachments"])
+
+
+def first_contact(row: Row) -> float:
+    """Return the distance of the point of Section 7 from the nearest end of the contact set."""
+    return min(abs(s - DETACHMENT[0]) for s in contact_set(row).boundary)
 
 
 def outside(row: Row) -> float:
@@ -56,13 +63,14 @@ def outside(row: Row) -> float:
 def outer_width(row: Row) -> float:
     """Return how far the outer enclosure reaches beyond the contact set, in (e / b)^{2/3}."""
     found = row["enclosure"]
-    return float((0.5 - found["outer"]) / (found["value"] / STRENGTH) ** (2.0 / 3.0))
+    width = DETACHMENT[0] - found["outer"]
+    return float(width / (found["value"] / AMPLITUDE) ** (1.0 / DETACHMENT_EXPONENT))
 
 
-def sharpness(row: Row) -> float:
+def sharpness(row: Row, p: str) -> float:
     """Return the supercloseness over h^{3/2 - 1/p} / log2(1/h)."""
-    n = row["n"]
-    return float(row["supercloseness"] * n ** (1.5 - 1.0 / SHARP_EXPONENT) * math.log2(n))
+    n, order = row["n"], supercloseness_order(float(p)).value
+    return float(row["supercloseness"] * n**order * math.log2(n))
 
 
 def both_parts(row: Row, norm: str) -> float:
@@ -87,7 +95,9 @@ def worst(row: Row, part: str, key: str, over: str) -> float:
 def violations(families: Sequence[Sequence[Row]]) -> int:
     """Return in how many ways the contact sets of one family of meshes violate (A_h)."""
     (rows,) = families
-    return len(condition_a_h([contact_set(row) for row in rows], CORNERS).violations)
+    sets = [contact_set(row) for row in rows]
+    corners = np.arange(0.0, sets[0].length)  # of the unit square, by arc length
+    return len(condition_a_h(sets, corners.tolist()).violations)
 
 
 def middle(families: Sequence[Sequence[Row]]) -> float:
@@ -107,6 +117,7 @@ FUNCTIONS: Mapping[str, Callable[..., float | None]] = {
     function.__name__: function
     for function in (
         detachment_error,
+        first_contact,
         outside,
         outer_width,
         sharpness,

@@ -8,13 +8,14 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import NotConvergedError
-from dolfinx_signorini.studies.paper.theory.cea import nearest, smallest_one_sided
 from dolfinx_signorini.studies.paper.theory.discretisation import difference
 from dolfinx_signorini.studies.paper.theory.one_sided import (
     EdgeData,
     count_cases,
     edge_data,
+    nearest,
     one_sided_approximation,
+    smallest_one_sided,
     solve_linear_program,
 )
 from dolfinx_signorini.studies.paper.theory.proven import supercloseness_order

@@ -17,8 +17,8 @@ from dolfinx_signorini.norms.orders import approximation_order, eoc
 from dolfinx_signorini.studies.paper.theory import triangulations
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
 from dolfinx_signorini.studies.paper.theory.mixed import power_exponents, solved_power_problem
+from dolfinx_signorini.studies.paper.theory.parts import second_seminorms
 from dolfinx_signorini.studies.paper.theory.pieces import levels_of_bumps
-from dolfinx_signorini.studies.paper.theory.seminorms import second_seminorms
 
 COMM = MPI.COMM_WORLD
 
