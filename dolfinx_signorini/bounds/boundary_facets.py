@@ -15,14 +15,18 @@ from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, values_at
-from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
+from dolfinx_signorini.bounds.reference_flux import (
+    PARTS,
+    others,
+    polynomials,
+    positive_on_parts,
+    rule,
+)
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import Data, called
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-PARTS = 8  # of a facet, each with its own answer to whether a function is positive
 
 
 @dataclass(frozen=True)

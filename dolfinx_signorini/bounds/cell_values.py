@@ -18,15 +18,14 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
+from dolfinx_signorini.bounds.remainders import MORE, NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
-MORE = {2: 10, 3: 6}
+SAMPLED = {2: 10, 3: 6}
 BEST = {2: 30, 3: 20}
-FILLING = 3  # the degree of elements in space that stand for boundary data, above the solution's
 
 
 @dataclass(frozen=True)
@@ -269,9 +268,9 @@ def quadrature_degree(
     if rest.least_reaction is not None:
         found["reaction"] = c is None
     if rest.obstacle_in_space is not None:
-        need = max(need, 2 * (degree + FILLING))
+        need = max(need, 2 * (degree + MORE[3]))
     if any(found.values()):
-        need = max(need, 2 * degree + MORE[dimension])
+        need = max(need, 2 * degree + SAMPLED[dimension])
     if need > BEST[dimension]:
         found["load"] = True
     notes = [f"the {name} is known at quadrature points only" for name, few in found.items() if few]

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
@@ -22,10 +23,10 @@ from dolfinx_signorini.bounds.reference_flux import (
     others,
     rule,
 )
+from dolfinx_signorini.bounds.remainders import MORE
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
-MORE = 6  # by how much polynomials that stand for data are of higher degree than the solution
 PARTS = 32  # of a facet, each with its own answer to whether a function may be positive
 
 
@@ -161,7 +162,7 @@ def data_defects(
         frames: The cells of the mesh.
         u: The solution at the dofs of this rank, with the signs of a lower obstacle.
     """
-    order = problem.space.element.basix_element.degree + MORE
+    order = problem.space.element.basix_element.degree + MORE[2]
     result = []
     for data, facets in terms.dirichlet:
         if data is not None:
@@ -182,7 +183,7 @@ def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: f
     """
     loose = False
     for points, values in defects:
-        ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - 1e-9
+        ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - SOLVED
         loose |= bool((np.abs(values[:, ends]) > tiny).any())
     if comm.allreduce(loose, op=MPI.LOR):
         return "Dirichlet data or the obstacle are not those of the problem at a vertex"

@@ -24,10 +24,8 @@ from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.boundary_facets import contact_closures
-from dolfinx_signorini.bounds.cell_values import FILLING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import (
-    MORE,
     Cones,
     cones_on,
     data_defects,
@@ -37,7 +35,7 @@ from dolfinx_signorini.bounds.cones import (
 )
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import lowest, others
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
+from dolfinx_signorini.bounds.remainders import MORE, NOTHING, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.problem.assembly import dofs_on_facets, evaluator
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -96,7 +94,7 @@ def feasible(
     u = problem.sign * problem.u.x.array + change.x.array
     tiny = ROUNDING * highest(comm, np.abs(u))
     exact = _within(problem.obstacle_data, degree)
-    more = degree + MORE if d == 2 else degree  # polynomials that are met exactly
+    more = degree + MORE[2] if d == 2 else degree  # polynomials that are met exactly
     unknown = rest.obstacle is None and not _within(problem.obstacle_data, more)
     unknown &= rest.obstacle_in_space is None
     unmet = not all(_within(data, more) for data, _ in terms.dirichlet)
@@ -104,9 +102,9 @@ def feasible(
     notes = (OBSTACLE,) * unknown + (DATA,) * unmet
     defects = data_defects(problem, terms, frames, u)
     far = comm.allreduce(bool(any((np.abs(w) > tiny).any() for _, w in defects)), op=MPI.LOR)
-    touching = lattice(problem, frames, kinds >= OPEN, degree + MORE)
+    touching = lattice(problem, frames, kinds >= OPEN, degree + MORE[2])
     gap = touching.function(space, u) - problem.sign * touching.values(problem.obstacle_data)
-    low = lowest(d - 1, degree + MORE, fitted(touching, gap, degree + MORE))
+    low = lowest(d - 1, degree + MORE[2], fitted(touching, gap, degree + MORE[2]))
     above = comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND)
     if exact and above and not far and rest.dirichlet is None:
         return Feasible(change, notes=notes)
@@ -120,10 +118,10 @@ def feasible(
             near if rest.obstacle_in_space is None else _raised(problem, frames, kinds, near, rest)
         )
     below = [*[(*defect, rest.dirichlet) for defect in defects], (touching, -gap, rest.obstacle)]
-    cones = cones_on(frames, below, kinds, degree + MORE, tiny)
+    cones = cones_on(frames, below, kinds, degree + MORE[2], tiny)
     missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
     unseen = np.zeros(len(gap)) if rest.obstacle is None else rest.obstacle[0][kinds >= OPEN]
-    pair = fitted(touching, gap, degree + MORE), unseen
+    pair = fitted(touching, gap, degree + MORE[2]), unseen
     return Feasible(change, cones, pair, missing=missing, notes=notes)
 
 
@@ -203,7 +201,7 @@ def _filled(
     problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, kinds: Indices
 ) -> fem.Function:
     """What meets data and obstacle at the nodes of elements of higher degree."""
-    degree = problem.space.element.basix_element.degree + FILLING
+    degree = problem.space.element.basix_element.degree + MORE[3]
     space = fem.functionspace(problem.space.mesh, ("Lagrange", degree))
     u, change = fem.Function(space), fem.Function(space)
     u.interpolate(problem.u)

@@ -31,11 +31,10 @@ from dolfinx_signorini.bounds.condensation import (
 )
 from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats
 from dolfinx_signorini.bounds.patch_systems import solved
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, others
+from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS, ReferenceFlux, others
 
 # What is free on contact facets, see `patch_fluxes`.
 FREE, HALF, SPREAD = range(3)
-MOST_NUMBERS = 4_000_000  # of the matrices that are solved at once
 
 
 def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices) -> Array:

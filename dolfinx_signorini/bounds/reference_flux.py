@@ -20,6 +20,8 @@ from scipy.linalg import null_space
 
 from dolfinx_signorini.base.arrays import Array
 
+PARTS = 8  # of a facet, each with its own answer to whether a function is positive
+MOST_NUMBERS = 4_000_000  # of a matrix, or of several ones that are solved at once
 CELLS = {1: basix.CellType.interval, 2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
 
 

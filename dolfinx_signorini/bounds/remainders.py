@@ -13,6 +13,10 @@ import numpy.typing as npt
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, Scalar
 
+# By dimension: by how much polynomials that stand for boundary data are of higher degree than the
+# solution. In space they belong to elements, in the plane to facets alone.
+MORE = {2: 6, 3: 3}
+
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
 
@@ -38,7 +42,7 @@ class Remainders:
         thin: The share of each cell where the diffusion may not be the one of the terms, with the
             least and the largest eigenvalue on this share, shape (3, cells); None for no share.
         flux, flux_mean: The norm and the mean on each facet of the frames, shape (cells, d + 1).
-        obstacle, dirichlet: What the interpolation of degree `cones.MORE` above that of the
+        obstacle, dirichlet: What the interpolation of degree `MORE` above that of the
             solution misses of the values, of their derivatives from end to end of a facet, and
             the root mean squares of the latter, shape (3, cells, d + 1); None where that is not
             known.

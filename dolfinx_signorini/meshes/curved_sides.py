@@ -7,6 +7,7 @@ like those of a smooth curve tell that this may not be what was meant.
 """
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import callable_, check, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -34,10 +35,9 @@ from dolfinx_signorini.meshes.sided_meshes import (
 # Maps points, shape (3, points), to the nearest ones of a curve or of a surface.
 Projection = Callable[[Array], Array]
 
-ALTERNATIONS = 20  # of the projections onto all curves of a vertex that is on several ones
-FLAT = 1e-4  # radians: facets that turn by less are in one line or plane, but for rounding
-SHARP = 1.4  # radians: facets that turn by more meet at a corner; those of a pentagon are an arc
-REGULAR = 0.9  # of the distance from curves: where halved facets are as far, the mesh sees nothing
+# Radians. Facets that turn by less are in one line or plane, but for rounding; facets that turn by
+# more meet at a corner: those of a pentagon are an arc, and those of a square are none.
+FLAT, SHARP = SOLVED**0.5, math.tau / 4.5
 
 
 class CurvedSides:
@@ -77,7 +77,7 @@ class CurvedSides:
         for name, projection in self.projections.items():
             one = CurvedSides({name: projection})
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
-            if farther > max(REGULAR * far, ROUNDING * _size(sided) * one._measure(sided)):
+            if farther > max(far, ROUNDING * _size(sided) * one._measure(sided)):
                 message = "is followed too roughly by the first mesh, which should be finer there"
                 raise InputError(f"{name!r}: {message}", "geometry")
 
@@ -114,7 +114,7 @@ class CurvedSides:
         ]
         several = np.sum(on, axis=0) > 1
         again = sided.mesh.comm.allreduce(int(np.count_nonzero(several))) > 0
-        for k in range(ALTERNATIONS if again else 1):
+        for k in range(HALVINGS if again else 1):
             for name, nodes in zip(names, on, strict=True):
                 chosen = np.flatnonzero(nodes & several if k else nodes)
                 x[chosen, :dim] = self._projected(sided, name, x[chosen])[:, :dim]

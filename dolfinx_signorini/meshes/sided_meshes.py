@@ -188,6 +188,9 @@ def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     return mesh.exterior_facet_indices(domain.topology)
 
 
+SAMPLE = 2_000  # cells that tell about many
+
+
 def sampled(count: int, step: int) -> LocalIndices:
     """Return one index at random of each `step` successive ones, the same in every call.
 

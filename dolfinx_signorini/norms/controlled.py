@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.parts import Numbers, Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
@@ -27,16 +28,17 @@ TOLERANCE = 5e-4
 # What of the differences does not cancel: so much of the root of the sum of their squares, as for
 # random numbers, and of the sum of their sizes.
 SCATTER, COMMON = 2.0, 0.05
-# Of what is allowed, the most that one part may have: next to a point where |e|^p is like r^-s the
-# difference of the rules is a small share of what both lack, of 1/13 or more for s <= n - 1/2 on
-# all n-dimensional cells with rules of degree 4 to 20.
-ALONE = 1.0 / 64.0
-FEWEST, AGREED = 64, 1e-6  # parts: on fewer ones two rules agree by chance, but not so closely
-DEEPEST = 36  # divisions: smaller parts are not far from the size of rounding
+# Parts: on fewer ones two rules agree by chance, but not so closely. One part has at most its share
+# of what is allowed: next to a point where |e|^p is like r^-s the difference of the rules is a
+# small share of what both lack, of 1/13 or more for s <= n - 1/2 on all n-dimensional cells with
+# rules of degree 4 to 20.
+FEWEST, AGREED = 64, 1e-6
+# Divisions, each of which makes what the rules miss next to such a point smaller by 2^(s - n): for
+# s = n - 1/3 half of the tolerance is left.
+DEEPEST = math.ceil(3.0 * math.log2(2.0 / TOLERANCE))
 MOST, MORE = 600_000, 100  # points of a division on all ranks: at most, or for each place
-UNKNOWN = 0.05  # of a norm: who is that far off after so many points is refused, not warned of
-NOISE = 1e-11  # of the norm of u_h: an error of this size is rounding
-BINS = 80  # sizes of differences, by powers of two
+# Of a norm: who is that far off after so many points is refused, and not warned of.
+UNKNOWN = math.sqrt(TOLERANCE)
 
 
 def controlled(
@@ -133,17 +135,17 @@ class ControlledSum:
         self.total = float(p_norm(np.array([self._kept, now]), self._p))
         self._sums *= (before / (self.total or 1.0)) ** (self._p * np.array([[1.0], [2.0], [1.0]]))
         differences = self._differences(fine, coarse)
-        bins = np.clip(-np.frexp(differences)[1], 0, BINS - 1)
-        bins[differences == 0.0] = BINS - 1
+        bins = np.clip(-np.frexp(differences)[1], 0, HALVINGS - 1)
+        bins[differences == 0.0] = HALVINGS - 1
         sums = self._sums + self._cumulated(differences, bins)
         estimates = np.abs(sums[0]) + SCATTER * np.sqrt(sums[1]) + COMMON * sums[2]
         limit = allowed(self._p)
-        within, alone = bool(estimates[0] <= limit), np.abs(differences) > ALONE * limit
+        within, alone = bool(estimates[0] <= limit), np.abs(differences) > limit / FEWEST
         self.estimate = float(estimates[0] / self._p)
         self.resolved = within and not self._comm.allreduce(bool(alone.any()), op=MPI.LOR)
         # Half of the tolerance is for what is kept, the rest for the parts that are divided.
         good = np.flatnonzero(estimates <= (1.0 if within else 0.5) * limit)
-        return np.asarray(alone | (bins < (good[0] if len(good) else BINS)))
+        return np.asarray(alone | (bins < (good[0] if len(good) else HALVINGS)))
 
     def keep(self, fine: Array, coarse: Array) -> None:
         """Take the norms on parts that are not divided, by both rules."""
@@ -172,7 +174,7 @@ class ControlledSum:
     def _cumulated(self, differences: Array, bins: Numbers) -> Array:
         """Sums over each bin and all later ones, of differences, their squares and their sizes."""
         kinds = differences, differences**2, np.abs(differences)
-        sums = self._comm.allreduce(np.array([np.bincount(bins, d, BINS) for d in kinds]))
+        sums = self._comm.allreduce(np.array([np.bincount(bins, d, HALVINGS) for d in kinds]))
         return np.asarray(sums[:, ::-1].cumsum(axis=1)[:, ::-1])
 
 
@@ -187,7 +189,7 @@ def _ended(
     """
     if division == 0:
         of_u_h = sizes()
-        if all(s.total <= NOISE * of_u_h[s.norm] for s in sums):
+        if all(s.total <= ROUNDING * of_u_h[s.norm] for s in sums):
             return True
     lost = [s for s in sums if not s.resolved and (division == DEEPEST or s.estimate > UNKNOWN)]
     if lost and (many or division == DEEPEST):

@@ -18,10 +18,11 @@ from dolfinx import fem
 from scipy.interpolate import BarycentricInterpolator
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import LARGEST_DEGREE
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 from dolfinx_signorini.norms.references import Reference
 
-NODES = 9  # interpolation nodes per facet
+NODES = LARGEST_DEGREE + 1  # interpolation nodes per facet: elements of any degree are exact
 SAMPLES = 64  # samples per facet: higher frequencies have 2e-4 of the norm
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]

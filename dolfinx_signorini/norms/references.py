@@ -27,9 +27,9 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
 
-CARRIED_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
 PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
 
 
@@ -125,7 +125,7 @@ def discrete(u: fem.Function) -> Reference:
     return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
 
 
-def carried(u: fem.Function, domain: mesh.Mesh, degree: int = CARRIED_DEGREE) -> Reference:
+def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) -> Reference:
     """Return a function on another mesh as a reference.
 
     On each cell of the mesh the function and its gradient are interpolated by polynomials.

@@ -24,9 +24,8 @@ HATS = {
     2: 13,
     3: 6,
 }  # for each dimension: nodes along each side of the grid of `check_definite`
-MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
+MOST_UNKNOWNS = 20_000  # of a mesh that data are checked on: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
-FARTHEST = 1e304  # of the obstacle, times the diagonal of the matrix
 
 
 def check_bounds(
@@ -119,7 +118,7 @@ def check_range(system: System, diagonal: Array) -> None:
         far = np.abs(system.contact_diagonal * system.obstacle).max(initial=0.0)
         local = np.array([diagonal.max(initial=0.0), load, max(load, push), far])
         operator, load, force, far = np.max(system.comm.allgather(local), axis=0)
-        height = force / operator
+        height, total = force / operator, far * system.space.dofmap.index_map.size_global
     for subject, name, size in (
         ("form a", "its largest diagonal entry", operator),
         ("load", "its largest entry", load),
@@ -132,7 +131,7 @@ def check_range(system: System, diagonal: Array) -> None:
                 "choose other units",
                 subject,
             )
-    if far > FARTHEST:
+    if np.isinf(total):
         raise InputError("too far away for floating-point numbers; 1e300 away is none", "obstacle")
 
 

@@ -5,12 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.meshes.curved_sides import Projection
-
-STEPS = 30  # of Newton's method, at most
-SETTLED = 1e-13  # of the largest coordinate
 
 
 def projections(curves: Mapping[str, Formula], dimension: int) -> dict[str, Projection]:
@@ -29,13 +27,13 @@ def _projection(formula: Formula, dimension: int) -> Projection:
 
     def onto(points: Array) -> Array:
         x: Array = points[:dimension].T.copy()
-        for _ in range(STEPS):
+        for _ in range(HALVINGS):
             values = evaluated(formula.root, x)
             slope = np.stack([evaluated(node, x) for node in slopes], axis=1)
             with np.errstate(all="ignore"):
                 step = np.where(values, values / (slope**2).sum(axis=1), 0.0)[:, None] * slope
             x -= step
-            if np.abs(step).max() <= SETTLED * np.abs(points).max():
+            if np.abs(step).max() <= ROUNDING * np.abs(points).max():
                 return np.concatenate((x.T, points[dimension:]))
         raise ValueError(f"no zeros of {formula.text} are found near the side")
 

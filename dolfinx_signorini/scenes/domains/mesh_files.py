@@ -20,12 +20,9 @@ from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.scenes.domains.curves import projections
-from dolfinx_signorini.scenes.domains.domain import RefinedDomain
+from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import read_msh, with_gmsh, with_tags
-from dolfinx_signorini.scenes.files.toml_table import TomlTable
-
-MAX_XDMF = 1_000_000  # bytes of the XML part
-MOST = 12  # refinements
+from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, TomlTable
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,11 @@ class MeshFile(RefinedDomain):
         names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
         try:
             found = cls.open(comm, path, **names)
-            times = table.integer("refinements", 0, MOST) if table.has("refinements") else 0
+            times = (
+                table.integer("refinements", 0, MAX_VERTICES.bit_length())
+                if table.has("refinements")
+                else 0
+            )
             vertices = found.vertices << found.dimension * times
             found = replace(found, refinements=times, vertices=vertices)
         except InputError as error:
@@ -150,14 +151,14 @@ def _refusal(path: Path) -> str:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             return f"{path.name}: not a file"
         with path.open("rb") as file:
-            head = file.read(MAX_XDMF + 1)
+            head = file.read(MAX_BYTES + 1)
     except OSError as error:
         return f"{path}: {error.strerror}"
     except ValueError as error:  # a name that no file can have
         return f"{str(path)!r}: {error}"
     if path.suffix == ".msh":
         return "" if head.startswith(b"$MeshFormat") else f"{path.name}: not a .msh file of gmsh"
-    if len(head) > MAX_XDMF or b"<!ENTITY" in head:
+    if len(head) > MAX_BYTES or b"<!ENTITY" in head:
         return f"{path.name}: not an XDMF file with its data in HDF5"
     try:
         items = ElementTree.fromstring(head).iter("DataItem")
