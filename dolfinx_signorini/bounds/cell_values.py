@@ -18,9 +18,9 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
-from dolfinx_signorini.bounds.remainders import MORE, NOTHING, Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
+from dolfinx_signorini.meshes.points import Points
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
@@ -113,53 +113,40 @@ class CellValues:
         return rest
 
 
-def cell_values(
-    problem: SignoriniProblem,
-    terms: EnergyTerms,
-    frames: Frames,
-    quadrature: int,
-    rest: Remainders = NOTHING,
-) -> CellValues:
+def cell_values(solved: Solved, quadrature: int) -> CellValues:
     """Return the solution of a problem with the coefficients of its equation.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form of the problem.
-        frames: The cells of the mesh.
+        solved: The problem; the call is collective.
         quadrature: The degree of the rule.
-        rest: What the data have beside the terms.
 
     Raises:
         InputError: The reaction is negative, the diffusion is not positive definite, or data are
             not finite.
     """
-    space, d = problem.space, frames.dimension
+    problem, terms, rest, d = solved.problem, solved.terms, solved.rest, solved.dimension
     points, weights = rule(d, quadrature)
     entries, inverses = terms.entries(d), rest.inverse_entries
     data = [terms.reaction or 0.0, terms.load or 0.0, *entries, *inverses]
-    at = values_at(space.mesh, data, points, frames.cells)
+    at = values_at(solved.frames.domain, data, points, solved.frames.cells)
     require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
     fitted = np.asarray(rest.reaction)[..., None] > 0.0  # polynomials that may be negative
     good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
     require(problem.comm, good, "negative at some point", "reaction")
     A = diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
     require(problem.comm, A.symmetric, "not symmetric at some point", "diffusion")
-    require(
-        problem.comm,
-        bool((A.lowest > 0.0).all()),
-        "not positive definite at some point",
-        "diffusion",
-    )
+    definite = bool((A.lowest > 0.0).all())
+    require(problem.comm, definite, "not positive definite at some point", "diffusion")
     if inverses:
         inverse = at[:, :, 2 + len(entries) :]
         inverse = inverse.reshape(A.inverses.shape)
         least, largest = rest.least_diffusion, rest.largest_diffusion
         assert least is not None and largest is not None
         A = Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
-    u, gradient = function_values(problem.u, frames, points)
+    u, gradient = function_values(problem.u, solved.frames, points)
     c, least = at[:, :, 0], rest.least_reaction
     return CellValues(
-        frames,
+        solved.frames,
         points,
         weights,
         problem.sign * u,
@@ -179,14 +166,8 @@ def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Arr
         frames: The cells of the mesh.
         points: Points of the reference cell of the mesh.
     """
-    space = u.function_space
-    table = space.element.basix_element.tabulate(1, points)[..., 0]
-    values = u.x.array[space.dofmap.list[frames.cells]]
-    gradient = np.stack([values @ slopes.T for slopes in table[1:]], axis=2)
-    corners = np.empty_like(frames.corners)  # in the order of the mesh
-    np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
-    inverses = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
-    return values @ table[0].T, gradient @ inverses
+    at = Points(frames.domain, frames.cells.astype(np.int32), points)
+    return at.values(u)[0], np.stack(at.gradients(u)[0], axis=2)
 
 
 def cell_data(
@@ -246,17 +227,14 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))
 
 
-def quadrature_degree(
-    terms: EnergyTerms, dimension: int, degree: int, rest: Remainders = NOTHING
-) -> tuple[int, list[str]]:
+def quadrature_degree(solved: Solved, degree: int) -> tuple[int, list[str]]:
     """Return the degree of a rule for cells, with what the rule knows at its points only.
 
     Args:
-        terms: The strong form.
-        dimension: The dimension of the domain.
-        degree: The degree of the solution.
-        rest: What the data have beside the terms.
+        solved: The problem.
+        degree: The degree of the flux.
     """
+    terms, rest, dimension = solved.terms, solved.rest, solved.dimension
     load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)
     A = [polynomial_degree(entry) for entry in terms.entries(dimension)]
     current = max(degree + 1, degree - 1 + max(a or 0 for a in A))

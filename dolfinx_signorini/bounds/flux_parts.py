@@ -17,49 +17,43 @@ from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
 from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
-from dolfinx_signorini.bounds.remainders import Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.bounds.remainders import Remainders, Solved
 
 
 def flux_parts(
-    problem: SignoriniProblem,
-    terms: EnergyTerms,
+    solved: Solved,
     values: CellValues,
     data: CellData,
     coefficients_: Array,
     reference: ReferenceFlux,
     contact: tuple[FacetPoints, Array],
-    rest: Remainders,
 ) -> tuple[Array, Array]:
     """Return the distance of a flux from the one of the solution, and the contact energy.
 
     In the plane, the flux is a better one in the cells around the ends of contact sets.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form.
+        solved: The problem; the call is collective.
         values: The solution and the coefficients.
         data: The cells.
         coefficients_: The coefficients of the flux, shape (cells, fields).
         reference: The fields.
         contact: Points of contact facets with the gap, see `gaps`.
-        rest: What the data have beside the terms.
 
     Returns:
         The norms on cells, and the integrals of contact flux times gap.
     """
-    degree, frames = reference.degree, values.frames
+    degree, frames, rest, comm = reference.degree, values.frames, solved.rest, solved.comm
     shape = *frames.order.shape, reference.per_facet
     moments = coefficients_[:, : reference.fluxes].reshape(shape)
     flux = _distance(values, flux_values(values, coefficients_, reference), rest, degree)
     energy = contact_energy(*contact, moments, degree)
-    cells = near_ends(problem.comm, data) if frames.dimension == 2 else np.empty(0, dtype=np.int64)
-    if not any(problem.comm.allgather(len(cells))):
+    cells = near_ends(comm, data) if frames.dimension == 2 else np.empty(0, dtype=np.int64)
+    if not any(comm.allgather(len(cells))):
         return flux, energy
-    finer, some = reference_flux(2, degree + RAISED), rest.some(cells)
-    quadrature, _ = quadrature_degree(terms, 2, finer.degree, rest)
-    own = cell_values(problem, terms, frames.some(cells), quadrature, some)
+    finer = reference_flux(2, degree + RAISED)
+    some = replace(solved, frames=frames.some(cells), rest=rest.some(cells))
+    own = cell_values(some, quadrature_degree(solved, finer.degree)[0])
     start = np.zeros((*shape[:2], finer.per_facet))  # where the basis goes on
     start[..., : shape[2]] = moments
     means = gap_means(*contact, finer.degree)[cells]
@@ -67,9 +61,9 @@ def flux_parts(
     source = np.zeros_like(near.source)
     source[:, : data.source.shape[1]] = data.source[cells]
     near = replace(near, source=source)
-    start[cells] = better_fluxes(problem.comm, near, start[cells], finer)
+    start[cells] = better_fluxes(comm, near, start[cells], finer)
     y = flux_values(own, coefficients(near, finer, start[cells]), finer)
-    flux[cells] = _distance(own, y, some, finer.degree)
+    flux[cells] = _distance(own, y, some.rest, finer.degree)
     energy[cells] = contact_energy(*contact, start, finer.degree)[cells]
     return flux, energy
 

@@ -3,41 +3,37 @@
 import math
 
 import numpy as np
-from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_parts
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.lifting import Feasible
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.bounds.remainders import Solved
 
 
-def gaps(
-    problem: SignoriniProblem, near: Feasible, kinds: Indices, frames: Frames
-) -> tuple[FacetPoints, Array]:
+def gaps(solved: Solved, near: Feasible, kinds: Indices) -> tuple[FacetPoints, Array]:
     """Return the gap of a feasible function at points of contact facets, or more than the gap.
 
     Args:
-        problem: The solved problem; the call is collective.
+        solved: The problem; the call is collective.
         near: What makes the solution feasible.
         kinds: The kinds of the facets of cells.
-        frames: The cells.
 
     Returns:
         The points, with a rule for the gap times polynomials of the degree of the solution, and the
         values.
     """
-    degree, domain = problem.space.element.basix_element.degree, problem.space.mesh
+    problem, frames = solved.problem, solved.frames
     if near.gap is not None:
         series, missed = near.gap
         if frames.dimension == 2:
-            points, gap = on_parts(domain, frames, kinds >= OPEN, series)
+            points, gap = on_parts(frames, kinds >= OPEN, series)
         else:
-            points, gap = _in_space(domain, frames, kinds >= OPEN, series)
+            points, gap = _in_space(frames, kinds >= OPEN, series)
         gap += missed[:, None]
     else:
-        points = facet_points(domain, frames, kinds >= OPEN, 2 * degree + 8)
+        points = facet_points(frames, kinds >= OPEN, 2 * solved.degree + 8)
         v = problem.sign * points.function(problem.space, problem.u.x.array)
         v += points.function(near.change.function_space, near.change.x.array)
         gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
@@ -46,12 +42,10 @@ def gaps(
     return points, gap
 
 
-def _in_space(
-    domain: mesh.Mesh, frames: Frames, marked: Mask, series: Array
-) -> tuple[FacetPoints, Array]:
+def _in_space(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
     """Polynomials on facets at points of a rule for their products with polynomials."""
     order = round((math.sqrt(8.0 * series.shape[1] + 1.0) - 3.0) / 2.0)
-    points = facet_points(domain, frames, marked, 2 * order)
+    points = facet_points(frames, marked, 2 * order)
     return points, np.einsum("nj,njq->nq", series, points.polynomials(order))
 
 

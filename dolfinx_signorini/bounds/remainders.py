@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.bounds.strong_form import FacetPolynomials, Scalar
+from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Scalar
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 # By dimension: by how much polynomials that stand for boundary data are of higher degree than the
 # solution. In space they belong to elements, in the plane to facets alone.
@@ -90,3 +93,37 @@ class Remainders:
 
 
 NOTHING = Remainders()
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solved problem with what is known of it beside its weak forms:
+
+        solved = Solved(problem, EnergyTerms(reaction=1.0, load=f), cell_frames(domain))
+
+    Attributes:
+        problem: The solved problem.
+        terms: Its strong form, where polynomials may stand for other data.
+        frames: The cells of its mesh, or some of them.
+        rest: What the data have beside these polynomials.
+    """
+
+    problem: SignoriniProblem
+    terms: EnergyTerms
+    frames: Frames
+    rest: Remainders = NOTHING
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the mesh."""
+        return self.problem.comm
+
+    @property
+    def degree(self) -> int:
+        """The degree of the elements."""
+        return int(self.problem.space.element.basix_element.degree)
+
+    @property
+    def dimension(self) -> int:
+        """The dimension of the domain."""
+        return self.frames.dimension

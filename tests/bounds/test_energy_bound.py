@@ -37,6 +37,7 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     reference_flux,
 )
+from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -178,10 +179,11 @@ def flux_of(case):
     """The equilibrated flux as a function, made without the code that evaluates the bound."""
     domain, space = case.domain, case.problem.space
     degree = space.element.basix_element.degree
-    reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
-    kinds, touching = facet_kinds(case.problem, case.terms, frames)
-    values = cell_values(case.problem, case.terms, frames, 2 * degree + 6)
-    fluxes, _, _ = given_fluxes(case.problem, case.terms, frames, degree)
+    reference = reference_flux(domain.topology.dim, degree)
+    solved = Solved(case.problem, case.terms, cell_frames(domain))
+    kinds, touching = facet_kinds(solved)
+    values = cell_values(solved, 2 * degree + 6)
+    fluxes, _, _ = given_fluxes(solved)
     data = cell_data(values, kinds, touching, fluxes, np.zeros_like(fluxes), reference)
     field = coefficients(data, reference, equilibrated(domain, data, reference))
     vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))

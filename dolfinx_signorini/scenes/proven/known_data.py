@@ -16,9 +16,8 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.bounds.boundary_facets import on_frames
 from dolfinx_signorini.bounds.cell_values import BEST
-from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import others
 from dolfinx_signorini.bounds.remainders import MORE, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
@@ -248,8 +247,8 @@ class KnownData:
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
         """LocalIndices of the mesh as facets of frames, with their vertices."""
         frames = self.frames
-        marks = on_frames(self.domain, frames, [sides])
-        marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
+        marks = on_frames(frames, [sides])
+        marks &= on_frames(frames, [boundary_facets(self.domain)])
         cells, facets = np.nonzero(marks)
         return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
 
