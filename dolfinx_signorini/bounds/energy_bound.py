@@ -24,12 +24,11 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.flux_parts import flux_parts
+from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifting import Feasible, feasible
-from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms

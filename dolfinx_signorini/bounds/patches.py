@@ -27,9 +27,10 @@ from dolfinx_signorini.bounds.condensation import (
     PARTLY,
     CellData,
     condensed,
+    contact_shapes,
     divergences,
+    hats,
 )
-from dolfinx_signorini.bounds.contact_shapes import contact_shapes, hats
 from dolfinx_signorini.bounds.patch_systems import solved
 from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS, ReferenceFlux, others
 
