@@ -205,6 +205,11 @@ def positive(value: Any) -> str:
     return "" if _is_number(value) and value > 0.0 else _not("a positive number", value)
 
 
+def gmsh_model(value: Any) -> str:
+    """The kind of models of gmsh, which is not loaded for that."""
+    return "" if hasattr(value, "mesh") else f"must be gmsh.model, not {type(value).__name__}"
+
+
 def callable_(value: Any) -> str:
     """The kind of functions of Python."""
     return "" if callable(value) else _not("a function", value)

@@ -25,7 +25,7 @@ from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.assembly import Data, called
+from dolfinx_signorini.problem.assembly import Data, called, dofs_on_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 
@@ -238,15 +238,10 @@ def _weightless(problem: SignoriniProblem) -> Mask:
 
 
 def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
-    space = problem.space
     parts = [facets for _, facets in terms.dirichlet]
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
-    space.mesh.topology.create_connectivity(space.mesh.topology.dim - 1, space.mesh.topology.dim)
-    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
-    missing = np.setdiff1d(problem.fixed_dofs, dofs)
+    dofs, fixed = dofs_on_facets(problem.space, facets), problem.fixed_dofs
     message = "a dof with Dirichlet data is on none of the facets that are named"
-    require(space.mesh.comm, not len(missing), message, "dirichlet")
-    owned = dofs[dofs < space.dofmap.index_map.size_local]
-    loose = np.setdiff1d(owned, problem.fixed_dofs)
+    require(problem.comm, bool(np.isin(fixed, dofs).all()), message, "dirichlet")
     message = "a dof on one of the facets that are named has no Dirichlet data"
-    require(space.mesh.comm, not len(loose), message, "dirichlet")
+    require(problem.comm, bool(np.isin(dofs, fixed).all()), message, "dirichlet")

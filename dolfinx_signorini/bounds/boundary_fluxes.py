@@ -1,7 +1,6 @@
 """Fluxes through facets, as Neumann and Robin conditions give them."""
 
 import numpy as np
-from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
@@ -67,21 +66,3 @@ def _flux_at(points: FacetPoints, solved: Solved) -> Array:
         require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")
         total -= coefficient * u
     return total
-
-
-def robin_energy(solved: Solved, w: fem.Function) -> Array:
-    """Return the integrals of k w^2, for the Robin coefficient k, over the facets of each cell.
-
-    Args:
-        solved: The problem; the call is collective.
-        w: The function.
-    """
-    result = np.zeros(len(solved.frames.order))
-    for data, facets in solved.terms.robin:
-        marked = on_frames(solved.frames, [facets])
-        degree = 2 * w.function_space.element.basix_element.degree + 4
-        points = facet_points(solved.frames, marked, degree)
-        square = points.function(w.function_space, w.x.array) ** 2
-        sums = points.values(data) * square @ points.weights * points.sizes
-        result += np.bincount(points.cells, sums, len(result))
-    return result

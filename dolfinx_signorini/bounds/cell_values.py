@@ -4,12 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import CellData
-from dolfinx_signorini.bounds.diffusion import Diffusion, diffusion_at
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
@@ -20,12 +19,82 @@ from dolfinx_signorini.bounds.reference_flux import (
 )
 from dolfinx_signorini.bounds.remainders import MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
-from dolfinx_signorini.meshes.points import Points
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
 SAMPLED = {2: 10, 3: 6}
 BEST = {2: 30, 3: 20}
+
+
+@dataclass(frozen=True)
+class Diffusion:
+    """The diffusion A at points of cells.
+
+    For example the energy of a gradient, shape (cells, points):
+
+        (gradient * diffusion.times(gradient)).sum(axis=-1)
+
+    Attributes:
+        values: The diffusion, shape (cells, points, 1), or (cells, points, d, d) for matrices.
+        inverses: The inverses of the values, with the same shape.
+        lowest: The smallest eigenvalue of A at the points of each cell.
+        upper: A matrix that A at the points of each cell does not exceed, shape (cells, d, d).
+    """
+
+    values: Array
+    inverses: Array
+    lowest: Array
+    upper: Array
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether A is symmetric at all points, up to rounding."""
+        if self.values.ndim == 3:
+            return True
+        apart = np.abs(self.values - self.values.swapaxes(2, 3)).max(axis=(2, 3))
+        return bool((apart <= SOLVED * np.abs(self.values).max(axis=(2, 3))).all())
+
+    def times(self, vectors: Array) -> Array:
+        """Return the products of A with vectors, shape (cells, points, d)."""
+        return _product(self.values, vectors)
+
+    def divided(self, vectors: Array) -> Array:
+        """Return the products of the inverse of A with vectors, shape (cells, points, d)."""
+        return _product(self.inverses, vectors)
+
+    def mean_inverse(self, weights: Array, dimension: int) -> Array:
+        """Return the mean of the inverse of A over each cell, shape (cells, d, d).
+
+        Args:
+            weights: The weights of the points.
+            dimension: The dimension of the domain.
+        """
+        mean = np.asarray(np.tensordot(self.inverses, weights, (1, 0)), dtype=np.float64)
+        return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
+
+
+def _diffusion_at(entries: Array, dimension: int) -> Diffusion:
+    """The diffusion with given entries."""
+    if entries.shape[2] == 1:
+        lowest = entries.min(axis=(1, 2), initial=np.inf)
+        upper = entries.max(axis=(1, 2), initial=-np.inf)[:, None, None] * np.eye(dimension)
+        with np.errstate(divide="ignore"):
+            return Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
+    values = entries.reshape(*entries.shape[:2], dimension, dimension)
+    spectrum = np.linalg.eigvalsh(values)
+    lowest = spectrum.min(axis=(1, 2), initial=np.inf)
+    largest = spectrum.max(axis=(1, 2), initial=-np.inf)[:, None, None]
+    same = (values == values[:, :1]).all(axis=(1, 2, 3))[:, None, None]
+    upper = np.where(same, values[:, 0], largest * np.eye(dimension))
+    usable = bool((lowest > 0.0).all())
+    inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
+    return Diffusion(values, inverses, lowest, upper)
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    if matrices.ndim == 3:
+        return np.asarray(matrices * vectors)
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -133,7 +202,7 @@ def cell_values(solved: Solved, quadrature: int) -> CellValues:
     fitted = np.asarray(rest.reaction)[..., None] > 0.0  # polynomials that may be negative
     good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
     require(problem.comm, good, "negative at some point", "reaction")
-    A = diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
+    A = _diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
     require(problem.comm, A.symmetric, "not symmetric at some point", "diffusion")
     definite = bool((A.lowest > 0.0).all())
     require(problem.comm, definite, "not positive definite at some point", "diffusion")
@@ -143,31 +212,20 @@ def cell_values(solved: Solved, quadrature: int) -> CellValues:
         least, largest = rest.least_diffusion, rest.largest_diffusion
         assert least is not None and largest is not None
         A = Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
-    u, gradient = function_values(problem.u, solved.frames, points)
+    places = solved.frames.points(points)
+    (u,), (gradient,) = places.values(problem.u), places.gradients(problem.u)
     c, least = at[:, :, 0], rest.least_reaction
     return CellValues(
         solved.frames,
         points,
         weights,
         problem.sign * u,
-        problem.sign * gradient,
+        problem.sign * np.stack(gradient, axis=2),
         A,
         c,
         problem.sign * at[:, :, 1],
         c.min(axis=1, initial=np.inf) if least is None else least,
     )
-
-
-def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Array, Array]:
-    """Return a function of a Lagrange space with its gradient at points of cells.
-
-    Args:
-        u: The function.
-        frames: The cells of the mesh.
-        points: Points of the reference cell of the mesh.
-    """
-    at = Points(frames.domain, frames.cells.astype(np.int32), points)
-    return at.values(u)[0], np.stack(at.gradients(u)[0], axis=2)
 
 
 def cell_data(

@@ -8,27 +8,26 @@ from dataclasses import dataclass, field
 
 import basix
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
-from dolfinx_signorini.bounds.boundary_facets import facet_kinds
-from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes, robin_energy
+from dolfinx_signorini.bounds.boundary_facets import facet_kinds, facet_points
+from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
     cell_data,
     cell_values,
-    function_values,
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
-from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
-from dolfinx_signorini.bounds.gaps import gap_means, gaps
-from dolfinx_signorini.bounds.lifting import Feasible, feasible
+from dolfinx_signorini.bounds.lifting import Feasible, feasible, gap_means, gaps
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -203,7 +202,9 @@ def _mean_constant(
 def _lifted(solved: Solved, values: CellValues, near: Feasible) -> Array:
     """The energy norm of v - u_h on each cell."""
     rest = solved.rest
-    w, gradient = function_values(near.change, values.frames, values.points)
+    points = values.frames.points(values.points)
+    (w,), (slopes,) = points.values(near.change), points.gradients(near.change)
+    gradient = np.stack(slopes, axis=2)
     c = values.reaction.max(axis=1, initial=0.0)
     c = c if rest.largest_reaction is None else rest.largest_reaction
     energy = values.integrals((gradient * values.diffusion.times(gradient)).sum(axis=2))
@@ -214,10 +215,23 @@ def _lifted(solved: Solved, values: CellValues, near: Feasible) -> Array:
         strip = rest.thin[0] * rest.thin[2]
         degree = near.change.function_space.element.basix_element.degree
         energy += strip * values.frames.volumes * values.largest(gradient, degree) ** 2
-    norms = np.sqrt(energy + robin_energy(solved, near.change))
+    norms = np.sqrt(energy + _robin_energy(solved, near.change))
     if near.cones is not None:
         norms += near.cones.norms(values.diffusion.upper, c, strip)
     return np.asarray(norms)
+
+
+def _robin_energy(solved: Solved, w: fem.Function) -> Array:
+    """The integrals of k w^2, for the Robin coefficient k, over the facets of each cell."""
+    result = np.zeros(len(solved.frames.order))
+    for data, facets in solved.terms.robin:
+        marked = on_frames(solved.frames, [facets])
+        degree = 2 * w.function_space.element.basix_element.degree + 4
+        points = facet_points(solved.frames, marked, degree)
+        square = points.function(w.function_space, w.x.array) ** 2
+        sums = points.values(data) * square @ points.weights * points.sizes
+        result += np.bincount(points.cells, sums, len(result))
+    return result
 
 
 def _bound(

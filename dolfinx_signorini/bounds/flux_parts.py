@@ -16,7 +16,7 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
-from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
+from dolfinx_signorini.bounds.lifting import gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, reference_flux
 from dolfinx_signorini.bounds.remainders import Remainders, Solved
 
@@ -48,7 +48,7 @@ def flux_parts(
     shape = *frames.order.shape, reference.per_facet
     moments = coefficients_[:, : reference.fluxes].reshape(shape)
     flux = _distance(values, flux_values(values, coefficients_, reference), rest, degree)
-    energy = contact_energy(*contact, moments, degree)
+    energy = _contact_energy(*contact, moments, degree)
     cells = near_ends(comm, data) if frames.dimension == 2 else np.empty(0, dtype=np.int64)
     if not any(comm.allgather(len(cells))):
         return flux, energy
@@ -65,8 +65,16 @@ def flux_parts(
     start[cells] = better_fluxes(comm, near, start[cells], finer)
     y = flux_values(own, coefficients(near, finer, start[cells]), finer)
     flux[cells] = _distance(own, y, some.rest, finer.degree)
-    energy[cells] = contact_energy(*contact, start, finer.degree)[cells]
+    energy[cells] = _contact_energy(*contact, start, finer.degree)[cells]
     return flux, energy
+
+
+def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
+    """The integrals of contact flux times gap over the contact facets of each cell."""
+    own = moments[points.cells, points.facets]
+    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
+    sums = np.maximum(flux, 0.0) * gap @ points.weights
+    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
 
 
 def _distance(values: CellValues, y: Array, rest: Remainders, degree: int) -> Array:

@@ -15,6 +15,7 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 
@@ -85,6 +86,10 @@ class Frames:
         """The sizes of the facets, shape (cells, d + 1)."""
         lengths = np.linalg.norm(self.gradients, axis=2)
         return self.dimension * self.volumes[:, None] * lengths
+
+    def points(self, reference: Array) -> Points:
+        """Return points of the cells, from those of the reference cell of the mesh."""
+        return Points(self.domain, self.cells.astype(np.int32), reference)
 
     def groups(self) -> Iterator[tuple[Indices, Indices]]:
         """Yield the cells whose vertices have one order, with this order."""

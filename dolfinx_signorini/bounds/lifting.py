@@ -1,4 +1,4 @@
-"""A feasible function near a solution: nowhere below the obstacle on the contact boundary.
+"""A feasible function near a solution, nowhere below the obstacle on contact facets; its gap.
 
 The discrete solution is feasible at its nodes. Where that is not enough,
 
@@ -13,6 +13,7 @@ The discrete solution is feasible at its nodes. Where that is not enough,
 An upper obstacle is a lower one for -u.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import basix
@@ -20,10 +21,15 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.bounds.boundary_facets import contact_closures
+from dolfinx_signorini.bounds.boundary_facets import (
+    FacetPoints,
+    contact_closures,
+    facet_points,
+    on_parts,
+)
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import (
     Cones,
@@ -206,3 +212,53 @@ def _filled(solved: Solved, kinds: Indices) -> fem.Function:
         change.x.array[dofs] = problem.sign * (values[dofs] - u.x.array[dofs])
     change.x.scatter_forward()
     return change
+
+
+def gaps(solved: Solved, near: Feasible, kinds: Indices) -> tuple[FacetPoints, Array]:
+    """Return the gap of a feasible function at points of contact facets, or more than the gap.
+
+    Args:
+        solved: The problem; the call is collective.
+        near: What makes the solution feasible.
+        kinds: The kinds of the facets of cells.
+
+    Returns:
+        The points, with a rule for the gap times polynomials of the degree of the solution, and the
+        values.
+    """
+    problem, frames = solved.problem, solved.frames
+    if near.gap is not None:
+        series, missed = near.gap
+        if frames.dimension == 2:
+            points, gap = on_parts(frames, kinds >= OPEN, series)
+        else:
+            points, gap = _in_space(frames, kinds >= OPEN, series)
+        gap += missed[:, None]
+    else:
+        points = facet_points(frames, kinds >= OPEN, 2 * solved.degree + 8)
+        v = problem.sign * points.function(problem.space, problem.u.x.array)
+        v += points.function(near.change.function_space, near.change.x.array)
+        gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
+    if near.meets:
+        gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
+    return points, gap
+
+
+def _in_space(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
+    """Polynomials on facets at points of a rule for their products with polynomials."""
+    order = round((math.sqrt(8.0 * series.shape[1] + 1.0) - 3.0) / 2.0)
+    points = facet_points(frames, marked, 2 * order)
+    return points, np.einsum("nj,njq->nq", series, points.polynomials(order))
+
+
+def gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
+    """Return the means of gap times polynomial, shape (cells, d + 1, moments).
+
+    Args:
+        points, gap: See `gaps`.
+        degree: The degree of the polynomials.
+    """
+    p = points.polynomials(degree)
+    means = np.zeros((*points.frames.order.shape, p.shape[1]))
+    means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
+    return means

@@ -20,6 +20,12 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 # solution. In space they belong to elements, in the plane to facets alone.
 MORE = {2: 6, 3: 3}
 
+# What is known on cells of diffusion and reaction.
+ON_CELLS = (
+    *("reaction", "least_reaction", "largest_reaction"),
+    *("diffusion", "inverse", "least_diffusion", "largest_diffusion", "thin"),
+)
+
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
 
@@ -75,21 +81,11 @@ class Remainders:
 
     def some(self, cells: npt.NDArray[np.int64]) -> "Remainders":
         """Return what is known of diffusion and reaction on some cells."""
-
-        def part(values: Any) -> Any:
-            return values[..., cells] if isinstance(values, np.ndarray) else values
-
-        return replace(
-            self,
-            reaction=part(self.reaction),
-            diffusion=part(self.diffusion),
-            inverse=part(self.inverse),
-            least_reaction=part(self.least_reaction),
-            largest_reaction=part(self.largest_reaction),
-            least_diffusion=part(self.least_diffusion),
-            largest_diffusion=part(self.largest_diffusion),
-            thin=part(self.thin),
-        )
+        known = {name: getattr(self, name) for name in ON_CELLS}
+        parts: dict[str, Any] = {
+            n: v[..., cells] for n, v in known.items() if isinstance(v, np.ndarray)
+        }
+        return replace(self, **parts)
 
 
 NOTHING = Remainders()

@@ -17,7 +17,7 @@ from dolfinx import la
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.base.kinds import callable_, check, integer, optional
+from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
@@ -199,9 +199,8 @@ def gmsh_projection(model: Any, dimension: int, group: int) -> Projection:
     Raises:
         InputError: An argument is of another kind.
     """
-    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
     check(
-        model=(model, lambda _: words),
+        model=(model, gmsh_model),
         dimension=(dimension, integer(1, 2)),
         group=(group, integer(1)),
     )

@@ -20,7 +20,16 @@ from mpi4py import MPI
 from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
+from dolfinx_signorini.base.kinds import (
+    COMMUNICATOR,
+    MESH,
+    TEXT,
+    Kind,
+    check,
+    gmsh_model,
+    indices,
+    integer,
+)
 
 
 @dataclass(frozen=True)
@@ -87,9 +96,8 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, me
     Raises:
         InputError: An argument is of another kind.
     """
-    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
     check(
-        model=(model, lambda _: words),
+        model=(model, gmsh_model),
         comm=(comm, COMMUNICATOR),
         dimension=(dimension, integer(2, 3)),
     )
@@ -314,32 +322,29 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
 
 
 def covering_cells(
-    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: LocalIndices, rounds: int = 2
+    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: LocalIndices
 ) -> LocalIndices:
     """Return few cells of this rank that together have all of some dofs.
 
-    In some rounds cells with many dofs that no neighbour claims come first; of each dof that is
-    left then, a cell is taken. Rounds take time, and pay where cells are searched for.
+    In two rounds cells with many dofs that no neighbour claims come first; of each dof that is left
+    then, a cell is taken.
 
     Args:
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
         cells: All cells that have one of them, see `cells_with_dofs`.
-        rounds: The number of rounds.
     """
     left, chosen = marked.copy(), []
-    if rounds:
-        cells = np.random.default_rng(0).permutation(cells)
-    for k in range(rounds + 1):
+    cells = np.random.default_rng(0).permutation(cells)
+    for last in (False, False, True):
         wanted = left[space.dofmap.list[cells]]
-        if k < rounds:
-            order = np.argsort(-wanted.sum(axis=1), kind="stable")
-            cells, wanted = cells[order], wanted[order]
+        order = np.argsort(-wanted.sum(axis=1), kind="stable")
+        cells, wanted = cells[order], wanted[order]
         dofs = space.dofmap.list[cells]
         rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
         first = np.full(len(left), len(cells))
         first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
-        if k < rounds:
+        if not last:
             wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
             chosen.append(cells[wins])
             left[dofs[wins]] = False

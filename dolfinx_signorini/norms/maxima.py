@@ -25,9 +25,9 @@ from dolfinx_signorini.meshes.sided_meshes import SAMPLE
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
-SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or samples in boxes
-# Where values in all cells are known: share of cells that are sampled.
-SCREENED = 0.03
+# Cells that are looked at closely: share of all, or samples in boxes; and the share of cells that
+# are sampled at all where values in all cells are known.
+SHARE, BOXED, SCREENED = 0.02, 2500, 0.03
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice

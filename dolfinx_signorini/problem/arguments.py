@@ -50,11 +50,11 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     element = space.ufl_element()
     if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
         raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
-    if not same_space(arguments[1].ufl_function_space(), space):
+    if not _same_space(arguments[1].ufl_function_space(), space):
         raise InputError("trial and test function belong to different spaces", "form a")
     if len(L.arguments()) != 1:
         raise InputError(f"the form L needs one test function, has {len(L.arguments())}", "load")
-    if not same_space(L.arguments()[0].ufl_function_space(), space):
+    if not _same_space(L.arguments()[0].ufl_function_space(), space):
         raise InputError("its test function belongs to another space than the form a", "load")
     for form, subject in ((a, "form a"), (L, "load")):
         _check_mesh(form, space.mesh, subject)
@@ -107,19 +107,15 @@ def functions_of(space: fem.FunctionSpace) -> Kind:
 
     def kind(value: Any) -> str:
         wrong = FUNCTION(value)
-        if wrong or same_space(value.function_space, space):
+        if wrong or _same_space(value.function_space, space):
             return wrong
         return "belongs to another function space than the form a"
 
     return kind
 
 
-def same_space(one: Any, other: Any) -> bool:
-    """Return whether two Python objects stand for the same function space, dof for dof.
-
-    Args:
-        one, other: The two objects, of any kind.
-    """
+def _same_space(one: Any, other: Any) -> bool:
+    """Whether two Python objects stand for the same function space, dof for dof."""
     return isinstance(one, fem.FunctionSpace) and one._cpp_object == other._cpp_object
 
 
