@@ -27,24 +27,13 @@ BEST = {2: 30, 3: 20}
 
 
 @dataclass(frozen=True)
-class Diffusion:
-    """The diffusion A at points of cells.
+class _Diffusion:
+    """The diffusion A at points of cells: a multiple of the identity, or a symmetric matrix."""
 
-    For example the energy of a gradient, shape (cells, points):
-
-        (gradient * diffusion.times(gradient)).sum(axis=-1)
-
-    Attributes:
-        values: The diffusion, shape (cells, points, 1), or (cells, points, d, d) for matrices.
-        inverses: The inverses of the values, with the same shape.
-        lowest: The smallest eigenvalue of A at the points of each cell.
-        upper: A matrix that A at the points of each cell does not exceed, shape (cells, d, d).
-    """
-
-    values: Array
-    inverses: Array
-    lowest: Array
-    upper: Array
+    values: Array  # shape (cells, points, 1), or (cells, points, d, d) for matrices
+    inverses: Array  # of the values, with the same shape
+    lowest: Array  # the smallest eigenvalue at the points of each cell
+    upper: Array  # what A at the points of each cell does not exceed, shape (cells, d, d)
 
     @property
     def symmetric(self) -> bool:
@@ -63,23 +52,18 @@ class Diffusion:
         return _product(self.inverses, vectors)
 
     def mean_inverse(self, weights: Array, dimension: int) -> Array:
-        """Return the mean of the inverse of A over each cell, shape (cells, d, d).
-
-        Args:
-            weights: The weights of the points.
-            dimension: The dimension of the domain.
-        """
+        """The mean of the inverse of A over each cell, shape (cells, d, d)."""
         mean = np.asarray(np.tensordot(self.inverses, weights, (1, 0)), dtype=np.float64)
         return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
 
 
-def _diffusion_at(entries: Array, dimension: int) -> Diffusion:
+def _diffusion_at(entries: Array, dimension: int) -> _Diffusion:
     """The diffusion with given entries."""
     if entries.shape[2] == 1:
         lowest = entries.min(axis=(1, 2), initial=np.inf)
         upper = entries.max(axis=(1, 2), initial=-np.inf)[:, None, None] * np.eye(dimension)
         with np.errstate(divide="ignore"):
-            return Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
+            return _Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
     values = entries.reshape(*entries.shape[:2], dimension, dimension)
     spectrum = np.linalg.eigvalsh(values)
     lowest = spectrum.min(axis=(1, 2), initial=np.inf)
@@ -88,7 +72,7 @@ def _diffusion_at(entries: Array, dimension: int) -> Diffusion:
     upper = np.where(same, values[:, 0], largest * np.eye(dimension))
     usable = bool((lowest > 0.0).all())
     inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
-    return Diffusion(values, inverses, lowest, upper)
+    return _Diffusion(values, inverses, lowest, upper)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:
@@ -120,7 +104,7 @@ class CellValues:
     weights: Array
     u: Array
     gradient: Array
-    diffusion: Diffusion
+    diffusion: _Diffusion
     reaction: Array
     load: Array
     least_reaction: Array
@@ -211,7 +195,7 @@ def cell_values(solved: Solved, quadrature: int) -> CellValues:
         inverse = inverse.reshape(A.inverses.shape)
         least, largest = rest.least_diffusion, rest.largest_diffusion
         assert least is not None and largest is not None
-        A = Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
+        A = _Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
     places = solved.frames.points(points)
     (u,), (gradient,) = places.values(problem.u), places.gradients(problem.u)
     c, least = at[:, :, 0], rest.least_reaction

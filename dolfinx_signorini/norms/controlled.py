@@ -22,6 +22,8 @@ from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
 
+Sizes = Callable[[], dict[Norm, float]]
+
 # Of a norm: how far off its quadrature may be by estimate. The estimate is one of random numbers:
 # of 2,240 norms of waves on all elements, with p from 1 to 16, none was off by twice as much.
 TOLERANCE = 5e-4
@@ -43,7 +45,7 @@ UNKNOWN = math.sqrt(TOLERANCE)
 
 def controlled(
     evaluate: Callable[[QuadratureRule, Parts], dict[Norm, Array]],
-    sizes: Callable[[], dict[Norm, float]],
+    sizes: Sizes,
     places: tuple[basix.CellType, int],
     norms: Sequence[Norm],
     degree: int,
@@ -74,7 +76,7 @@ def controlled(
     points = sum(len(rule.points(cell)[1]) for rule in rules) * Parts.children(cell)
     most, parts = max(MOST, MORE * comm.allreduce(count)), Parts.whole(count, cell)
     rows: list[Numbers] = []
-    sums = [ControlledSum(norm, comm) for norm in norms]
+    sums = [_ControlledSum(norm, comm) for norm in norms]
     for division in range(DEEPEST + 1):
         coarse, fine = (evaluate(rule, parts) for rule in rules)
         marks = np.any([s.unsure(fine[s.norm], coarse[s.norm]) for s in sums], axis=0)
@@ -97,21 +99,11 @@ def allowed(p: float) -> float:
     return -math.expm1(-p * TOLERANCE)
 
 
-class ControlledSum:
-    """A norm as a sum of p-th powers over parts of places, by two rules:
+class _ControlledSum:
+    """A norm as a sum of p-th powers over parts of places, by two rules.
 
-        s = ControlledSum(Norm(0.0, 4.0), comm)
-        marks = s.unsure(fine, coarse)
-        s.keep(fine[~marks], coarse[~marks])
-
-    Args:
-        norm: The norm.
-        comm: The communicator of the mesh; `unsure` and `keep` are collective.
-
-    Attributes:
-        total: The norm over all parts, as far as it is known.
-        estimate: How far off the norm may be, relative to the norm.
-        resolved: Whether that is within the tolerance.
+    `total` is the norm over all parts, as far as it is known, `estimate` how far off it may be,
+    relative to the norm, and `resolved` whether that is within the tolerance.
     """
 
     def __init__(self, norm: Norm, comm: MPI.Comm):
@@ -122,13 +114,9 @@ class ControlledSum:
         self._kept, self._sums = 0.0, cast(Array, np.zeros((3, 1)))
 
     def unsure(self, fine: Array, coarse: Array) -> Mask:
-        """Return which parts are to be divided.
+        """Whether each part is to be divided, by the norms on parts that are not kept; collective.
 
-        Args:
-            fine, coarse: The norms on the parts that are not kept yet, by both rules.
-
-        Raises:
-            FloatingPointError: One of them is not a number, on some rank.
+        A FloatingPointError is raised where one of them is not a number, on some rank.
         """
         before = self.total
         now, _ = (norm_of_all(self._comm, values, self._p) for values in (fine, coarse))
@@ -148,7 +136,7 @@ class ControlledSum:
         return np.asarray(alone | (bins < (good[0] if len(good) else HALVINGS)))
 
     def keep(self, fine: Array, coarse: Array) -> None:
-        """Take the norms on parts that are not divided, by both rules."""
+        """Take the norms on parts that are not divided, by both rules; collective."""
         self._values.append(fine)
         now = norm_of_all(self._comm, fine, self._p)
         self._kept = float(p_norm(np.array([self._kept, now]), self._p))
@@ -157,12 +145,7 @@ class ControlledSum:
         self._sums = self._sums + self._cumulated(differences, all_in_one)[:, :1]
 
     def on_places(self, rows: Numbers, count: int) -> Array:
-        """Return the norm on each place, from those on the parts that are kept.
-
-        Args:
-            rows: The places of all these parts, in their order.
-            count: The number of places.
-        """
+        """The norm on each of `count` places, from those on the parts kept; `rows` has theirs."""
         powers = (np.concatenate(self._values) / (self.total or 1.0)) ** self._p
         return np.asarray(self.total * np.bincount(rows, powers, count) ** (1.0 / self._p))
 
@@ -179,7 +162,10 @@ class ControlledSum:
 
 
 def _ended(
-    sums: Sequence[ControlledSum], sizes: Callable[[], dict[Norm, float]], division: int, many: bool
+    sums: Sequence[_ControlledSum],
+    sizes: Sizes,
+    division: int,
+    many: bool,
 ) -> bool:
     """Whether nothing is divided any more, though some norms are not resolved.
 
