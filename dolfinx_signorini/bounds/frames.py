@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
@@ -187,6 +186,6 @@ def values_at(
     return result
 
 
-def _global(index_map: object, local: npt.NDArray[np.int32]) -> Indices:
+def _global(index_map: object, local: LocalIndices) -> Indices:
     numbers = index_map.local_to_global(local.ravel().astype(np.int32))  # type: ignore[attr-defined]
     return np.asarray(numbers, dtype=np.int64).reshape(local.shape)

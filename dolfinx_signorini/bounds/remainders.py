@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Scalar
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -79,7 +78,7 @@ class Remainders:
     obstacle_in_space: tuple[FacetPolynomials, Array] | None = None
     sampled: tuple[str, ...] = ()
 
-    def some(self, cells: npt.NDArray[np.int64]) -> "Remainders":
+    def some(self, cells: Indices) -> "Remainders":
         """Return what is known of diffusion and reaction on some cells."""
         known = {name: getattr(self, name) for name in ON_CELLS}
         parts: dict[str, Any] = {

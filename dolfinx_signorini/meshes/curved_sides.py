@@ -12,10 +12,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
@@ -147,7 +146,7 @@ class CurvedSides:
             np.add.at(result, facet_cells(domain, facets)[:, 0], away * simplex_sizes(corners))
         return result
 
-    def _facets(self, sided: SidedMesh, name: str) -> npt.NDArray[np.int32]:
+    def _facets(self, sided: SidedMesh, name: str) -> LocalIndices:
         """The facets of a side that this rank owns."""
         facets, dim = sided.facets((name,)), sided.mesh.topology.dim - 1
         return facets[facets < sided.mesh.topology.index_map(dim).size_local]
@@ -247,7 +246,7 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
     return dict(comm.bcast(found))
 
 
-def _bulges(ids: npt.NDArray[np.int64], x: Array, sides: npt.NDArray[np.int64]) -> dict[int, float]:
+def _bulges(ids: Indices, x: Array, sides: Indices) -> dict[int, float]:
     """Return for combinations of sides with arcs how far smooth curves are from the facets.
 
     Args:

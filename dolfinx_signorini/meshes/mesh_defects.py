@@ -8,11 +8,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
@@ -161,7 +160,7 @@ def _crossed(a: Array, b: Array) -> Array:
     return normals.reshape(len(a), 36, 3)
 
 
-def _meet(a: Array, b: Array, axes: Array) -> npt.NDArray[np.bool_]:
+def _meet(a: Array, b: Array, axes: Array) -> Mask:
     """Whether no axis separates cells: along each of them their shadows overlap."""
     p, q = (np.einsum("pvi,pni->pnv", x, axes) for x in (a, b))
     common = np.minimum(p.max(axis=2), q.max(axis=2)) - np.maximum(p.min(axis=2), q.min(axis=2))

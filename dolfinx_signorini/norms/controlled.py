@@ -14,10 +14,10 @@ import basix
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
-from dolfinx_signorini.meshes.parts import Numbers, Parts
+from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
@@ -75,7 +75,7 @@ def controlled(
     rules = [interior_rule(cell, degree + more) for more in (0, 2)]
     points = sum(len(rule.points(cell)[1]) for rule in rules) * Parts.children(cell)
     most, parts = max(MOST, MORE * comm.allreduce(count)), Parts.whole(count, cell)
-    rows: list[Numbers] = []
+    rows: list[Indices] = []
     sums = [_ControlledSum(norm, comm) for norm in norms]
     for division in range(DEEPEST + 1):
         coarse, fine = (evaluate(rule, parts) for rule in rules)
@@ -144,7 +144,7 @@ class _ControlledSum:
         all_in_one = np.zeros(len(differences), dtype=np.int64)
         self._sums = self._sums + self._cumulated(differences, all_in_one)[:, :1]
 
-    def on_places(self, rows: Numbers, count: int) -> Array:
+    def on_places(self, rows: Indices, count: int) -> Array:
         """The norm on each of `count` places, from those on the parts kept; `rows` has theirs."""
         powers = (np.concatenate(self._values) / (self.total or 1.0)) ** self._p
         return np.asarray(self.total * np.bincount(rows, powers, count) ** (1.0 / self._p))
@@ -154,7 +154,7 @@ class _ControlledSum:
         one, other = ((values / (self.total or 1.0)) ** self._p for values in (fine, coarse))
         return np.asarray(one - other)
 
-    def _cumulated(self, differences: Array, bins: Numbers) -> Array:
+    def _cumulated(self, differences: Array, bins: Indices) -> Array:
         """Sums over each bin and all later ones, of differences, their squares and their sizes."""
         kinds = differences, differences**2, np.abs(differences)
         sums = self._comm.allreduce(np.array([np.bincount(bins, d, HALVINGS) for d in kinds]))

@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices
+from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import FUNCTION, TEXT, check, instance, optional, sequence
 from dolfinx_signorini.base.logs import Progress
@@ -240,7 +240,7 @@ def _blocks(
 ) -> Iterator[tuple[npt.NDArray[np.integer], Points, Array]]:
     """Yield numbers of parts, with the points of a rule and the weights of the points."""
     cell = _kind(domain, places)
-    turned: npt.NDArray[np.bool_] = np.zeros(len(parts.rows), dtype=bool)
+    turned: Mask = np.zeros(len(parts.rows), dtype=bool)
     if places.ndim == 1 and rule.scheme != "default":
         # Of no symmetry: follows the vertices counterclockwise.
         turned = clockwise(domain, places[parts.rows])

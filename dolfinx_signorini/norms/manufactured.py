@@ -21,7 +21,7 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import MESH, check, on_mesh, optional
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -189,13 +189,12 @@ def matching_obstacle(
     count = len(_facet_points(domain))
     values, (size, force) = _on_facets(domain, facets, [u, flux])
     pushed = (abs(values[:, 1]).reshape(-1, count) > SOLVED * force).any(axis=1)
-    touching, contact = fem.Function(space), fem.Function(space)
-    for marks, marked in ((touching, _owned(domain, facets)[pushed]), (contact, facets)):
-        marks.x.array[fem.locate_dofs_topological(space, tdim - 1, marked)] = 1.0
-        marks.x.scatter_forward()
-    g = interpolant(space, u, cells_with_dofs(space, contact.x.array > 0.0))
-    g.name = "obstacle"
-    clear = touching.x.array == 0.0
+    touching, contact = (
+        marked(space, fem.locate_dofs_topological(space, tdim - 1, some))
+        for some in (_owned(domain, facets)[pushed], facets)
+    )
+    g = interpolant(space, u, cells_with_dofs(space, contact))
+    g.name, clear = "obstacle", ~touching
     g.x.array[clear] -= sign * (size if size > 0.0 else 1.0)
     return g
 

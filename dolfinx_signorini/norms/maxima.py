@@ -13,11 +13,10 @@ from collections.abc import Iterable
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.spatial import KDTree
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
 from dolfinx_signorini.meshes.points import Points
@@ -67,7 +66,7 @@ class Maxima:
         self._lattice = np.asarray(basix.create_lattice(cell, self._degree, kind, True), np.float64)
 
     @functools.cached_property
-    def _samples(self) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _samples(self) -> tuple[Array, Mask]:
         """The largest samples, and whether there are points without a value, both (1 or 2, n)."""
         tops, holes = [], []
         rows = self._screened()
@@ -126,7 +125,7 @@ class Maxima:
         found = [self._followed(*start, limit, kind, name) for start in starts]
         return max([*found, highest(self._comm, tops)])
 
-    def _peaks(self, values: Array) -> npt.NDArray[np.bool_]:
+    def _peaks(self, values: Array) -> Mask:
         """Tell which samples on the lattice are not smaller than their neighbours, (n, m)."""
         tree = KDTree(self._lattice)
         neighbours = tree.query_ball_point(self._lattice, 1.5 / self._degree, p=np.inf)

@@ -7,13 +7,12 @@ accurate discrete solution carried over from another mesh.
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     LARGEST_DEGREE,
@@ -71,7 +70,7 @@ class Reference:
         points = sequence(coordinates(dimension), "a tuple of points")
         check(support=(self.support, optional(ball(dimension))), singular=(self.singular, points))
 
-    def support_cells(self) -> npt.NDArray[np.int32]:
+    def support_cells(self) -> LocalIndices:
         """Return the owned cells on which u may be non-zero (all of them without a support)."""
         if self.support is None:
             return owned_cells(self.mesh)
@@ -82,7 +81,7 @@ R = TypeVar("R", bound=Reference)
 
 
 def interpolant(
-    space: fem.FunctionSpace, expression: Expr, cells: npt.NDArray[np.int32] | None = None
+    space: fem.FunctionSpace, expression: Expr, cells: LocalIndices | None = None
 ) -> fem.Function:
     """Return the interpolant of an expression.
 

@@ -21,6 +21,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.elements import (
@@ -274,9 +275,9 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Call
     if is_bernstein(space):
         return _coefficients(space, value, dofs)
     g = fem.Function(space)
-    marked = np.zeros(len(g.x.array), dtype=bool)
-    marked[dofs] = True
-    cells = covering_cells(space, marked, cells_with_dofs(space, marked))
+    wanted = np.zeros(len(g.x.array), dtype=bool)
+    wanted[dofs] = True
+    cells = covering_cells(space, wanted, cells_with_dofs(space, wanted))
     if callable(value) and not isinstance(value, Expr):
         x = control_points(space, cells)[dofs].T
         return lambda: called(space.mesh.comm, value, x)
@@ -292,15 +293,12 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Call
 
 def _coefficients(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
     """As `evaluator`, in the Bernstein basis; the call is collective."""
-    wanted = fem.Function(space)
-    wanted.x.array[dofs] = 1.0
-    wanted.x.scatter_forward()
-    marked = wanted.x.array > 0.0
-    known = np.flatnonzero(marked).astype(np.int32)
-    cells, values_at = cells_with_dofs(space, marked), evaluator(nodal_space(space), value, known)
+    wanted = marked(space, dofs)
+    known = np.flatnonzero(wanted).astype(np.int32)
+    cells, values_at = cells_with_dofs(space, wanted), evaluator(nodal_space(space), value, known)
 
     def evaluate() -> Array:
-        values = np.zeros(len(marked))
+        values = np.zeros(len(wanted))
         values[known] = values_at()
         return coefficients_of(space, values, cells)[dofs]
 
@@ -335,11 +333,8 @@ def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
 
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """The owned dofs that some Dirichlet conditions fix."""
-    marked = np.zeros(space.dofmap.index_map.size_local, dtype=bool)
-    for bc in bcs:
-        dofs, owned = bc.dof_indices()
-        marked[dofs[:owned]] = True
-    return np.flatnonzero(marked).astype(np.int32)
+    parts = [dofs[:owned] for dofs, owned in (bc.dof_indices() for bc in bcs)]
+    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
 
 
 def _dirichlet_values(

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, la
 from dolfinx.fem import petsc as fem_petsc
@@ -12,7 +11,7 @@ from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, is_bernstein
@@ -77,7 +76,7 @@ def check_bounds(
     return clamped
 
 
-def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> npt.NDArray[np.bool_]:
+def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> Mask:
     """Tell which dofs belong to vertices."""
     places = np.concatenate(space.element.basix_element.entity_dofs[0])
     return np.isin(dofs, space.dofmap.list[:, places])
@@ -159,9 +158,7 @@ def check_symmetry(A: PETSc.Mat) -> None:
     require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
 
 
-def vanishes_on_constants(
-    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array
-) -> npt.NDArray[np.bool_]:
+def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Mask:
     """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
@@ -210,7 +207,7 @@ def vanishes_on_constants(
     return loose & (energies <= ROUNDING * _energy_of_coordinates(A, space))
 
 
-def _held_in_all_cells(layout: Layout, beyond_doubt: npt.NDArray[np.bool_]) -> bool:
+def _held_in_all_cells(layout: Layout, beyond_doubt: Mask) -> bool:
     """Whether each cell of each rank has Dirichlet data or a row sum that is beyond doubt."""
     held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
     held.array[: len(beyond_doubt)] = beyond_doubt
