@@ -21,7 +21,6 @@ from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_condition
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
 from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
 
-
 # For each subject of an error the key of a scene file that the error is about.
 SUBJECTS: dict[str, Key] = {
     "accuracy": ("accuracy",),
