@@ -211,5 +211,5 @@ def _largest(comm: MPI.Comm, values: Array, limit: int) -> Indices:
     everywhere = np.concatenate(comm.allgather(values[rows]))
     if not limit or len(everywhere) <= limit:
         return rows
-    last = np.partition(everywhere, -limit)[-limit]
+    last = min(np.partition(everywhere, -limit)[-limit], np.finfo(np.float64).max)
     return rows[values[rows] >= last - ROUNDING * abs(last)]
