@@ -128,6 +128,14 @@ def test_space(u, fixed, c, degree, comm):
     checked(case, 1.3)
 
 
+@pytest.mark.parametrize("end", [0.45, 0.513])
+def test_edges_in_space_are_raised_where_contact_ends_inside_of_cells(end, comm):
+    domain = cube(comm, 5)
+    u = detaching(ufl.SpatialCoordinate(domain), fem.Constant(domain, end))
+    bound = checked(Case(domain, u, 2, c=1.0), 3.0)
+    assert bound.lifting > 0.0 and not any("below" in note for note in bound.notes)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("c", [0.0, 1e6])
 def test_a_coefficient_that_jumps_along_a_mesh_line(degree, c, comm):
