@@ -11,21 +11,21 @@ import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+
 ELEMENTS = {
     dim: basix.ufl.element("Lagrange", cell, 1, shape=(dim,))
     for dim, cell in ((2, "triangle"), (3, "tetrahedron"))
 }  # of the geometry of straight-sided meshes
 
 
-def interpolation_points(element: Any) -> npt.NDArray[np.float64]:
+def interpolation_points(element: Any) -> Array:
     """Return the interpolation points of a finite element: a method in 0.9, later a property."""
     points = element.interpolation_points
     return np.asarray(points() if callable(points) else points)
 
 
-def exterior_facet_pairs(
-    topology: mesh.Topology, facets: npt.NDArray[np.int32]
-) -> npt.NDArray[np.int32]:
+def exterior_facet_pairs(topology: mesh.Topology, facets: LocalIndices) -> LocalIndices:
     """Return boundary facets as (cell, local facet) pairs, flat; 0.11 takes no dimension.
 
     Args:
@@ -62,9 +62,7 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, An
     return data[0], data[2]
 
 
-def evaluate(
-    expression: fem.Expression, domain: mesh.Mesh, entities: npt.NDArray[np.int32]
-) -> npt.NDArray[np.float64]:
+def evaluate(expression: fem.Expression, domain: mesh.Mesh, entities: LocalIndices) -> Array:
     """Evaluate an expression on cells, shape (n,), or (cell, local facet) pairs, shape (n, 2).
 
     dolfinx 0.9 takes pairs as a flat array and lays the points of a facet out from its first to its
@@ -89,7 +87,7 @@ def evaluate(
     return values
 
 
-def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+def _descending(domain: mesh.Mesh, facets: LocalIndices) -> Mask:
     """Whether the first vertex of an edge, in the order of its cell, has the larger number."""
     corners, edges, _ = basix.topology(basix.CellType[domain.topology.cell_name()])
     ends = np.array(edges)[facets[:, 1]]
@@ -101,12 +99,12 @@ def _descending(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
 
 def simplicial_mesh(
     comm: MPI.Comm,
-    vertices: npt.NDArray[np.int64],
-    cells: npt.NDArray[np.int64],
-    owners: npt.NDArray[np.int32],
-    nodes: npt.NDArray[np.int64],
-    x: npt.NDArray[np.float64],
-    surface: npt.NDArray[np.int64],
+    vertices: Indices,
+    cells: Indices,
+    owners: LocalIndices,
+    nodes: Indices,
+    x: Array,
+    surface: Indices,
 ) -> mesh.Mesh:
     """Return a mesh of triangles or tetrahedra whose cells are shared and in order already.
 
@@ -133,8 +131,8 @@ def simplicial_mesh(
 
 
 def refine(
-    domain: mesh.Mesh, edges: npt.NDArray[np.int32] | None
-) -> tuple[mesh.Mesh, npt.NDArray[np.int32], npt.NDArray[np.int8]]:
+    domain: mesh.Mesh, edges: LocalIndices | None
+) -> tuple[mesh.Mesh, LocalIndices, npt.NDArray[np.int8]]:
     """Bisect edges of a mesh, all of them by default; child cells stay on the rank of their parent.
 
     dolfinx numbers parent cells and facets by the cells before their reordering.

@@ -16,8 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import ffcx.naming
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, jit
 from mpi4py import MPI
@@ -25,6 +23,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 from ufl.algorithms.compute_form_data import compute_form_data
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 
 _codes: dict[tuple[str, str], Any] = {}  # by signature and options
@@ -55,7 +54,7 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
 def form_on(
     item: ufl.Form,
     spaces: Sequence[fem.FunctionSpace],
-    subdomains: dict[fem.IntegralType, list[tuple[int, npt.NDArray[np.int32]]]],
+    subdomains: dict[fem.IntegralType, list[tuple[int, LocalIndices]]],
 ) -> fem.Form:
     """Return a compiled form on the mesh of its spaces; the call is collective.
 
@@ -74,7 +73,7 @@ def form_on(
     return fem.create_form(code, list(spaces), domain, subdomains, {}, {})
 
 
-def expression(item: Expr, points: npt.NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
+def expression(item: Expr, points: Array, comm: MPI.Comm) -> fem.Expression:
     """Return a compiled expression, as `dolfinx.fem.Expression` does; the call is collective.
 
     Args:

@@ -7,8 +7,9 @@ from threading import Timer
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.logs import PATIENCE
+
 INDEFINITE = "not positive definite"  # how messages about such forms begin
-PATIENCE = 2.0  # seconds after which a rank that waits for the others tells why
 
 
 class InputError(ValueError):

@@ -108,13 +108,16 @@ def simplices(*dimensions: int, straight: bool = False) -> Kind:
     return kind
 
 
-def on_mesh(domain: mesh.Mesh, tensor: bool = False, normals: bool = False) -> Kind:
+def on_mesh(
+    domain: mesh.Mesh, tensor: bool = False, normals: bool = False, callables: bool = False
+) -> Kind:
     """Return the kind of data on a mesh: finite numbers, and scalar UFL expressions.
 
     Args:
         domain: The mesh.
         tensor: Whether square matrices of its dimension are data, too.
         normals: Whether normals and the like are known where the data are: on facets.
+        callables: Whether functions of Python are data, too.
     """
     shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
     home = domain.ufl_domain()
@@ -131,9 +134,16 @@ def on_mesh(domain: mesh.Mesh, tensor: bool = False, normals: bool = False) -> K
                 return "has a test or trial function in it"
             normal = any(isinstance(part, GeometricFacetQuantity) for part in terminals)
             return "has the normal of a facet in it" if normal and not normals else ""
-        return "" if _is_number(value) else _not("a finite number or a UFL expression", value)
+        fits = _is_number(value) or (callables and callable(value))
+        return "" if fits else _not("a finite number or a UFL expression", value)
 
     return kind
+
+
+def choice(*choices: str) -> Kind:
+    """Return the kind of some texts."""
+    words = " or ".join(map(repr, choices))
+    return lambda value: "" if isinstance(value, str) and value in choices else _not(words, value)
 
 
 def data(value: Any) -> str:
@@ -193,6 +203,11 @@ def by_text(value: Any) -> str:
 def positive(value: Any) -> str:
     """The kind of finite positive numbers."""
     return "" if _is_number(value) and value > 0.0 else _not("a positive number", value)
+
+
+def gmsh_model(value: Any) -> str:
+    """The kind of models of gmsh, which is not loaded for that."""
+    return "" if hasattr(value, "mesh") else f"must be gmsh.model, not {type(value).__name__}"
 
 
 def callable_(value: Any) -> str:

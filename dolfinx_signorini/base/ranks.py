@@ -8,10 +8,12 @@ from dolfinx import common, fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.arrays import Array, Mask
+
 
 def summed(
     index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike = 1.0
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """Return for each place the sum of the values that all ranks have for the place; collective.
 
     Args:
@@ -29,7 +31,7 @@ def summed(
 
 def largest(
     index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """Return for each place the largest value that some rank has for the place, at least 0.
 
     Args:
@@ -59,7 +61,7 @@ def highest(comm: MPI.Comm, values: npt.NDArray[np.floating[Any]]) -> float:
     return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
-def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:
+def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> Mask:
     """Return which dofs of this rank, ghosts included, some rank names; the call is collective.
 
     Args:

@@ -29,7 +29,6 @@ from dolfinx_signorini.base.logs import log
 T = TypeVar("T")
 
 ROWS = "rows.jsonl"  # the records file of a job
-LONGEST = 200  # characters of two settings that a message has
 
 
 class Records:
@@ -256,7 +255,7 @@ def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dic
     for key in settings | found:
         if settings.get(key) != found.get(key):
             both = f"{key} = {found.get(key)}, not {settings.get(key)}"
-            told = both if len(both) <= LONGEST else f"another {key}"
+            told = both if both.isprintable() else f"another {key}"  # a text of several lines
             subject = f"output folder {path.parent}"
             raise InputError(f"holds results for {told}; choose another --out", subject)
     if unfinished:

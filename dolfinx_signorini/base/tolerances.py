@@ -11,4 +11,8 @@ PRECISION = float(np.finfo(np.float64).eps)
 ROUNDING = 2.0**12 * PRECISION
 # Solutions of small linear systems, points carried to reference cells, Newton's method: 9e-10.
 SOLVED = 2.0**22 * PRECISION
+# The half of a double's digits, 1e-8: so flat is a smooth function next to a maximum.
+HALF_OF_THE_DIGITS = PRECISION**0.5
+# Halvings after which nothing is left of a double: what gains a bit in each step needs no more.
+HALVINGS = int(np.finfo(np.float64).nmant)
 TINY = 1e-300  # in place of 0 where a quotient or a logarithm follows

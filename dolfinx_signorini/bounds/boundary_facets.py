@@ -1,28 +1,32 @@
 """The facets of the boundary by what is known about the flux through each of them."""
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
-from dolfinx_signorini.bounds.frames import Frames, values_at
-from dolfinx_signorini.bounds.reference_flux import others, polynomials, positive_on_parts, rule
+from dolfinx_signorini.bounds.frames import Frames, on_frames, values_at
+from dolfinx_signorini.bounds.reference_flux import (
+    PARTS,
+    others,
+    polynomials,
+    positive_on_parts,
+    rule,
+)
+from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.assembly import Data, called
+from dolfinx_signorini.problem.assembly import Data, called, dofs_on_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-PARTS = 8  # of a facet, each with its own answer to whether a function is positive
 
 
 @dataclass(frozen=True)
@@ -31,18 +35,16 @@ class FacetPoints:
 
     Functions of the space and data have values at the points:
 
-        points = facet_points(domain, frames, kinds == NEUMANN, degree)
+        points = facet_points(frames, kinds == NEUMANN, degree)
         flux = points.values(q)
 
     Attributes:
-        domain: The mesh.
         frames: The cells of the mesh.
         cells, facets: The facets, as facets of the frames, shape (n,).
         reference: The points on the reference facet, shape (points, d - 1).
         weights: Weights of means over a facet.
     """
 
-    domain: mesh.Mesh
     frames: Frames
     cells: Indices
     facets: Indices
@@ -67,15 +69,15 @@ class FacetPoints:
         if callable(data) and not isinstance(data, Expr):
             x = np.zeros((3, len(self.cells) * len(self.weights)))
             x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
-            values = called(self.domain.comm, data, x)
+            values = called(self.frames.domain.comm, data, x)
             return values.reshape(len(self.cells), len(self.weights))
-        return values_at(self.domain, [data], self.reference, self.pairs)[:, :, 0]
+        return values_at(self.frames.domain, [data], self.reference, self.pairs)[:, :, 0]
 
     @functools.cached_property
     def places(self) -> Array:
         """The coordinates of the points, shape (n, points, d), where UFL has them."""
-        x = ufl.SpatialCoordinate(self.domain)
-        return values_at(self.domain, list(x), self.reference, self.pairs)
+        x = ufl.SpatialCoordinate(self.frames.domain)
+        return values_at(self.frames.domain, list(x), self.reference, self.pairs)
 
     @functools.cached_property
     def coordinates(self) -> Array:
@@ -120,28 +122,24 @@ class FacetPoints:
         return np.einsum("nqi,ni->nq", table, dofs[space.dofmap.list[self.cells]])
 
 
-def facet_points(domain: mesh.Mesh, frames: Frames, marked: Mask, degree: int) -> FacetPoints:
+def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     """Return a rule on some facets.
 
     Args:
-        domain: The mesh.
         frames: The cells of the mesh.
         marked: The facets of the frames, shape (cells, d + 1).
         degree: The degree of the polynomials that are integrated exactly.
     """
     points, weights = rule(frames.dimension - 1, degree)
     cells, facets = np.nonzero(marked)
-    return FacetPoints(domain, frames, cells, facets, points, weights)
+    return FacetPoints(frames, cells, facets, points, weights)
 
 
-def on_parts(
-    domain: mesh.Mesh, frames: Frames, marked: Mask, series: Array
-) -> tuple[FacetPoints, Array]:
+def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
     """Return a rule on parts of some segments, and functions above the positive parts of others.
 
     Args:
-        domain: The mesh of triangles.
-        frames: The cells of the mesh.
+        frames: The cells of a mesh of triangles.
         marked: The facets of the frames, shape (cells, d + 1).
         series: Polynomials on the facets, shape (n, polynomials).
 
@@ -154,7 +152,7 @@ def on_parts(
     t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
     cells, facets = np.nonzero(marked)
     weights = np.tile(weights, PARTS) / PARTS
-    points = FacetPoints(domain, frames, cells, facets, t.reshape(-1, 1), weights)
+    points = FacetPoints(frames, cells, facets, t.reshape(-1, 1), weights)
     # The rule is symmetric, but the points may run from the second end of a facet to the first.
     place = np.argsort(np.argsort(points.along, axis=1), axis=1)
     order = np.argsort(t.ravel())
@@ -162,15 +160,11 @@ def on_parts(
     return points, np.take_along_axis(values, place, axis=1)
 
 
-def facet_kinds(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames
-) -> tuple[Indices, Indices]:
+def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     """Return the kinds of the facets of cells, and which of their vertices touch the obstacle.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form of the problem.
-        frames: The cells of the mesh.
+        solved: The problem; the call is collective.
 
     Returns:
         Two arrays of the shape (cells, d + 1).
@@ -179,11 +173,11 @@ def facet_kinds(
         InputError: A facet has Dirichlet data and is a contact facet or has a flux, or a dof has
             Dirichlet data and is on none of the facets with Dirichlet data.
     """
-    domain, comm = problem.space.mesh, problem.comm
-    outer = on_frames(domain, frames, [boundary_facets(domain)])
-    fixed = on_frames(domain, frames, [facets for _, facets in terms.dirichlet])
-    contact = on_frames(domain, frames, [problem.contact])
-    flux = on_frames(domain, frames, [facets for _, facets in (*terms.neumann, *terms.robin)])
+    problem, terms, frames, comm = solved.problem, solved.terms, solved.frames, solved.comm
+    outer = on_frames(frames, [boundary_facets(frames.domain)])
+    fixed = on_frames(frames, [facets for _, facets in terms.dirichlet])
+    contact = on_frames(frames, [problem.contact])
+    flux = on_frames(frames, [facets for _, facets in (*terms.neumann, *terms.robin)])
     twice = bool((contact & flux).any())
     require(comm, not twice, "a facet has a flux, and is a contact facet", "neumann")
     twice = bool((fixed & (contact | flux)).any())
@@ -243,29 +237,11 @@ def _weightless(problem: SignoriniProblem) -> Mask:
     return np.asarray(means <= ROUNDING)
 
 
-def on_frames(domain: mesh.Mesh, frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
-    """Return whether the facets of cells are in one of several lists of facets.
-
-    Args:
-        domain: The mesh; the call is collective.
-        frames: The cells of the mesh.
-        parts: LocalIndices that some rank knows, which need not have the cell of the facet.
-    """
-    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
-    index_map = domain.topology.index_map(domain.topology.dim - 1)
-    return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
-
-
 def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
-    space = problem.space
     parts = [facets for _, facets in terms.dirichlet]
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
-    space.mesh.topology.create_connectivity(space.mesh.topology.dim - 1, space.mesh.topology.dim)
-    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
-    missing = np.setdiff1d(problem.fixed_dofs, dofs)
+    dofs, fixed = dofs_on_facets(problem.space, facets), problem.fixed_dofs
     message = "a dof with Dirichlet data is on none of the facets that are named"
-    require(space.mesh.comm, not len(missing), message, "dirichlet")
-    owned = dofs[dofs < space.dofmap.index_map.size_local]
-    loose = np.setdiff1d(owned, problem.fixed_dofs)
+    require(problem.comm, bool(np.isin(fixed, dofs).all()), message, "dirichlet")
     message = "a dof on one of the facets that are named has no Dirichlet data"
-    require(space.mesh.comm, not len(loose), message, "dirichlet")
+    require(problem.comm, bool(np.isin(dofs, fixed).all()), message, "dirichlet")

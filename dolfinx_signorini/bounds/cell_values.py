@@ -4,12 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import CellData
-from dolfinx_signorini.bounds.diffusion import Diffusion, diffusion_at
 from dolfinx_signorini.bounds.frames import Frames, values_at
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
@@ -18,15 +17,68 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
-MORE = {2: 10, 3: 6}
+SAMPLED = {2: 10, 3: 6}
 BEST = {2: 30, 3: 20}
-FILLING = 3  # the degree of elements in space that stand for boundary data, above the solution's
+
+
+@dataclass(frozen=True)
+class _Diffusion:
+    """The diffusion A at points of cells: a multiple of the identity, or a symmetric matrix."""
+
+    values: Array  # shape (cells, points, 1), or (cells, points, d, d) for matrices
+    inverses: Array  # of the values, with the same shape
+    lowest: Array  # the smallest eigenvalue at the points of each cell
+    upper: Array  # what A at the points of each cell does not exceed, shape (cells, d, d)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether A is symmetric at all points, up to rounding."""
+        if self.values.ndim == 3:
+            return True
+        apart = np.abs(self.values - self.values.swapaxes(2, 3)).max(axis=(2, 3))
+        return bool((apart <= SOLVED * np.abs(self.values).max(axis=(2, 3))).all())
+
+    def times(self, vectors: Array) -> Array:
+        """Return the products of A with vectors, shape (cells, points, d)."""
+        return _product(self.values, vectors)
+
+    def divided(self, vectors: Array) -> Array:
+        """Return the products of the inverse of A with vectors, shape (cells, points, d)."""
+        return _product(self.inverses, vectors)
+
+    def mean_inverse(self, weights: Array, dimension: int) -> Array:
+        """The mean of the inverse of A over each cell, shape (cells, d, d)."""
+        mean = np.asarray(np.tensordot(self.inverses, weights, (1, 0)), dtype=np.float64)
+        return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
+
+
+def _diffusion_at(entries: Array, dimension: int) -> _Diffusion:
+    """The diffusion with given entries."""
+    if entries.shape[2] == 1:
+        lowest = entries.min(axis=(1, 2), initial=np.inf)
+        upper = entries.max(axis=(1, 2), initial=-np.inf)[:, None, None] * np.eye(dimension)
+        with np.errstate(divide="ignore"):
+            return _Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
+    values = entries.reshape(*entries.shape[:2], dimension, dimension)
+    spectrum = np.linalg.eigvalsh(values)
+    lowest = spectrum.min(axis=(1, 2), initial=np.inf)
+    largest = spectrum.max(axis=(1, 2), initial=-np.inf)[:, None, None]
+    same = (values == values[:, :1]).all(axis=(1, 2, 3))[:, None, None]
+    upper = np.where(same, values[:, 0], largest * np.eye(dimension))
+    usable = bool((lowest > 0.0).all())
+    inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
+    return _Diffusion(values, inverses, lowest, upper)
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    if matrices.ndim == 3:
+        return np.asarray(matrices * vectors)
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -52,7 +104,7 @@ class CellValues:
     weights: Array
     u: Array
     gradient: Array
-    diffusion: Diffusion
+    diffusion: _Diffusion
     reaction: Array
     load: Array
     least_reaction: Array
@@ -114,80 +166,50 @@ class CellValues:
         return rest
 
 
-def cell_values(
-    problem: SignoriniProblem,
-    terms: EnergyTerms,
-    frames: Frames,
-    quadrature: int,
-    rest: Remainders = NOTHING,
-) -> CellValues:
+def cell_values(solved: Solved, quadrature: int) -> CellValues:
     """Return the solution of a problem with the coefficients of its equation.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form of the problem.
-        frames: The cells of the mesh.
+        solved: The problem; the call is collective.
         quadrature: The degree of the rule.
-        rest: What the data have beside the terms.
 
     Raises:
         InputError: The reaction is negative, the diffusion is not positive definite, or data are
             not finite.
     """
-    space, d = problem.space, frames.dimension
+    problem, terms, rest, d = solved.problem, solved.terms, solved.rest, solved.dimension
     points, weights = rule(d, quadrature)
     entries, inverses = terms.entries(d), rest.inverse_entries
     data = [terms.reaction or 0.0, terms.load or 0.0, *entries, *inverses]
-    at = values_at(space.mesh, data, points, frames.cells)
+    at = values_at(solved.frames.domain, data, points, solved.frames.cells)
     require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
     fitted = np.asarray(rest.reaction)[..., None] > 0.0  # polynomials that may be negative
     good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
     require(problem.comm, good, "negative at some point", "reaction")
-    A = diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
+    A = _diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
     require(problem.comm, A.symmetric, "not symmetric at some point", "diffusion")
-    require(
-        problem.comm,
-        bool((A.lowest > 0.0).all()),
-        "not positive definite at some point",
-        "diffusion",
-    )
+    definite = bool((A.lowest > 0.0).all())
+    require(problem.comm, definite, "not positive definite at some point", "diffusion")
     if inverses:
         inverse = at[:, :, 2 + len(entries) :]
         inverse = inverse.reshape(A.inverses.shape)
         least, largest = rest.least_diffusion, rest.largest_diffusion
         assert least is not None and largest is not None
-        A = Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
-    u, gradient = function_values(problem.u, frames, points)
+        A = _Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
+    places = solved.frames.points(points)
+    (u,), (gradient,) = places.values(problem.u), places.gradients(problem.u)
     c, least = at[:, :, 0], rest.least_reaction
     return CellValues(
-        frames,
+        solved.frames,
         points,
         weights,
         problem.sign * u,
-        problem.sign * gradient,
+        problem.sign * np.stack(gradient, axis=2),
         A,
         c,
         problem.sign * at[:, :, 1],
         c.min(axis=1, initial=np.inf) if least is None else least,
     )
-
-
-def function_values(u: fem.Function, frames: Frames, points: Array) -> tuple[Array, Array]:
-    """Return a function of a Lagrange space with its gradient at points of cells.
-
-    Args:
-        u: The function.
-        frames: The cells of the mesh.
-        points: Points of the reference cell of the mesh.
-    """
-    space = u.function_space
-    table = space.element.basix_element.tabulate(1, points)[..., 0]
-    values = u.x.array[space.dofmap.list[frames.cells]]
-    gradient = np.stack([values @ slopes.T for slopes in table[1:]], axis=2)
-    corners = np.empty_like(frames.corners)  # in the order of the mesh
-    np.put_along_axis(corners, frames.order[:, :, None], frames.corners, axis=1)
-    inverses = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
-    return values @ table[0].T, gradient @ inverses
 
 
 def cell_data(
@@ -247,17 +269,14 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))
 
 
-def quadrature_degree(
-    terms: EnergyTerms, dimension: int, degree: int, rest: Remainders = NOTHING
-) -> tuple[int, list[str]]:
+def quadrature_degree(solved: Solved, degree: int) -> tuple[int, list[str]]:
     """Return the degree of a rule for cells, with what the rule knows at its points only.
 
     Args:
-        terms: The strong form.
-        dimension: The dimension of the domain.
-        degree: The degree of the solution.
-        rest: What the data have beside the terms.
+        solved: The problem.
+        degree: The degree of the flux.
     """
+    terms, rest, dimension = solved.terms, solved.rest, solved.dimension
     load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)
     A = [polynomial_degree(entry) for entry in terms.entries(dimension)]
     current = max(degree + 1, degree - 1 + max(a or 0 for a in A))
@@ -269,9 +288,9 @@ def quadrature_degree(
     if rest.least_reaction is not None:
         found["reaction"] = c is None
     if rest.obstacle_in_space is not None:
-        need = max(need, 2 * (degree + FILLING))
+        need = max(need, 2 * (degree + MORE[3]))
     if any(found.values()):
-        need = max(need, 2 * degree + MORE[dimension])
+        need = max(need, 2 * degree + SAMPLED[dimension])
     if need > BEST[dimension]:
         found["load"] = True
     notes = [f"the {name} is known at quadrature points only" for name, few in found.items() if few]

@@ -11,9 +11,10 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.bounds.boundary_facets import FacetPoints, on_frames
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
-from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.frames import Frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import (
     CELLS,
     highest_on_parts,
@@ -22,10 +23,8 @@ from dolfinx_signorini.bounds.reference_flux import (
     others,
     rule,
 )
-from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.bounds.remainders import MORE, Solved
 
-MORE = 6  # by how much polynomials that stand for data are of higher degree than the solution
 PARTS = 32  # of a facet, each with its own answer to whether a function may be positive
 
 
@@ -121,11 +120,10 @@ class Cones:
         return np.min(highest, axis=0)
 
 
-def lattice(problem: SignoriniProblem, frames: Frames, marked: Mask, degree: int) -> FacetPoints:
+def lattice(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     """Return points of facets, the corners among them, that tell a polynomial of a degree.
 
     Args:
-        problem: The problem.
         frames: The cells of the mesh.
         marked: The facets, shape (cells, d + 1).
         degree: The degree.
@@ -135,7 +133,7 @@ def lattice(problem: SignoriniProblem, frames: Frames, marked: Mask, degree: int
     points = np.clip(basix.create_lattice(CELLS[d], degree, kind, True, method), 0.0, 1.0)
     none = np.zeros(len(points))
     cells, facets = np.nonzero(marked)
-    return FacetPoints(problem.space.mesh, frames, cells, facets, points, none)
+    return FacetPoints(frames, cells, facets, points, none)
 
 
 def fitted(points: FacetPoints, values: Array, degree: int) -> Array:
@@ -150,23 +148,18 @@ def fitted(points: FacetPoints, values: Array, degree: int) -> Array:
     return np.asarray(np.linalg.solve(table, values[..., None])[..., 0])
 
 
-def data_defects(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, u: Array
-) -> list[tuple[FacetPoints, Array]]:
+def data_defects(solved: Solved, u: Array) -> list[tuple[FacetPoints, Array]]:
     """Return Dirichlet data minus the solution at points of the facets with data.
 
     Args:
-        problem: The problem; the call is collective.
-        terms: The strong form of the problem.
-        frames: The cells of the mesh.
+        solved: The problem; the call is collective.
         u: The solution at the dofs of this rank, with the signs of a lower obstacle.
     """
-    order = problem.space.element.basix_element.degree + MORE
-    result = []
-    for data, facets in terms.dirichlet:
+    problem, frames, result = solved.problem, solved.frames, []
+    for data, facets in solved.terms.dirichlet:
         if data is not None:
-            marked = on_frames(problem.space.mesh, frames, [facets])
-            points = lattice(problem, frames, marked, order)
+            order = solved.degree + MORE[solved.dimension]
+            points = lattice(frames, on_frames(frames, [facets]), order)
             value = problem.sign * points.values(data)
             result.append((points, value - points.function(problem.space, u)))
     return result
@@ -182,7 +175,7 @@ def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: f
     """
     loose = False
     for points, values in defects:
-        ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - 1e-9
+        ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - SOLVED
         loose |= bool((np.abs(values[:, ends]) > tiny).any())
     if comm.allreduce(loose, op=MPI.LOR):
         return "Dirichlet data or the obstacle are not those of the problem at a vertex"

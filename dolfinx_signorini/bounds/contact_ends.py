@@ -19,11 +19,15 @@ from scipy.sparse.csgraph import connected_components
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, PARTLY, CellData, condensed
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, on_parts, others
+from dolfinx_signorini.bounds.reference_flux import (
+    MOST_NUMBERS,
+    PARTS,
+    ReferenceFlux,
+    on_parts,
+    others,
+)
 
 RAISED = 2  # by how much polynomials are of higher degree than elsewhere
-PARTS = 8  # of a facet, on each of which Bernstein coefficients are not negative
-MOST_CELLS = 150  # around one end, or several that are close to each other
 
 
 def near_ends(comm: MPI.Comm, data: CellData) -> Indices:
@@ -54,7 +58,8 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
     everything = CellData.unpacked(np.concatenate(rows), reference)
     found = np.concatenate(moments)
     for members in _clusters(everything.facets):
-        if len(members) <= MOST_CELLS and (everything.kinds[members] >= OPEN).any():
+        size = len(members) * reference.fluxes  # about twice the number of unknowns
+        if size**2 <= MOST_NUMBERS and (everything.kinds[members] >= OPEN).any():
             part = CellData(*(values[members] for values in vars(everything).values()))
             found[members] += _change(part, found[members], reference)
     first = sum(map(len, moments[: comm.rank]))

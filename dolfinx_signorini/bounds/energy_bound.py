@@ -8,30 +8,28 @@ from dataclasses import dataclass, field
 
 import basix
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
-from dolfinx_signorini.bounds.boundary_facets import facet_kinds
-from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes, robin_energy
+from dolfinx_signorini.bounds.boundary_facets import facet_kinds, facet_points
+from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
     cell_data,
     cell_values,
-    function_values,
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.flux_parts import flux_parts
-from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
+from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
-from dolfinx_signorini.bounds.gaps import gap_means, gaps
-from dolfinx_signorini.bounds.lifting import Feasible, feasible
-from dolfinx_signorini.bounds.oscillation import Oscillation, oscillation
+from dolfinx_signorini.bounds.lifting import Feasible, feasible, gap_means, gaps
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
+from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.meshes.sided_meshes import longest_side
@@ -105,25 +103,26 @@ def energy_bound(
     domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
     _check_mesh(problem)
     terms.check_on(domain)
-    reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
-    kinds, touching = facet_kinds(problem, terms, frames)
-    quadrature, notes = quadrature_degree(terms, frames.dimension, degree, rest)
-    values = cell_values(problem, terms, frames, quadrature, rest)
-    fluxes, missed, more = given_fluxes(problem, terms, frames, degree)
-    near = feasible(problem, terms, frames, kinds, rest)
-    points, gap = gaps(problem, near, kinds, frames)
+    solved = Solved(problem, terms, cell_frames(domain), rest)
+    reference = reference_flux(solved.dimension, degree)
+    kinds, touching = facet_kinds(solved)
+    quadrature, notes = quadrature_degree(solved, degree)
+    values = cell_values(solved, quadrature)
+    fluxes, missed, more = given_fluxes(solved)
+    near = feasible(solved, kinds)
+    points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
     data = cell_data(values, kinds, touching, fluxes, means, reference)
     moments = equilibrated(domain, data, reference)
     ends = _ends(domain.comm, values, kinds == DIRICHLET)
     moments, reason = _without_defects(domain.comm, data, moments, ends)
     field = coefficients(data, reference, moments)
-    flux, contact = flux_parts(problem, terms, values, data, field, reference, (points, gap), rest)
+    flux, contact = flux_parts(solved, values, data, field, reference, (points, gap))
     parts = _Parts(
         flux=flux,
         data=oscillation(values, missed, rest, degree),
         mean=_residual(values, data, field, reference, ends),
-        lifting=_lifted(problem, terms, values, near, rest),
+        lifting=_lifted(solved, values, near),
         contact=contact,
     )
     constant, doubt = _mean_constant(domain.comm, values, data, parts.data.stray, ends)
@@ -200,15 +199,12 @@ def _mean_constant(
     return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
 
 
-def _lifted(
-    problem: SignoriniProblem,
-    terms: EnergyTerms,
-    values: CellValues,
-    near: Feasible,
-    rest: Remainders,
-) -> Array:
+def _lifted(solved: Solved, values: CellValues, near: Feasible) -> Array:
     """The energy norm of v - u_h on each cell."""
-    w, gradient = function_values(near.change, values.frames, values.points)
+    rest = solved.rest
+    points = values.frames.points(values.points)
+    (w,), (slopes,) = points.values(near.change), points.gradients(near.change)
+    gradient = np.stack(slopes, axis=2)
     c = values.reaction.max(axis=1, initial=0.0)
     c = c if rest.largest_reaction is None else rest.largest_reaction
     energy = values.integrals((gradient * values.diffusion.times(gradient)).sum(axis=2))
@@ -219,10 +215,23 @@ def _lifted(
         strip = rest.thin[0] * rest.thin[2]
         degree = near.change.function_space.element.basix_element.degree
         energy += strip * values.frames.volumes * values.largest(gradient, degree) ** 2
-    norms = np.sqrt(energy + robin_energy(problem, terms, values.frames, near.change))
+    norms = np.sqrt(energy + _robin_energy(solved, near.change))
     if near.cones is not None:
         norms += near.cones.norms(values.diffusion.upper, c, strip)
     return np.asarray(norms)
+
+
+def _robin_energy(solved: Solved, w: fem.Function) -> Array:
+    """The integrals of k w^2, for the Robin coefficient k, over the facets of each cell."""
+    result = np.zeros(len(solved.frames.order))
+    for data, facets in solved.terms.robin:
+        marked = on_frames(solved.frames, [facets])
+        degree = 2 * w.function_space.element.basix_element.degree + 4
+        points = facet_points(solved.frames, marked, degree)
+        square = points.function(w.function_space, w.x.array) ** 2
+        sums = points.values(data) * square @ points.weights * points.sizes
+        result += np.bincount(points.cells, sums, len(result))
+    return result
 
 
 def _bound(

@@ -15,8 +15,6 @@ from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
 from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
 
-ROUNDS = 8  # of the search for facets with a negative flux; then no contact flux is free any more
-
 
 def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) -> Array:
     """Return the moments of the equilibrated flux on the facets of the owned cells.
@@ -34,15 +32,14 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
     """
     patches, d = _SharedPatches(domain, data, reference), reference.dimension
     moments = patches.sum(None)
-    for step in range(ROUNDS + 1):
-        pulls = (lowest(d - 1, reference.degree, moments) < 0.0) | (step == ROUNDS)
+    while True:  # a vertex has more given in each round, or the search ends
+        pulls = lowest(d - 1, reference.degree, moments) < 0.0
         half = patches.marked(_at_vertices(pulls & (data.kinds == PARTLY)))
         spread = patches.marked(_at_vertices(pulls & (data.kinds == CLOSED)))
         modes = np.maximum(patches.modes, np.where(spread, SPREAD, np.where(half, HALF, FREE)))
         if not domain.comm.allreduce(bool((modes > patches.modes).any()), op=MPI.LOR):
-            break
+            return moments
         moments += patches.sum(modes)
-    return moments
 
 
 def _at_vertices(facets: Mask) -> Mask:

@@ -3,17 +3,18 @@
 import functools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from ufl import SpatialCoordinate, as_ufl, as_vector
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 
@@ -32,6 +33,7 @@ class Frames:
         corners: The coordinates of the vertices in this order, shape (cells, d + 1, d).
         vertices, facets: The global numbers of vertices and facets, shape (cells, d + 1).
         local_facets: The numbers of the facets on this rank.
+        domain: The mesh.
     """
 
     cells: Indices
@@ -40,6 +42,7 @@ class Frames:
     vertices: Indices
     facets: Indices
     local_facets: Indices
+    domain: mesh.Mesh
 
     @property
     def dimension(self) -> int:
@@ -48,8 +51,8 @@ class Frames:
 
     def some(self, rows: Indices) -> "Frames":
         """Return some of the frames, by the rows of the arrays."""
-        arrays = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
-        return Frames(**arrays)
+        names = [field.name for field in fields(self) if field.name != "domain"]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     @functools.cached_property
     def jacobians(self) -> Array:
@@ -82,6 +85,10 @@ class Frames:
         """The sizes of the facets, shape (cells, d + 1)."""
         lengths = np.linalg.norm(self.gradients, axis=2)
         return self.dimension * self.volumes[:, None] * lengths
+
+    def points(self, reference: Array) -> Points:
+        """Return points of the cells, from those of the reference cell of the mesh."""
+        return Points(self.domain, self.cells.astype(np.int32), reference)
 
     def groups(self) -> Iterator[tuple[Indices, Indices]]:
         """Yield the cells whose vertices have one order, with this order."""
@@ -133,7 +140,20 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
         np.take_along_axis(numbers, order, axis=1),
         _global(topology.index_map(d - 1), facets),
         facets.astype(np.int64),
+        domain,
     )
+
+
+def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
+    """Return whether the facets of cells are in one of several lists of facets; collective.
+
+    Args:
+        frames: The cells.
+        parts: Facets that some rank knows, which need not have the cell of the facet.
+    """
+    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
+    index_map = frames.domain.topology.index_map(frames.dimension - 1)
+    return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
 
 
 def values_at(
@@ -166,6 +186,6 @@ def values_at(
     return result
 
 
-def _global(index_map: object, local: npt.NDArray[np.int32]) -> Indices:
+def _global(index_map: object, local: LocalIndices) -> Indices:
     numbers = index_map.local_to_global(local.ravel().astype(np.int32))  # type: ignore[attr-defined]
     return np.asarray(numbers, dtype=np.int64).reshape(local.shape)

@@ -1,4 +1,4 @@
-"""A feasible function near a solution: nowhere below the obstacle on the contact boundary.
+"""A feasible function near a solution, nowhere below the obstacle on contact facets; its gap.
 
 The discrete solution is feasible at its nodes. Where that is not enough,
 
@@ -13,6 +13,7 @@ The discrete solution is feasible at its nodes. Where that is not enough,
 An upper obstacle is a lower one for -u.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import basix
@@ -20,14 +21,17 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.bounds.boundary_facets import contact_closures
-from dolfinx_signorini.bounds.cell_values import FILLING
+from dolfinx_signorini.bounds.boundary_facets import (
+    FacetPoints,
+    contact_closures,
+    facet_points,
+    on_parts,
+)
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import (
-    MORE,
     Cones,
     cones_on,
     data_defects,
@@ -37,8 +41,8 @@ from dolfinx_signorini.bounds.cones import (
 )
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import lowest, others
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.problem.assembly import dofs_on_facets, evaluator
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
@@ -53,7 +57,7 @@ class Feasible:
 
     Where nothing is missing, u plus the change is feasible, but for the cones in the plane:
 
-        near = feasible(problem, terms, frames, kinds)
+        near = feasible(solved, kinds)
         v = problem.sign * problem.u.x.array + near.change.x.array
 
     Attributes:
@@ -75,38 +79,30 @@ class Feasible:
     notes: tuple[str, ...] = ()
 
 
-def feasible(
-    problem: SignoriniProblem,
-    terms: EnergyTerms,
-    frames: Frames,
-    kinds: Indices,
-    rest: Remainders = NOTHING,
-) -> Feasible:
+def feasible(solved: Solved, kinds: Indices) -> Feasible:
     """Return what makes a solution feasible, with the signs of a lower obstacle.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form of the problem.
-        frames: The cells of the mesh.
+        solved: The problem; the call is collective.
         kinds: The kinds of the facets of the cells.
-        rest: What is known of obstacle and data that are no polynomials.
     """
-    space, d, comm = problem.space, frames.dimension, problem.comm
-    change, degree = _pressed(problem, frames, kinds), space.element.basix_element.degree
+    problem, frames, rest, comm = solved.problem, solved.frames, solved.rest, solved.comm
+    space, d, degree = problem.space, solved.dimension, solved.degree
+    change, order = _pressed(problem, frames, kinds), degree + MORE[d]
     u = problem.sign * problem.u.x.array + change.x.array
     tiny = ROUNDING * highest(comm, np.abs(u))
     exact = _within(problem.obstacle_data, degree)
-    more = degree + MORE if d == 2 else degree  # polynomials that are met exactly
+    more = order if d == 2 else degree  # polynomials that are met exactly
     unknown = rest.obstacle is None and not _within(problem.obstacle_data, more)
     unknown &= rest.obstacle_in_space is None
-    unmet = not all(_within(data, more) for data, _ in terms.dirichlet)
+    unmet = not all(_within(data, more) for data, _ in solved.terms.dirichlet)
     unmet &= rest.dirichlet is None
     notes = (OBSTACLE,) * unknown + (DATA,) * unmet
-    defects = data_defects(problem, terms, frames, u)
+    defects = data_defects(solved, u)
     far = comm.allreduce(bool(any((np.abs(w) > tiny).any() for _, w in defects)), op=MPI.LOR)
-    touching = lattice(problem, frames, kinds >= OPEN, degree + MORE)
+    touching = lattice(frames, kinds >= OPEN, order)
     gap = touching.function(space, u) - problem.sign * touching.values(problem.obstacle_data)
-    low = lowest(d - 1, degree + MORE, fitted(touching, gap, degree + MORE))
+    low = lowest(d - 1, order, fitted(touching, gap, order))
     above = comm.allreduce(bool((low >= -tiny).all()), op=MPI.LAND)
     if exact and above and not far and rest.dirichlet is None:
         return Feasible(change, notes=notes)
@@ -115,15 +111,13 @@ def feasible(
         return Feasible(change, missing=missing, notes=notes)
     if d == 3:
         notes = (BELOW,) * exact + notes
-        near = Feasible(_filled(problem, terms, frames, kinds), meets=False, notes=notes)
-        return (
-            near if rest.obstacle_in_space is None else _raised(problem, frames, kinds, near, rest)
-        )
+        near = Feasible(_filled(solved, kinds), meets=False, notes=notes)
+        return near if rest.obstacle_in_space is None else _raised(solved, kinds, near)
     below = [*[(*defect, rest.dirichlet) for defect in defects], (touching, -gap, rest.obstacle)]
-    cones = cones_on(frames, below, kinds, degree + MORE, tiny)
+    cones = cones_on(frames, below, kinds, order, tiny)
     missing = loose_ends(comm, [*defects, (touching, np.maximum(-gap, 0.0))], tiny)
     unseen = np.zeros(len(gap)) if rest.obstacle is None else rest.obstacle[0][kinds >= OPEN]
-    pair = fitted(touching, gap, degree + MORE), unseen
+    pair = fitted(touching, gap, order), unseen
     return Feasible(change, cones, pair, missing=missing, notes=notes)
 
 
@@ -165,15 +159,14 @@ def _raise_edges(
     return "the obstacle is above the solution where Dirichlet data hold the solution" * found
 
 
-def _raised(
-    problem: SignoriniProblem, frames: Frames, kinds: Indices, near: Feasible, rest: Remainders
-) -> Feasible:
+def _raised(solved: Solved, kinds: Indices, near: Feasible) -> Feasible:
     """Raise a function in space by hat functions until nothing is below the obstacle."""
-    assert rest.obstacle_in_space is not None
-    obstacle, missed = rest.obstacle_in_space
+    assert solved.rest.obstacle_in_space is not None
+    problem, frames = solved.problem, solved.frames
+    obstacle, missed = solved.rest.obstacle_in_space
     change = near.change
     order = max(change.function_space.element.basix_element.degree, obstacle.degree)
-    points, unseen = lattice(problem, frames, kinds >= OPEN, order), missed[kinds >= OPEN]
+    points, unseen = lattice(frames, kinds >= OPEN, order), missed[kinds >= OPEN]
     own = points.function(problem.space, problem.u.x.array) - points.values(obstacle)
 
     def series() -> Array:
@@ -199,12 +192,10 @@ def _raised(
     return replace(near, gap=(series(), unseen))
 
 
-def _filled(
-    problem: SignoriniProblem, terms: EnergyTerms, frames: Frames, kinds: Indices
-) -> fem.Function:
+def _filled(solved: Solved, kinds: Indices) -> fem.Function:
     """What meets data and obstacle at the nodes of elements of higher degree."""
-    degree = problem.space.element.basix_element.degree + FILLING
-    space = fem.functionspace(problem.space.mesh, ("Lagrange", degree))
+    problem, frames = solved.problem, solved.frames
+    space = fem.functionspace(frames.domain, ("Lagrange", solved.degree + MORE[3]))
     u, change = fem.Function(space), fem.Function(space)
     u.interpolate(problem.u)
     closed = np.zeros(len(change.x.array), dtype=bool)
@@ -213,7 +204,7 @@ def _filled(
     defect = evaluator(space, problem.obstacle_data, dofs)() - u.x.array[dofs]
     defect *= problem.sign
     change.x.array[dofs] = np.where(closed[dofs], defect, np.maximum(defect, 0.0))
-    for data, facets in terms.dirichlet:
+    for data, facets in solved.terms.dirichlet:
         dofs, values = dofs_on_facets(space, facets), u.x.array
         if data is not None:
             values = np.zeros_like(values)
@@ -221,3 +212,53 @@ def _filled(
         change.x.array[dofs] = problem.sign * (values[dofs] - u.x.array[dofs])
     change.x.scatter_forward()
     return change
+
+
+def gaps(solved: Solved, near: Feasible, kinds: Indices) -> tuple[FacetPoints, Array]:
+    """Return the gap of a feasible function at points of contact facets, or more than the gap.
+
+    Args:
+        solved: The problem; the call is collective.
+        near: What makes the solution feasible.
+        kinds: The kinds of the facets of cells.
+
+    Returns:
+        The points, with a rule for the gap times polynomials of the degree of the solution, and the
+        values.
+    """
+    problem, frames = solved.problem, solved.frames
+    if near.gap is not None:
+        series, missed = near.gap
+        if frames.dimension == 2:
+            points, gap = on_parts(frames, kinds >= OPEN, series)
+        else:
+            points, gap = _in_space(frames, kinds >= OPEN, series)
+        gap += missed[:, None]
+    else:
+        points = facet_points(frames, kinds >= OPEN, 2 * solved.degree + 8)
+        v = problem.sign * points.function(problem.space, problem.u.x.array)
+        v += points.function(near.change.function_space, near.change.x.array)
+        gap = np.maximum(v - problem.sign * points.values(problem.obstacle_data), 0.0)
+    if near.meets:
+        gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
+    return points, gap
+
+
+def _in_space(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
+    """Polynomials on facets at points of a rule for their products with polynomials."""
+    order = round((math.sqrt(8.0 * series.shape[1] + 1.0) - 3.0) / 2.0)
+    points = facet_points(frames, marked, 2 * order)
+    return points, np.einsum("nj,njq->nq", series, points.polynomials(order))
+
+
+def gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
+    """Return the means of gap times polynomial, shape (cells, d + 1, moments).
+
+    Args:
+        points, gap: See `gaps`.
+        degree: The degree of the polynomials.
+    """
+    p = points.polynomials(degree)
+    means = np.zeros((*points.frames.order.shape, p.shape[1]))
+    means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
+    return means

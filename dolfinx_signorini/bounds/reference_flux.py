@@ -15,11 +15,12 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import null_space
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Indices
 
+PARTS = 8  # of a facet, each with its own answer to whether a function is positive
+MOST_NUMBERS = 4_000_000  # of a matrix, or of several ones that are solved at once
 CELLS = {1: basix.CellType.interval, 2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
 
 
@@ -135,7 +136,7 @@ def _to_bernstein(dimension: int, degree: int) -> Array:
     return np.asarray(table @ np.linalg.inv(_bernstein(degree, points)))
 
 
-def others(dimension: int) -> npt.NDArray[np.int64]:
+def others(dimension: int) -> Indices:
     """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
     numbers = range(dimension + 1)
     return np.array([[k for k in numbers if k != a] for a in numbers])

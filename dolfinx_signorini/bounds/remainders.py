@@ -8,10 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.bounds.strong_form import FacetPolynomials, Scalar
+from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.bounds.frames import Frames
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Scalar
+from dolfinx_signorini.problem.signorini import SignoriniProblem
+
+# By dimension: by how much polynomials that stand for boundary data are of higher degree than the
+# solution. In space they belong to elements, in the plane to facets alone.
+MORE = {2: 6, 3: 3}
+
+# What is known on cells of diffusion and reaction.
+ON_CELLS = (
+    *("reaction", "least_reaction", "largest_reaction"),
+    *("diffusion", "inverse", "least_diffusion", "largest_diffusion", "thin"),
+)
 
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
@@ -38,7 +50,7 @@ class Remainders:
         thin: The share of each cell where the diffusion may not be the one of the terms, with the
             least and the largest eigenvalue on this share, shape (3, cells); None for no share.
         flux, flux_mean: The norm and the mean on each facet of the frames, shape (cells, d + 1).
-        obstacle, dirichlet: What the interpolation of degree `cones.MORE` above that of the
+        obstacle, dirichlet: What the interpolation of degree `MORE` above that of the
             solution misses of the values, of their derivatives from end to end of a facet, and
             the root mean squares of the latter, shape (3, cells, d + 1); None where that is not
             known.
@@ -66,23 +78,47 @@ class Remainders:
     obstacle_in_space: tuple[FacetPolynomials, Array] | None = None
     sampled: tuple[str, ...] = ()
 
-    def some(self, cells: npt.NDArray[np.int64]) -> "Remainders":
+    def some(self, cells: Indices) -> "Remainders":
         """Return what is known of diffusion and reaction on some cells."""
-
-        def part(values: Any) -> Any:
-            return values[..., cells] if isinstance(values, np.ndarray) else values
-
-        return replace(
-            self,
-            reaction=part(self.reaction),
-            diffusion=part(self.diffusion),
-            inverse=part(self.inverse),
-            least_reaction=part(self.least_reaction),
-            largest_reaction=part(self.largest_reaction),
-            least_diffusion=part(self.least_diffusion),
-            largest_diffusion=part(self.largest_diffusion),
-            thin=part(self.thin),
-        )
+        known = {name: getattr(self, name) for name in ON_CELLS}
+        parts: dict[str, Any] = {
+            n: v[..., cells] for n, v in known.items() if isinstance(v, np.ndarray)
+        }
+        return replace(self, **parts)
 
 
 NOTHING = Remainders()
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solved problem with what is known of it beside its weak forms:
+
+        solved = Solved(problem, EnergyTerms(reaction=1.0, load=f), cell_frames(domain))
+
+    Attributes:
+        problem: The solved problem.
+        terms: Its strong form, where polynomials may stand for other data.
+        frames: The cells of its mesh, or some of them.
+        rest: What the data have beside these polynomials.
+    """
+
+    problem: SignoriniProblem
+    terms: EnergyTerms
+    frames: Frames
+    rest: Remainders = NOTHING
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the mesh."""
+        return self.problem.comm
+
+    @property
+    def degree(self) -> int:
+        """The degree of the elements."""
+        return int(self.problem.space.element.basix_element.degree)
+
+    @property
+    def dimension(self) -> int:
+        """The dimension of the domain."""
+        return self.frames.dimension

@@ -18,9 +18,6 @@ from scipy.sparse.linalg import cg
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.frames import Frames
 
-ENOUGH = 1e-3  # of the sums: what a potential may leave to a tree
-STEPS = 2_000  # of the search for a potential
-
 
 def transported(
     comm: MPI.Comm, facets: Indices, wanted: Array, exits: Mask, ends: Mask
@@ -88,7 +85,7 @@ def _by_potential(facets: Indices, wanted: Array, exits: Mask, ends: Mask, ease:
     inner = np.flatnonzero(~ends)
     matrix, potential = matrix[inner][:, inner], np.zeros(count)
     scale = sp.diags(1.0 / matrix.diagonal())
-    potential[inner], _ = cg(matrix, wanted[inner], rtol=ENOUGH, maxiter=STEPS, M=scale)
+    potential[inner], _ = cg(matrix, wanted[inner], M=scale)
     fluxes = weight * np.repeat(potential, columns)
     fluxes[one] -= weight[one] * potential[other // columns]
     fluxes[other] -= weight[other] * potential[one // columns]

@@ -11,7 +11,7 @@ from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, facet_vertices
 
@@ -78,7 +78,7 @@ class BoundaryEdges:
         return np.concatenate(self.domain.comm.allgather(local))
 
 
-def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+def closed_curves(vertices: Indices) -> list[Indices]:
     """Chain edges into closed curves.
 
     Args:
@@ -98,7 +98,7 @@ def closed_curves(vertices: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]
     return edge_chains(vertices)
 
 
-def edge_chains(edges: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+def edge_chains(edges: Indices) -> list[Indices]:
     """Chain edges into curves: open ones, which end where a vertex has one edge, and closed ones.
 
     Args:

@@ -20,7 +20,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
-from dolfinx_signorini.base.arrays import Indices
+from dolfinx_signorini.base.arrays import Indices, LocalIndices
 from dolfinx_signorini.base.kinds import COMMUNICATOR, check, integer, sequence
 
 
@@ -138,7 +138,7 @@ class _Block:
         first = steps @ np.array(np.unravel_index(cubes, self._cubes, order="F"))
         return first[:, None] + np.insert(ways, 0, 0, axis=1)[orders]
 
-    def ghosts(self, own: Indices) -> tuple[Indices, npt.NDArray[np.int32]]:
+    def ghosts(self, own: Indices) -> tuple[Indices, LocalIndices]:
         """Return the cells of other ranks at the facets of the own ones, and their ranks.
 
         A cell that goes along the axes p, q, r has two facets on the surface of its cube. Beyond

@@ -7,18 +7,18 @@ like those of a smooth curve tell that this may not be what was meant.
 """
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.base.kinds import callable_, check, integer, optional
+from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -34,10 +34,9 @@ from dolfinx_signorini.meshes.sided_meshes import (
 # Maps points, shape (3, points), to the nearest ones of a curve or of a surface.
 Projection = Callable[[Array], Array]
 
-ALTERNATIONS = 20  # of the projections onto all curves of a vertex that is on several ones
-FLAT = 1e-4  # radians: facets that turn by less are in one line or plane, but for rounding
-SHARP = 1.4  # radians: facets that turn by more meet at a corner; those of a pentagon are an arc
-REGULAR = 0.9  # of the distance from curves: where halved facets are as far, the mesh sees nothing
+# Radians. Facets that turn by less are in one line or plane, but for rounding; facets that turn by
+# more meet at a corner: those of a pentagon are an arc, and those of a square are none.
+FLAT, SHARP = SOLVED**0.5, math.tau / 4.5
 
 
 class CurvedSides:
@@ -77,7 +76,7 @@ class CurvedSides:
         for name, projection in self.projections.items():
             one = CurvedSides({name: projection})
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
-            if farther > max(REGULAR * far, ROUNDING * _size(sided) * one._measure(sided)):
+            if farther > max(far, ROUNDING * _size(sided) * one._measure(sided)):
                 message = "is followed too roughly by the first mesh, which should be finer there"
                 raise InputError(f"{name!r}: {message}", "geometry")
 
@@ -114,7 +113,7 @@ class CurvedSides:
         ]
         several = np.sum(on, axis=0) > 1
         again = sided.mesh.comm.allreduce(int(np.count_nonzero(several))) > 0
-        for k in range(ALTERNATIONS if again else 1):
+        for k in range(HALVINGS if again else 1):
             for name, nodes in zip(names, on, strict=True):
                 chosen = np.flatnonzero(nodes & several if k else nodes)
                 x[chosen, :dim] = self._projected(sided, name, x[chosen])[:, :dim]
@@ -147,7 +146,7 @@ class CurvedSides:
             np.add.at(result, facet_cells(domain, facets)[:, 0], away * simplex_sizes(corners))
         return result
 
-    def _facets(self, sided: SidedMesh, name: str) -> npt.NDArray[np.int32]:
+    def _facets(self, sided: SidedMesh, name: str) -> LocalIndices:
         """The facets of a side that this rank owns."""
         facets, dim = sided.facets((name,)), sided.mesh.topology.dim - 1
         return facets[facets < sided.mesh.topology.index_map(dim).size_local]
@@ -199,9 +198,8 @@ def gmsh_projection(model: Any, dimension: int, group: int) -> Projection:
     Raises:
         InputError: An argument is of another kind.
     """
-    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
     check(
-        model=(model, lambda _: words),
+        model=(model, gmsh_model),
         dimension=(dimension, integer(1, 2)),
         group=(group, integer(1)),
     )
@@ -248,7 +246,7 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
     return dict(comm.bcast(found))
 
 
-def _bulges(ids: npt.NDArray[np.int64], x: Array, sides: npt.NDArray[np.int64]) -> dict[int, float]:
+def _bulges(ids: Indices, x: Array, sides: Indices) -> dict[int, float]:
     """Return for combinations of sides with arcs how far smooth curves are from the facets.
 
     Args:

@@ -138,18 +138,14 @@ def _on_cells(space: fem.FunctionSpace, cells: LocalIndices | None) -> Iterator[
 def _shares(space: fem.FunctionSpace) -> Array:
     """The values of the functions of the geometry at the dofs of a cell, one row for each dof."""
     element = space.mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
-    shares = np.array(element.tabulate(0, control_lattice(space))[0])
+    shares = np.array(element.tabulate(0, _control_lattice(space))[0])
     for exact in (0.0, 1.0):
         shares[np.abs(shares - exact) < SOLVED] = exact
     return shares
 
 
-def control_lattice(space: fem.FunctionSpace) -> Array:
-    """Return the places of the dofs of a cell in the reference cell, shape (dofs, coordinates).
-
-    Args:
-        space: A scalar space of continuous elements.
-    """
+def _control_lattice(space: fem.FunctionSpace) -> Array:
+    """The places of the dofs of a cell in the reference cell, shape (dofs, coordinates)."""
     element = space.element.basix_element
     if is_bernstein(space):
         element = _nodal_element(element.cell_type, element.degree)
@@ -182,12 +178,8 @@ def coefficients_of(
     return _changed(space, values, cells, 1)
 
 
-def along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the entries of the dofs on edges, shape (edges, dofs), in the order along each edge.
-
-    Args:
-        entries: Entries in the order of the closure of an edge: both ends, then the inside.
-    """
+def _along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The entries of the dofs on edges, shape (edges, dofs), in the order along each edge."""
     return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
 
 
@@ -217,7 +209,7 @@ def facet_pieces(
     """
     dofs, dim = facet_dofs(space, pairs), space.mesh.topology.dim
     if dim == 2:
-        chain = along_edge(dofs)
+        chain = _along_edge(dofs)
         parts = [chain[:, i : i + 2] for i in range(chain.shape[1] - 1)]
     else:
         quadrilaterals = space.element.basix_element.cell_type == basix.CellType.hexahedron
@@ -235,10 +227,7 @@ def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
         Shape (facets of a cell, nodes of a facet, polynomials of the facet).
     """
     element = space.element.basix_element
-    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
-    basis = basix.create_element(family, element.cell_type, element.degree, variant)
-    values = np.array(basis.tabulate(0, element.points))[0, :, :, 0]
-    values[np.abs(values) < SOLVED] = 0.0
+    values = _bernstein_at(element.cell_type, element.degree, element.points)
     facets = element.entity_closure_dofs[space.mesh.topology.dim - 1]
     return np.array([values[np.ix_(dofs, dofs)] for dofs in facets])
 
@@ -284,10 +273,15 @@ def _nodal_element(cell: basix.CellType, degree: int) -> Any:
 @functools.cache
 def _bases(cell: basix.CellType, degree: int) -> tuple[Array, Array]:
     """The matrix from coefficients to values at control points, and its inverse."""
+    values = _bernstein_at(cell, degree, _nodal_element(cell, degree).points)
+    inverse: Array = np.asarray(np.linalg.inv(values), dtype=np.float64)
+    inverse[np.abs(inverse) < SOLVED] = 0.0
+    return values, inverse
+
+
+def _bernstein_at(cell: basix.CellType, degree: int, points: Array) -> Array:
+    """The Bernstein polynomials at points of a reference cell, one column each."""
     family, variant = basix.ElementFamily.P, basix.LagrangeVariant.bernstein
-    basis = basix.create_element(family, cell, degree, variant)
-    values = np.array(basis.tabulate(0, _nodal_element(cell, degree).points))[0, :, :, 0]
-    pair: tuple[Array, Array] = values, np.linalg.inv(values)
-    for matrix in pair:
-        matrix[np.abs(matrix) < SOLVED] = 0.0
-    return pair
+    values = np.array(basix.create_element(family, cell, degree, variant).tabulate(0, points))
+    values[np.abs(values) < SOLVED] = 0.0
+    return np.asarray(values[0, :, :, 0], dtype=np.float64)

@@ -8,16 +8,15 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
-FLAT = 1e-10  # volume of a cell that is refused, relative to a cube of its size
-OVERLAP = 1e-6  # of the width of the thinner cell: how far cells may overlap, by rounding
-CHUNK = 100_000  # pairs of cells that are compared at a time
+# Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
+OVERLAP = SOLVED**0.5
 
 
 def all_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
@@ -50,7 +49,7 @@ def cell_defect(ids: Indices, corners: Array) -> str:
         return ""
     edges = corners[:, 1:] - corners[:, :1]
     size = np.linalg.norm(edges, axis=2).max(axis=1)
-    if not (np.abs(np.linalg.det(edges)) > FLAT * size ** len(edges[0])).all():
+    if not (np.abs(np.linalg.det(edges)) > SOLVED * size ** len(edges[0])).all():
         return "a cell has (almost) no volume"
     facets, opposite = _facets(ids)
     same = (facets[1:, :-1] == facets[:-1, :-1]).all(axis=1)
@@ -126,7 +125,7 @@ def _near(corners: Array, outer: Indices) -> Iterator[tuple[Indices, Indices]]:
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle, radius = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
     classes = np.ceil(np.log2(radius)).astype(np.int64)
-    step = max(1, CHUNK // 50)
+    step = max(1, BLOCK // 50)
     for size in np.unique(classes):
         members = np.flatnonzero(classes == size)
         tree = cKDTree(middle[members])
@@ -161,7 +160,7 @@ def _crossed(a: Array, b: Array) -> Array:
     return normals.reshape(len(a), 36, 3)
 
 
-def _meet(a: Array, b: Array, axes: Array) -> npt.NDArray[np.bool_]:
+def _meet(a: Array, b: Array, axes: Array) -> Mask:
     """Whether no axis separates cells: along each of them their shadows overlap."""
     p, q = (np.einsum("pvi,pni->pnv", x, axes) for x in (a, b))
     common = np.minimum(p.max(axis=2), q.max(axis=2)) - np.maximum(p.min(axis=2), q.min(axis=2))

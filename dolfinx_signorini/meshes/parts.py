@@ -2,15 +2,11 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import basix
 import numpy as np
-import numpy.typing as npt
 
-from dolfinx_signorini.base.arrays import Array
-
-Numbers: TypeAlias = npt.NDArray[np.integer[Any]]
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 
 # The children of a segment, a triangle and a tetrahedron: vertex 10 i + j is the middle of
 # vertices i and j.
@@ -45,8 +41,8 @@ class Parts:
         share: The size of each part as a share of the size of the reference cell.
     """
 
-    rows: Numbers
-    maps: Numbers
+    rows: Indices
+    maps: Indices
     origins: Array
     axes: Array
     share: float = 1.0
@@ -63,7 +59,7 @@ class Parts:
         zeros = np.zeros(count, dtype=np.int64)
         return cls(np.arange(count), zeros, np.zeros((1, dim)), np.eye(dim)[None])
 
-    def points(self, reference: Array, chosen: Numbers) -> Array:
+    def points(self, reference: Array, chosen: Indices) -> Array:
         """Return points of some parts, from those of the reference cell.
 
         Args:
@@ -78,7 +74,7 @@ class Parts:
             maps = maps[:1].sum()
         return np.asarray(self.origins[maps, ..., None, :] + reference @ self.axes[maps])
 
-    def alike(self, chosen: Numbers) -> list[Numbers]:
+    def alike(self, chosen: Indices) -> list[Indices]:
         """Group parts by their maps, where these are few: equal points are faster to evaluate at.
 
         Args:
@@ -100,7 +96,7 @@ class Parts:
         """Return how many children a part has."""
         return len(_children(cell)[0])
 
-    def divided(self, cell: basix.CellType, chosen: npt.NDArray[np.bool_]) -> "Parts":
+    def divided(self, cell: basix.CellType, chosen: Mask) -> "Parts":
         """Return the children of some parts.
 
         Args:

@@ -26,11 +26,13 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.sided_meshes import facet_vertices
 
-INWARD = 1e-11  # of the way to the middle of a cell: more than rounding on all but tiny cells
-JUMP = 1e-3  # of the largest value in a cell: what INWARD makes of a root at a vertex is less
+# Of the way to the middle of a cell, and of the largest value in a cell: what moves so far inwards
+# changes the square root of the distance from a vertex by much less.
+INWARD, JUMP = SOLVED, SOLVED ** (1.0 / 3.0)
 SLOTS, POINTS_PER_SLOT = 4096, 4  # the points of one call of a compiled formula
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, integer
 
@@ -46,9 +46,7 @@ class QuadratureRule:
         """The rule as metadata of a UFL measure."""
         return {"quadrature_rule": self.scheme, "quadrature_degree": self.degree}
 
-    def points(
-        self, cell: basix.CellType, reverse: bool = False
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def points(self, cell: basix.CellType, reverse: bool = False) -> tuple[Array, Array]:
         """Return the rule on a reference cell.
 
         Args:

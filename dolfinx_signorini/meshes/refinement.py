@@ -19,6 +19,7 @@ from dolfinx_signorini.base.kinds import check, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
 from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -203,43 +204,36 @@ class Transfer:
         self.coarse, self.fine = coarse, fine
         dofs = fine.dofmap.list[: len(parents)]
         # One of the cells of each dof serves.
-        self.dofs, first = first_places(dofs.ravel())
+        self._dofs, first = first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
-        x = control_points(fine)[self.dofs, None, : fine.mesh.topology.dim]
-        origins, maps = _maps(coarse.mesh)
-        points = _in_reference_cell(origins[cells], maps[cells], x)[:, 0]
-        element = coarse.element.basix_element
-        self.basis = element.tabulate(0, points)[0, :, :, 0]
-        self.columns = coarse.dofmap.list[cells]
+        x = control_points(fine)[self._dofs, None, : fine.mesh.topology.dim]
+        places = _in_reference_cell(*_maps(coarse.mesh, cells), x)
+        self._fine_nodes = Points(coarse.mesh, cells, places)
         self._restriction(parents)
 
     def _restriction(self, parents: LocalIndices) -> None:
-        """Find for each coarse dof a fine cell with its node, and the values of its basis."""
+        """Find for each coarse dof a fine cell with its node."""
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
-        origins, maps = _maps(self.fine.mesh)
-        points = _in_reference_cell(origins[: len(parents)], maps[: len(parents)], nodes)
+        cells = np.arange(len(parents), dtype=np.int32)
+        points = _in_reference_cell(*_maps(self.fine.mesh, cells), nodes)
         # The nearest one of the child cells: rounding takes nodes out of cells that are small
         # beside their coordinates, and fitted vertices may leave a node outside of all.
         outside, flat = _outside(points).ravel(), dofs.ravel()
         least = np.full(int(flat.max(initial=-1)) + 1, np.inf)
         np.minimum.at(least, flat, outside)
         nearest = np.flatnonzero(outside == least[flat])
-        self.nodes, first = first_places(flat[nearest])
-        child, node = np.divmod(nearest[first], dofs.shape[1])
-        element = self.fine.element.basix_element
-        self.values = element.tabulate(0, points[child, node])[0, :, :, 0]
-        self.around = self.fine.dofmap.list[child]
+        self._nodes, first = first_places(flat[nearest])
+        child, node = np.divmod(nearest[first].astype(np.int32), dofs.shape[1])
+        self._coarse_nodes = Points(self.fine.mesh, child, points[child, node][:, None])
 
     def prolong(self, u: fem.Function) -> fem.Function:
         """Return a function of the coarse space as a function of the fine space."""
-        values = np.einsum("ij,ij->i", self.basis, u.x.array[self.columns])
-        return _interpolant(self.fine, self.dofs, values)
+        return _interpolant(self.fine, self._dofs, self._fine_nodes.values(u)[0][:, 0])
 
     def restrict(self, u: fem.Function) -> fem.Function:
         """Return the interpolation of a function of the fine space in the coarse space."""
-        values = np.einsum("ij,ij->i", self.values, u.x.array[self.around])
-        return _interpolant(self.coarse, self.nodes, values)
+        return _interpolant(self.coarse, self._nodes, self._coarse_nodes.values(u)[0][:, 0])
 
 
 def carried_across(
@@ -253,18 +247,16 @@ def carried_across(
         space: The space on the other refinement.
         cells: For each owned cell of this refinement the cell of the undivided mesh.
     """
-    old, dofs = u.function_space, space.dofmap.list[: len(cells)]
+    old, dofs = u.function_space.mesh, space.dofmap.list[: len(cells)]
     dim = space.mesh.topology.dim
     owned, first = first_places(dofs.ravel())
     children = np.argsort(parents, kind="stable").astype(np.int32)
     children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
-    x, (origins, maps) = control_points(space)[owned, None, :dim], _maps(old.mesh)
-    places = np.array([_in_reference_cell(origins[c], maps[c], x)[:, 0] for c in children.T])
+    x = control_points(space)[owned, None, :dim]
+    places = np.array([_in_reference_cell(*_maps(old, c), x)[:, 0] for c in children.T])
     best, row = _outside(places).argmin(axis=0), np.arange(len(owned))
-    element, values = old.element.basix_element, old.dofmap.list
-    basis = element.tabulate(0, places[best, row])[0, :, :, 0]
-    at = np.einsum("ij,ij->i", basis, u.x.array[values[children[row, best]]])
-    return _interpolant(space, owned, at)
+    nodes = Points(old, children[row, best], places[best, row][:, None])
+    return _interpolant(space, owned, nodes.values(u)[0][:, 0])
 
 
 def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Function:
@@ -277,16 +269,14 @@ def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Functio
         move: Moves nodes of the mesh.
     """
     space, geometry = u.function_space, u.function_space.mesh.geometry
-    x, (origins, maps), result = geometry.x.copy(), _maps(space.mesh), u.copy()
+    every = np.arange(len(geometry.dofmap), dtype=np.int32)
+    x, (origins, maps), result = geometry.x.copy(), _maps(space.mesh, every), u.copy()
     move()
     moved = (geometry.x != x).any(axis=1)[geometry.dofmap].any(axis=1)
     cells = np.flatnonzero(moved).astype(np.int32)
     places = points_on_cells(space, cells)[..., : geometry.dim]
     points = _in_reference_cell(origins[cells], maps[cells], places)
-    basis = space.element.basix_element.tabulate(0, points.reshape(-1, geometry.dim))[0, :, :, 0]
-    dofs = space.dofmap.list[cells]
-    basis = basis.reshape(*dofs.shape, dofs.shape[1])
-    result.x.array[dofs] = (basis @ u.x.array[dofs][:, :, None])[:, :, 0]
+    result.x.array[space.dofmap.list[cells]] = Points(space.mesh, cells, points).values(u)[0]
     result.x.array[:] = coefficients_of(space, result.x.array, cells)
     result.x.scatter_forward()
     return result
@@ -305,12 +295,9 @@ def prolong_on_cells(
     coarse, fine = (f.function_space for f in pairs[0])
     dofs, around, dim = fine.dofmap.list[cells], parents[cells], fine.mesh.topology.dim
     x = points_on_cells(fine, cells)[..., :dim]
-    points = _in_reference_cell(*_maps(coarse.mesh, around), x)
-    basis = coarse.element.basix_element.tabulate(0, points.reshape(-1, dim))[0]
-    columns = coarse.dofmap.list[around]
-    basis = basis.reshape(*dofs.shape, columns.shape[1])
+    points = Points(coarse.mesh, around, _in_reference_cell(*_maps(coarse.mesh, around), x))
     for old, new in pairs:
-        new.x.array[dofs] = (basis @ old.x.array[columns][:, :, None])[:, :, 0]
+        new.x.array[dofs] = points.values(old)[0]
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
 
 
@@ -331,10 +318,9 @@ def first_places(dofs: LocalIndices) -> tuple[LocalIndices, LocalIndices]:
     return found, first[found]
 
 
-def _maps(domain: mesh.Mesh, cells: LocalIndices | None = None) -> tuple[Array, Array]:
-    """Return the first vertices of cells, of all by default, and the inverses of their maps."""
+def _maps(domain: mesh.Mesh, cells: LocalIndices) -> tuple[Array, Array]:
+    """Return the first vertices of cells, and the inverses of their maps."""
     nodes, dim = domain.geometry.dofmap, domain.topology.dim
-    cells = np.arange(len(nodes), dtype=np.int32) if cells is None else cells
     origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
     return origins, inverses(cell_edges(domain, cells))
 

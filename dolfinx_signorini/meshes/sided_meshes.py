@@ -18,9 +18,18 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
-from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import COMMUNICATOR, MESH, TEXT, Kind, check, indices, integer
+from dolfinx_signorini.base.kinds import (
+    COMMUNICATOR,
+    MESH,
+    TEXT,
+    Kind,
+    check,
+    gmsh_model,
+    indices,
+    integer,
+)
 
 
 @dataclass(frozen=True)
@@ -38,23 +47,21 @@ class SidedMesh:
     """
 
     mesh: mesh.Mesh
-    sides: Mapping[str, npt.NDArray[np.int32]]
+    sides: Mapping[str, LocalIndices]
 
     def __post_init__(self) -> None:
         check(mesh=(self.mesh, MESH))
         message = _sides_of(self.mesh)(self.sides)
         require(self.mesh.comm, not message, message, "sides")
 
-    def facets(self, names: tuple[str, ...]) -> npt.NDArray[np.int32]:
+    def facets(self, names: tuple[str, ...]) -> LocalIndices:
         """Return the facets of some sides; "all" stands for the whole boundary."""
         if names == ("all",):
             return boundary_facets(self.mesh)
         parts = [self.sides[name] for name in names]
         return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
-    def combinations(
-        self, facets: npt.NDArray[np.int32]
-    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    def combinations(self, facets: LocalIndices) -> tuple[Mask, Indices]:
         """Return which combinations of sides there are, and which of them each facet is on.
 
         Args:
@@ -87,9 +94,8 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, me
     Raises:
         InputError: An argument is of another kind.
     """
-    words = "" if hasattr(model, "mesh") else f"must be gmsh.model, not {type(model).__name__}"
     check(
-        model=(model, lambda _: words),
+        model=(model, gmsh_model),
         comm=(comm, COMMUNICATOR),
         dimension=(dimension, integer(2, 3)),
     )
@@ -122,12 +128,12 @@ def facet_count(domain: mesh.Mesh) -> int:
     return int(index_map.size_local + index_map.num_ghosts)
 
 
-def owned_cells(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+def owned_cells(domain: mesh.Mesh) -> LocalIndices:
     """Return the indices of the cells that this rank owns."""
     return np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
 
 
-def cell_edges(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+def cell_edges(domain: mesh.Mesh, cells: LocalIndices) -> Array:
     """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
 
     The edges are the derivatives of the map from the reference cell.
@@ -140,9 +146,7 @@ def cell_edges(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[n
     return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
 
 
-def cells_near_ball(
-    domain: mesh.Mesh, centre: tuple[float, ...], radius: float
-) -> npt.NDArray[np.int32]:
+def cells_near_ball(domain: mesh.Mesh, centre: tuple[float, ...], radius: float) -> LocalIndices:
     """Return the owned cells that meet a ball, and possibly some next to it.
 
     Args:
@@ -162,7 +166,7 @@ def cells_near_ball(
     return np.flatnonzero(np.any([near[v] for v in vertices], axis=0)).astype(np.int32)
 
 
-def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+def clockwise(domain: mesh.Mesh, cells: LocalIndices) -> Mask:
     """Tell which cells number their vertices clockwise; always none but for plane triangles.
 
     Args:
@@ -176,7 +180,7 @@ def clockwise(domain: mesh.Mesh, cells: npt.NDArray[np.int32]) -> npt.NDArray[np
     return np.asarray(a * d - b * c < 0.0)
 
 
-def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
+def boundary_facets(domain: mesh.Mesh) -> LocalIndices:
     """Return the facets on the boundary of the domain that this rank owns; collective.
 
     Raises:
@@ -186,6 +190,9 @@ def boundary_facets(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     tdim = domain.topology.dim
     domain.topology.create_connectivity(tdim - 1, tdim)
     return mesh.exterior_facet_indices(domain.topology)
+
+
+SAMPLE = 2_000  # cells that tell about many
 
 
 def sampled(count: int, step: int) -> LocalIndices:
@@ -202,7 +209,7 @@ def sampled(count: int, step: int) -> LocalIndices:
     return chosen[chosen < count].astype(np.int32)
 
 
-def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def facet_cells(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
     """Return boundary facets as (cell, local facet) pairs, shape (facets, 2).
 
     Args:
@@ -215,7 +222,7 @@ def facet_cells(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return compat.exterior_facet_pairs(domain.topology, facets).reshape(-1, 2)
 
 
-def box(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def box(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> Array:
     """Return the lowest and the highest coordinates of the points of all ranks; collective.
 
     Args:
@@ -245,7 +252,7 @@ def facet_vertices(domain: mesh.Mesh) -> LocalIndices:
     return np.array(basix.topology(cell)[domain.topology.dim - 1], dtype=np.int32)
 
 
-def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def facet_nodes(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
     """Return the geometry nodes of boundary facets, shape (facets, vertices); none for none.
 
     Args:
@@ -256,9 +263,7 @@ def facet_nodes(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return np.asarray(domain.geometry.dofmap[pairs[:, :1], facet_vertices(domain)[pairs[:, 1]]])
 
 
-def entity_nodes(
-    domain: mesh.Mesh, dim: int, entities: npt.NDArray[np.int32]
-) -> npt.NDArray[np.int32]:
+def entity_nodes(domain: mesh.Mesh, dim: int, entities: LocalIndices) -> LocalIndices:
     """Return the nodes of straight-sided simplices of a mesh, shape (entities, dim + 1).
 
     DOLFINx divides by zero where a rank has no entity.
@@ -273,7 +278,7 @@ def entity_nodes(
     return mesh.entities_to_geometry(domain, dim, entities).reshape(-1, dim + 1)
 
 
-def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+def facet_scale(domain: mesh.Mesh, facets: LocalIndices) -> Array:
     """Return the ratio of each facet's size to that of the reference facet.
 
     Args:
@@ -285,7 +290,7 @@ def facet_scale(domain: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray
     return math.factorial(domain.topology.dim - 1) * simplex_sizes(x)
 
 
-def simplex_sizes(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def simplex_sizes(corners: npt.NDArray[np.floating]) -> Array:
     """Return the lengths, areas or volumes of segments, triangles or tetrahedra in any space.
 
     Args:
@@ -297,7 +302,7 @@ def simplex_sizes(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     return np.asarray(sizes, dtype=np.float64)
 
 
-def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> LocalIndices:
+def cells_with_dofs(space: fem.FunctionSpace, marked: Mask) -> LocalIndices:
     """Return the cells of this rank, ghosts included, that have one of some dofs.
 
     Args:
@@ -310,33 +315,28 @@ def cells_with_dofs(space: fem.FunctionSpace, marked: npt.NDArray[np.bool_]) -> 
     return np.flatnonzero(found).astype(np.int32)
 
 
-def covering_cells(
-    space: fem.FunctionSpace, marked: npt.NDArray[np.bool_], cells: LocalIndices, rounds: int = 2
-) -> LocalIndices:
+def covering_cells(space: fem.FunctionSpace, marked: Mask, cells: LocalIndices) -> LocalIndices:
     """Return few cells of this rank that together have all of some dofs.
 
-    In some rounds cells with many dofs that no neighbour claims come first; of each dof that is
-    left then, a cell is taken. Rounds take time, and pay where cells are searched for.
+    In two rounds cells with many dofs that no neighbour claims come first; of each dof that is left
+    then, a cell is taken.
 
     Args:
         space: A function space.
         marked: Whether a dof is one of them, for the owned dofs and the ghosts of this rank.
         cells: All cells that have one of them, see `cells_with_dofs`.
-        rounds: The number of rounds.
     """
     left, chosen = marked.copy(), []
-    if rounds:
-        cells = np.random.default_rng(0).permutation(cells)
-    for k in range(rounds + 1):
+    cells = np.random.default_rng(0).permutation(cells)
+    for last in (False, False, True):
         wanted = left[space.dofmap.list[cells]]
-        if k < rounds:
-            order = np.argsort(-wanted.sum(axis=1), kind="stable")
-            cells, wanted = cells[order], wanted[order]
+        order = np.argsort(-wanted.sum(axis=1), kind="stable")
+        cells, wanted = cells[order], wanted[order]
         dofs = space.dofmap.list[cells]
         rows = np.broadcast_to(np.arange(len(cells))[:, None], dofs.shape)
         first = np.full(len(left), len(cells))
         first[dofs[wanted][::-1]] = rows[wanted][::-1]  # the first row of each dof comes last
-        if k < rounds:
+        if not last:
             wins = wanted.any(axis=1) & (~wanted | (first[dofs] == rows)).all(axis=1)
             chosen.append(cells[wins])
             left[dofs[wins]] = False

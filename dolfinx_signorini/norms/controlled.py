@@ -14,12 +14,15 @@ import basix
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.meshes.parts import Numbers, Parts
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
+from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
+
+Sizes = Callable[[], dict[Norm, float]]
 
 # Of a norm: how far off its quadrature may be by estimate. The estimate is one of random numbers:
 # of 2,240 norms of waves on all elements, with p from 1 to 16, none was off by twice as much.
@@ -27,21 +30,22 @@ TOLERANCE = 5e-4
 # What of the differences does not cancel: so much of the root of the sum of their squares, as for
 # random numbers, and of the sum of their sizes.
 SCATTER, COMMON = 2.0, 0.05
-# Of what is allowed, the most that one part may have: next to a point where |e|^p is like r^-s the
-# difference of the rules is a small share of what both lack, of 1/13 or more for s <= n - 1/2 on
-# all n-dimensional cells with rules of degree 4 to 20.
-ALONE = 1.0 / 64.0
-FEWEST, AGREED = 64, 1e-6  # parts: on fewer ones two rules agree by chance, but not so closely
-DEEPEST = 36  # divisions: smaller parts are not far from the size of rounding
+# Parts: on fewer ones two rules agree by chance, but not so closely. One part has at most its share
+# of what is allowed: next to a point where |e|^p is like r^-s the difference of the rules is a
+# small share of what both lack, of 1/13 or more for s <= n - 1/2 on all n-dimensional cells with
+# rules of degree 4 to 20.
+FEWEST, AGREED = 64, 1e-6
+# Divisions, each of which makes what the rules miss next to such a point smaller by 2^(s - n): for
+# s = n - 1/3 half of the tolerance is left.
+DEEPEST = math.ceil(3.0 * math.log2(2.0 / TOLERANCE))
 MOST, MORE = 600_000, 100  # points of a division on all ranks: at most, or for each place
-UNKNOWN = 0.05  # of a norm: who is that far off after so many points is refused, not warned of
-NOISE = 1e-11  # of the norm of u_h: an error of this size is rounding
-BINS = 80  # sizes of differences, by powers of two
+# Of a norm: who is that far off after so many points is refused, and not warned of.
+UNKNOWN = math.sqrt(TOLERANCE)
 
 
 def controlled(
     evaluate: Callable[[QuadratureRule, Parts], dict[Norm, Array]],
-    sizes: Callable[[], dict[Norm, float]],
+    sizes: Sizes,
     places: tuple[basix.CellType, int],
     norms: Sequence[Norm],
     degree: int,
@@ -71,8 +75,8 @@ def controlled(
     rules = [interior_rule(cell, degree + more) for more in (0, 2)]
     points = sum(len(rule.points(cell)[1]) for rule in rules) * Parts.children(cell)
     most, parts = max(MOST, MORE * comm.allreduce(count)), Parts.whole(count, cell)
-    rows: list[Numbers] = []
-    sums = [ControlledSum(norm, comm) for norm in norms]
+    rows: list[Indices] = []
+    sums = [_ControlledSum(norm, comm) for norm in norms]
     for division in range(DEEPEST + 1):
         coarse, fine = (evaluate(rule, parts) for rule in rules)
         marks = np.any([s.unsure(fine[s.norm], coarse[s.norm]) for s in sums], axis=0)
@@ -95,21 +99,11 @@ def allowed(p: float) -> float:
     return -math.expm1(-p * TOLERANCE)
 
 
-class ControlledSum:
-    """A norm as a sum of p-th powers over parts of places, by two rules:
+class _ControlledSum:
+    """A norm as a sum of p-th powers over parts of places, by two rules.
 
-        s = ControlledSum(Norm(0.0, 4.0), comm)
-        marks = s.unsure(fine, coarse)
-        s.keep(fine[~marks], coarse[~marks])
-
-    Args:
-        norm: The norm.
-        comm: The communicator of the mesh; `unsure` and `keep` are collective.
-
-    Attributes:
-        total: The norm over all parts, as far as it is known.
-        estimate: How far off the norm may be, relative to the norm.
-        resolved: Whether that is within the tolerance.
+    `total` is the norm over all parts, as far as it is known, `estimate` how far off it may be,
+    relative to the norm, and `resolved` whether that is within the tolerance.
     """
 
     def __init__(self, norm: Norm, comm: MPI.Comm):
@@ -120,33 +114,29 @@ class ControlledSum:
         self._kept, self._sums = 0.0, cast(Array, np.zeros((3, 1)))
 
     def unsure(self, fine: Array, coarse: Array) -> Mask:
-        """Return which parts are to be divided.
+        """Whether each part is to be divided, by the norms on parts that are not kept; collective.
 
-        Args:
-            fine, coarse: The norms on the parts that are not kept yet, by both rules.
-
-        Raises:
-            FloatingPointError: One of them is not a number, on some rank.
+        A FloatingPointError is raised where one of them is not a number, on some rank.
         """
         before = self.total
         now, _ = (norm_of_all(self._comm, values, self._p) for values in (fine, coarse))
         self.total = float(p_norm(np.array([self._kept, now]), self._p))
         self._sums *= (before / (self.total or 1.0)) ** (self._p * np.array([[1.0], [2.0], [1.0]]))
         differences = self._differences(fine, coarse)
-        bins = np.clip(-np.frexp(differences)[1], 0, BINS - 1)
-        bins[differences == 0.0] = BINS - 1
+        bins = np.clip(-np.frexp(differences)[1], 0, HALVINGS - 1)
+        bins[differences == 0.0] = HALVINGS - 1
         sums = self._sums + self._cumulated(differences, bins)
         estimates = np.abs(sums[0]) + SCATTER * np.sqrt(sums[1]) + COMMON * sums[2]
         limit = allowed(self._p)
-        within, alone = bool(estimates[0] <= limit), np.abs(differences) > ALONE * limit
+        within, alone = bool(estimates[0] <= limit), np.abs(differences) > limit / FEWEST
         self.estimate = float(estimates[0] / self._p)
         self.resolved = within and not self._comm.allreduce(bool(alone.any()), op=MPI.LOR)
         # Half of the tolerance is for what is kept, the rest for the parts that are divided.
         good = np.flatnonzero(estimates <= (1.0 if within else 0.5) * limit)
-        return np.asarray(alone | (bins < (good[0] if len(good) else BINS)))
+        return np.asarray(alone | (bins < (good[0] if len(good) else HALVINGS)))
 
     def keep(self, fine: Array, coarse: Array) -> None:
-        """Take the norms on parts that are not divided, by both rules."""
+        """Take the norms on parts that are not divided, by both rules; collective."""
         self._values.append(fine)
         now = norm_of_all(self._comm, fine, self._p)
         self._kept = float(p_norm(np.array([self._kept, now]), self._p))
@@ -154,13 +144,8 @@ class ControlledSum:
         all_in_one = np.zeros(len(differences), dtype=np.int64)
         self._sums = self._sums + self._cumulated(differences, all_in_one)[:, :1]
 
-    def on_places(self, rows: Numbers, count: int) -> Array:
-        """Return the norm on each place, from those on the parts that are kept.
-
-        Args:
-            rows: The places of all these parts, in their order.
-            count: The number of places.
-        """
+    def on_places(self, rows: Indices, count: int) -> Array:
+        """The norm on each of `count` places, from those on the parts kept; `rows` has theirs."""
         powers = (np.concatenate(self._values) / (self.total or 1.0)) ** self._p
         return np.asarray(self.total * np.bincount(rows, powers, count) ** (1.0 / self._p))
 
@@ -169,15 +154,18 @@ class ControlledSum:
         one, other = ((values / (self.total or 1.0)) ** self._p for values in (fine, coarse))
         return np.asarray(one - other)
 
-    def _cumulated(self, differences: Array, bins: Numbers) -> Array:
+    def _cumulated(self, differences: Array, bins: Indices) -> Array:
         """Sums over each bin and all later ones, of differences, their squares and their sizes."""
         kinds = differences, differences**2, np.abs(differences)
-        sums = self._comm.allreduce(np.array([np.bincount(bins, d, BINS) for d in kinds]))
+        sums = self._comm.allreduce(np.array([np.bincount(bins, d, HALVINGS) for d in kinds]))
         return np.asarray(sums[:, ::-1].cumsum(axis=1)[:, ::-1])
 
 
 def _ended(
-    sums: Sequence[ControlledSum], sizes: Callable[[], dict[Norm, float]], division: int, many: bool
+    sums: Sequence[_ControlledSum],
+    sizes: Sizes,
+    division: int,
+    many: bool,
 ) -> bool:
     """Whether nothing is divided any more, though some norms are not resolved.
 
@@ -187,7 +175,7 @@ def _ended(
     """
     if division == 0:
         of_u_h = sizes()
-        if all(s.total <= NOISE * of_u_h[s.norm] for s in sums):
+        if all(s.total <= ROUNDING * of_u_h[s.norm] for s in sums):
             return True
     lost = [s for s in sums if not s.resolved and (division == DEEPEST or s.estimate > UNKNOWN)]
     if lost and (many or division == DEEPEST):

@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import FUNCTION, TEXT, check, instance, optional, sequence
 from dolfinx_signorini.base.logs import Progress
@@ -39,6 +39,7 @@ from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import (
+    SAMPLE,
     boundary_facets,
     clockwise,
     facet_cells,
@@ -53,10 +54,8 @@ from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
 from dolfinx_signorini.norms.references import Reference
 
-BLOCK, APART = 131_072, 16_384  # points whose values are held at a time; with a basis for each one
 HIGHEST = {1: 31, 2: 20, 3: 12}  # degree of a rule that is chosen here, by dimension
 LARGE = 16.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
-SAMPLE = 2_000  # cells of many where the rule is compared with controlled quadrature
 LEAST = Norm(0.0, 2.0)  # what the values in cells are good for where no norm is asked for
 
 
@@ -185,11 +184,10 @@ def _mostly(
     rule = interior_rule(_kind(error.domain, places), max(degrees))
     parts = _integrated(error, places, norms, rule, tops=tops)
     count = comm.allreduce(len(places))
-    large = np.zeros(len(places), dtype=bool)
+    large, step = np.zeros(len(places), dtype=bool), max(1, count // SAMPLE)
     for norm, values in parts.items():
         mean = norm_of_all(comm, values[np.isfinite(values)], norm.p) * count ** (-1.0 / norm.p)
         large |= ~(values <= LARGE ** (1.0 / norm.p) * mean)
-    step = max(1, count // SAMPLE)
     sample = np.zeros(len(places), dtype=bool)
     sample[sampled(len(places), step)] = True
     sample &= ~large
@@ -242,13 +240,13 @@ def _blocks(
 ) -> Iterator[tuple[npt.NDArray[np.integer], Points, Array]]:
     """Yield numbers of parts, with the points of a rule and the weights of the points."""
     cell = _kind(domain, places)
-    turned: npt.NDArray[np.bool_] = np.zeros(len(parts.rows), dtype=bool)
+    turned: Mask = np.zeros(len(parts.rows), dtype=bool)
     if places.ndim == 1 and rule.scheme != "default":
         # Of no symmetry: follows the vertices counterclockwise.
         turned = clockwise(domain, places[parts.rows])
     for reverse in (False, True):
         points, weights = rule.points(cell, reverse)
-        step = max(1, (BLOCK if parts.few_maps else APART) // len(points))
+        step = max(1, (BLOCK if parts.few_maps else BLOCK // 8) // len(points))
         for some in parts.alike(np.flatnonzero(turned == reverse)):
             for start in range(0, len(some), step):
                 rows = some[start : start + step]

@@ -21,20 +21,20 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import MESH, check, on_mesh, optional
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
+    SAMPLE,
     cells_with_dofs,
     facet_cells,
     facet_vertices,
     owned_cells,
+    sampled,
 )
 from dolfinx_signorini.norms.references import Reference, interpolant
 
-CLEARANCE = 1.0  # relative to the largest |u|: how far below u an obstacle is made where u is free
 SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
-LOOKED_AT = 1000  # cells, about, that tell on each rank how large u and its flux are in the domain
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def matching_obstacle(
 ) -> fem.Function:
     """Return an obstacle that u touches exactly where the flux of u is not zero.
 
-    On the facets with a flux the obstacle is u, and elsewhere the obstacle keeps clear of u.
+    On the facets with a flux the obstacle is u, and elsewhere it is off u by the largest |u|.
 
     Args:
         space: The Lagrange space of the discrete problem.
@@ -189,14 +189,13 @@ def matching_obstacle(
     count = len(_facet_points(domain))
     values, (size, force) = _on_facets(domain, facets, [u, flux])
     pushed = (abs(values[:, 1]).reshape(-1, count) > SOLVED * force).any(axis=1)
-    touching, contact = fem.Function(space), fem.Function(space)
-    for marks, marked in ((touching, _owned(domain, facets)[pushed]), (contact, facets)):
-        marks.x.array[fem.locate_dofs_topological(space, tdim - 1, marked)] = 1.0
-        marks.x.scatter_forward()
-    g = interpolant(space, u, cells_with_dofs(space, contact.x.array > 0.0))
-    g.name = "obstacle"
-    clear = touching.x.array == 0.0
-    g.x.array[clear] -= sign * CLEARANCE * (size if size > 0.0 else 1.0)
+    touching, contact = (
+        marked(space, fem.locate_dofs_topological(space, tdim - 1, some))
+        for some in (_owned(domain, facets)[pushed], facets)
+    )
+    g = interpolant(space, u, cells_with_dofs(space, contact))
+    g.name, clear = "obstacle", ~touching
+    g.x.array[clear] -= sign * (size if size > 0.0 else 1.0)
     return g
 
 
@@ -224,11 +223,11 @@ def _on_facets(
     points, comm = _facet_points(domain), domain.comm
     expression = compiled.expression(ufl.as_vector(values), points, comm)
 
-    def sampled(pairs: LocalIndices) -> Array:
+    def at_points(pairs: LocalIndices) -> Array:
         found = compat.evaluate(expression, domain, pairs)
         return found.reshape(-1, len(points), len(values))
 
-    found = sampled(facet_cells(domain, _owned(domain, facets)))
+    found = at_points(facet_cells(domain, _owned(domain, facets)))
     # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.
     missing = ~np.isfinite(found).all(axis=2)
     require(
@@ -240,10 +239,10 @@ def _on_facets(
     )
     found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0).reshape(-1, len(values))
     cells = owned_cells(domain)
-    cells = cells[:: 1 + len(cells) // LOOKED_AT]
+    cells = cells[sampled(len(cells), 1 + len(cells) // SAMPLE)]
     count = len(facet_vertices(domain))  # facets of a cell
     pairs = np.stack((np.repeat(cells, count), np.tile(np.arange(count), len(cells))), axis=1)
-    inside = np.nan_to_num(np.abs(sampled(pairs.astype(np.int32))), nan=0.0, posinf=0.0)
+    inside = np.nan_to_num(np.abs(at_points(pairs.astype(np.int32))), nan=0.0, posinf=0.0)
     inside = inside.reshape(len(cells), count * len(points), len(values)).mean(axis=1)
     middle = np.full((1, domain.topology.dim), 1.0 / count)
     volumes = Points(domain, cells, middle).scale[:, 0]

@@ -13,25 +13,22 @@ from collections.abc import Iterable
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.spatial import KDTree
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
 from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.sided_meshes import SAMPLE
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
 
-BLOCK = 65_536  # points whose values are held at a time
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
-SHARE, BOXED = 0.02, 2500  # cells that are looked at closely: share of all, or samples in boxes
-# Where values in all cells are known: share of cells that are sampled, cells looked at closely.
-SCREENED, MOST = 0.03, 2000
+# Cells that are looked at closely: share of all, or samples in boxes; and the share of cells that
+# are sampled at all where values in all cells are known.
+SHARE, BOXED, SCREENED = 0.02, 2500, 0.03
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 FIRST, LAST = 18, 50  # steps: at least, and at most
-THRESHOLDS = 64  # that values are counted above
-SETTLED = 1e-8  # relative change of the maximum in four steps
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: an unbounded function grows so
 
@@ -69,7 +66,7 @@ class Maxima:
         self._lattice = np.asarray(basix.create_lattice(cell, self._degree, kind, True), np.float64)
 
     @functools.cached_property
-    def _samples(self) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _samples(self) -> tuple[Array, Mask]:
         """The largest samples, and whether there are points without a value, both (1 or 2, n)."""
         tops, holes = [], []
         rows = self._screened()
@@ -111,7 +108,7 @@ class Maxima:
         kind = int(derivatives)
         tops, holes = (array[kind] for array in self._samples)
         limit = max(BOXED // SIDE**self._dim, int(SHARE * self._comm.allreduce(len(tops))))
-        limit = limit if self._known is None else min(limit, MOST)
+        limit = limit if self._known is None else min(limit, SAMPLE)
         chosen = self._places[_largest(self._comm, tops, limit)]
         values = self._values(chosen, self._lattice)[kind]
         row, point = np.nonzero(self._peaks(values))
@@ -128,7 +125,7 @@ class Maxima:
         found = [self._followed(*start, limit, kind, name) for start in starts]
         return max([*found, highest(self._comm, tops)])
 
-    def _peaks(self, values: Array) -> npt.NDArray[np.bool_]:
+    def _peaks(self, values: Array) -> Mask:
         """Tell which samples on the lattice are not smaller than their neighbours, (n, m)."""
         tree = KDTree(self._lattice)
         neighbours = tree.query_ball_point(self._lattice, 1.5 / self._degree, p=np.inf)
@@ -178,14 +175,14 @@ class Maxima:
             at, tops = boxes[best], values[best]
             maxima.append(max(maxima[-1], highest(self._comm, tops)))
             # Next to a point without a value all samples of a box but one may be farther away.
-            holes = (values[tops >= (1.0 - SETTLED) * maxima[-1]] < 0.0).any()
-            settled = step >= FIRST and maxima[-1] <= (1.0 + SETTLED) * maxima[-5]
+            holes = (values[tops >= (1.0 - HALF_OF_THE_DIGITS) * maxima[-1]] < 0.0).any()
+            settled = step >= FIRST and maxima[-1] <= (1.0 + HALF_OF_THE_DIGITS) * maxima[-5]
             if settled and not self._comm.allreduce(bool(holes), op=MPI.LOR):
                 break
             radius, limit = SHRINKING * radius, max(limit // 2, FOLLOWED)
             kept = _largest(self._comm, tops, limit)
             places, at, tops = places[kept], at[kept], tops[kept]
-        top = np.flatnonzero(tops >= (1.0 - SETTLED) * maxima[-1])[:1]
+        top = np.flatnonzero(tops >= (1.0 - HALF_OF_THE_DIGITS) * maxima[-1])[:1]
         grows = len(top) > 0 and self._grows(places[top], at[top], kind)
         if self._comm.allreduce(grows, op=MPI.LOR):
             raise FloatingPointError(f"{name} is infinite: the error grows without bound")
@@ -208,19 +205,11 @@ class Maxima:
 def _largest(comm: MPI.Comm, values: Array, limit: int) -> Indices:
     """The rows of the values of this rank that are among the largest ones of all ranks.
 
-    The ranks count values above some thresholds between the smallest and the largest value; none
-    needs the values of the others. Values that differ by rounding count as the same.
+    Values that differ by rounding count as the same.
     """
     rows = np.argsort(-values, kind="stable")[:limit]
-    own = np.sort(np.minimum(values[rows], 0.5 * np.finfo(float).max))
-    if not limit or comm.allreduce(len(own)) <= limit:
+    everywhere = np.concatenate(comm.allgather(values[rows]))
+    if not limit or len(everywhere) <= limit:
         return rows
-    low = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
-    high = comm.allreduce(float(own.max(initial=-np.inf)), op=MPI.MAX)
-    rounding, enough = ROUNDING * max(-low, high), False
-    while high - low > rounding and not enough:  # at least `limit` values reach `low`
-        steps = np.linspace(low, high, THRESHOLDS)
-        counts = comm.allreduce(len(own) - np.searchsorted(own, steps))
-        k = int(np.flatnonzero(counts >= limit)[-1])
-        low, high, enough = steps[k], steps[min(k + 1, THRESHOLDS - 1)], counts[k] == limit
-    return rows[values[rows] >= low]
+    last = min(np.partition(everywhere, -limit)[-limit], np.finfo(np.float64).max)
+    return rows[values[rows] >= last - ROUNDING * abs(last)]

@@ -7,13 +7,12 @@ accurate discrete solution carried over from another mesh.
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     LARGEST_DEGREE,
@@ -27,9 +26,9 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
 
-CARRIED_DEGREE = 4  # of the polynomials that carry a finer solution to the cells of a mesh
 PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
 
 
@@ -71,7 +70,7 @@ class Reference:
         points = sequence(coordinates(dimension), "a tuple of points")
         check(support=(self.support, optional(ball(dimension))), singular=(self.singular, points))
 
-    def support_cells(self) -> npt.NDArray[np.int32]:
+    def support_cells(self) -> LocalIndices:
         """Return the owned cells on which u may be non-zero (all of them without a support)."""
         if self.support is None:
             return owned_cells(self.mesh)
@@ -82,7 +81,7 @@ R = TypeVar("R", bound=Reference)
 
 
 def interpolant(
-    space: fem.FunctionSpace, expression: Expr, cells: npt.NDArray[np.int32] | None = None
+    space: fem.FunctionSpace, expression: Expr, cells: LocalIndices | None = None
 ) -> fem.Function:
     """Return the interpolant of an expression.
 
@@ -125,7 +124,7 @@ def discrete(u: fem.Function) -> Reference:
     return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
 
 
-def carried(u: fem.Function, domain: mesh.Mesh, degree: int = CARRIED_DEGREE) -> Reference:
+def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) -> Reference:
     """Return a function on another mesh as a reference.
 
     On each cell of the mesh the function and its gradient are interpolated by polynomials.

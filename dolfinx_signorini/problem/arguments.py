@@ -1,27 +1,25 @@
 """Checks of the arguments of a problem: each refusal names the argument, before any long work."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import (
+    FUNCTION,
     MESH,
+    Kind,
     check,
-    data,
     indices,
     instance,
     integer,
-    on_mesh,
     sequence,
 )
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
-from dolfinx_signorini.solvers.pressure import ContactState
 
 CELLS = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
 
@@ -52,11 +50,11 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     element = space.ufl_element()
     if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
         raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
-    if not same_space(arguments[1].ufl_function_space(), space):
+    if not _same_space(arguments[1].ufl_function_space(), space):
         raise InputError("trial and test function belong to different spaces", "form a")
     if len(L.arguments()) != 1:
         raise InputError(f"the form L needs one test function, has {len(L.arguments())}", "load")
-    if not same_space(L.arguments()[0].ufl_function_space(), space):
+    if not _same_space(L.arguments()[0].ufl_function_space(), space):
         raise InputError("its test function belongs to another space than the form a", "load")
     for form, subject in ((a, "form a"), (L, "load")):
         _check_mesh(form, space.mesh, subject)
@@ -91,109 +89,33 @@ def checked_facets(domain: mesh.Mesh, contact: Any) -> LocalIndices:
     return np.unique(facets).astype(np.int32)
 
 
-def check_conditions(space: fem.FunctionSpace, bcs: Iterable[Any]) -> None:
-    """Refuse what is no Dirichlet condition of a space.
+def conditions_of(space: fem.FunctionSpace) -> Kind:
+    """Return the kind of Dirichlet conditions of a space."""
+    condition = instance(fem.DirichletBC, "a list of Dirichlet conditions")
 
-    Args:
-        space: The space.
-        bcs: What should be Dirichlet conditions of this very space.
+    def kind(value: Any) -> str:
+        wrong = condition(value)
+        if wrong or space._cpp_object.contains(value.function_space):
+            return wrong
+        return "a Dirichlet condition belongs to another function space than the form a"
 
-    Raises:
-        InputError: The subject is "bcs".
-    """
-    kind = instance(fem.DirichletBC, "a Dirichlet condition")
-    check(bcs=(bcs, sequence(kind, "a list of Dirichlet conditions")))
-    for bc in bcs:
-        if not space._cpp_object.contains(bc.function_space):
-            raise InputError(
-                "a Dirichlet condition belongs to another function space than the form a", "bcs"
-            )
+    return kind
 
 
-def check_data(value: Any, space: fem.FunctionSpace, subject: str) -> None:
-    """Refuse what is no number, UFL expression, function or callable on the mesh of a space.
+def functions_of(space: fem.FunctionSpace) -> Kind:
+    """Return the kind of functions of a space."""
 
-    Args:
-        value: The data.
-        space: The space.
-        subject: The name of the argument.
+    def kind(value: Any) -> str:
+        wrong = FUNCTION(value)
+        if wrong or _same_space(value.function_space, space):
+            return wrong
+        return "belongs to another function space than the form a"
 
-    Raises:
-        InputError: The data cannot be evaluated on the mesh.
-    """
-    check(**{subject: (value, data)})
-    if isinstance(value, Expr):
-        check(**{subject: (value, on_mesh(space.mesh))})
+    return kind
 
 
-def check_function(value: Any, space: fem.FunctionSpace, subject: str) -> None:
-    """Refuse what is no function of a space.
-
-    Args:
-        value: What should be a function.
-        space: The space.
-        subject: The name of the argument.
-
-    Raises:
-        InputError: The value is no function of this very space.
-    """
-    if not isinstance(value, fem.Function):
-        raise InputError(f"must be a function, not {type(value).__name__}", subject)
-    if not same_space(value.function_space, space):
-        raise InputError("belongs to another function space than the form a", subject)
-
-
-def check_start(start: fem.Function, subject: str) -> None:
-    """Refuse a start with values that are not finite; the call is collective.
-
-    Args:
-        start: A function of the space of the problem.
-        subject: The name of the function.
-
-    Raises:
-        InputError: Some value is not finite, on any rank.
-    """
-    finite = bool(np.isfinite(start.x.array).all())
-    require(start.function_space.mesh.comm, finite, "has a value that is not finite", subject)
-
-
-def check_limits(method: str, limits: Mapping[str, Any]) -> None:
-    """Refuse limits of TAO that are no positive integers, or that are given to the cascade.
-
-    Args:
-        method: The name of the solver.
-        limits: The limits by name.
-
-    Raises:
-        InputError: The subject is the name of the limit.
-    """
-    if method == "cascade" and limits:
-        raise InputError("only for the methods of TAO", ", ".join(limits))
-    check(**{name: (limit, integer(1)) for name, limit in limits.items()})
-
-
-def check_coarse(method: str, coarse: Any) -> None:
-    """Refuse what is no contact state, or a contact state for a solver that does not take one.
-
-    Args:
-        method: The name of the solver.
-        coarse: What should be a contact state.
-
-    Raises:
-        InputError: The subject is "coarse".
-    """
-    if method != "cascade":
-        raise InputError("only for the cascade", "coarse")
-    if not isinstance(coarse, ContactState):
-        raise InputError(f"must be a contact state, not {type(coarse).__name__}", "coarse")
-
-
-def same_space(one: Any, other: Any) -> bool:
-    """Return whether two Python objects stand for the same function space, dof for dof.
-
-    Args:
-        one, other: The two objects, of any kind.
-    """
+def _same_space(one: Any, other: Any) -> bool:
+    """Whether two Python objects stand for the same function space, dof for dof."""
     return isinstance(one, fem.FunctionSpace) and one._cpp_object == other._cpp_object
 
 

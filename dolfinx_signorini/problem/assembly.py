@@ -21,6 +21,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.meshes.elements import (
@@ -81,7 +82,7 @@ class Assembly:
         self.phases, ledger = Phases(self.comm), Ledger()
         with self.phases("forms"):
             boundary = dofs_on_facets(space, facets)
-            fixed = dirichlet_dofs(space, self.bcs)
+            fixed = _dirichlet_dofs(space, self.bcs)
             self.layout = Layout(space, facets, boundary, fixed, ledger)
             self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
@@ -162,7 +163,7 @@ class Assembly:
     def _bounds(self) -> tuple[Array, Array]:
         """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
         space, fixed = self.layout.space, self.layout.fixed_dofs
-        obstacle, data = self._obstacle_at(), dirichlet_values(space, self.bcs, fixed)
+        obstacle, data = self._obstacle_at(), _dirichlet_values(space, self.bcs, fixed)
         obstacle = checks.check_bounds(self.layout, obstacle, data, self.sign < 0.0, self._reach)
         self.obstacle = obstacle
         return self.sign * obstacle[self.layout.free], self.sign * data
@@ -184,7 +185,7 @@ class Assembly:
             b = fem_petsc.assemble_vector(self._L)
             with b.localForm() as local:
                 self.total_load = self.comm.allreduce(float(local.array_r.sum()))
-            lift(b, self._a, self.bcs, self.layout, A)
+            _lift(b, self._a, self.bcs, self.layout, A)
             b.scale(self.sign)
         self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
         with self.phases("checks"):
@@ -199,7 +200,7 @@ class Assembly:
     def _matrix(self, old: System | None) -> PETSc.Mat:
         with self.phases("matrix"):
             fixed = self.layout.fixed_dofs
-            A = assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
+            A = _assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
         self.layout.ledger.add("matrix", "A", A, self.phases.seconds["matrix"])
         return A
 
@@ -274,9 +275,9 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Call
     if is_bernstein(space):
         return _coefficients(space, value, dofs)
     g = fem.Function(space)
-    marked = np.zeros(len(g.x.array), dtype=bool)
-    marked[dofs] = True
-    cells = covering_cells(space, marked, cells_with_dofs(space, marked), rounds=0)
+    wanted = np.zeros(len(g.x.array), dtype=bool)
+    wanted[dofs] = True
+    cells = covering_cells(space, wanted, cells_with_dofs(space, wanted))
     if callable(value) and not isinstance(value, Expr):
         x = control_points(space, cells)[dofs].T
         return lambda: called(space.mesh.comm, value, x)
@@ -292,15 +293,12 @@ def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Call
 
 def _coefficients(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
     """As `evaluator`, in the Bernstein basis; the call is collective."""
-    wanted = fem.Function(space)
-    wanted.x.array[dofs] = 1.0
-    wanted.x.scatter_forward()
-    marked = wanted.x.array > 0.0
-    known = np.flatnonzero(marked).astype(np.int32)
-    cells, values_at = cells_with_dofs(space, marked), evaluator(nodal_space(space), value, known)
+    wanted = marked(space, dofs)
+    known = np.flatnonzero(wanted).astype(np.int32)
+    cells, values_at = cells_with_dofs(space, wanted), evaluator(nodal_space(space), value, known)
 
     def evaluate() -> Array:
-        values = np.zeros(len(marked))
+        values = np.zeros(len(wanted))
         values[known] = values_at()
         return coefficients_of(space, values, cells)[dofs]
 
@@ -333,30 +331,16 @@ def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
     return values
 
 
-def dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
-    """Return the owned dofs that some Dirichlet conditions fix.
-
-    Args:
-        space: The space of the conditions.
-        bcs: The conditions.
-    """
-    marked = np.zeros(space.dofmap.index_map.size_local, dtype=bool)
-    for bc in bcs:
-        dofs, owned = bc.dof_indices()
-        marked[dofs[:owned]] = True
-    return np.flatnonzero(marked).astype(np.int32)
+def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
+    """The owned dofs that some Dirichlet conditions fix."""
+    parts = [dofs[:owned] for dofs, owned in (bc.dof_indices() for bc in bcs)]
+    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
 
 
-def dirichlet_values(
+def _dirichlet_values(
     space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], dofs: LocalIndices
 ) -> Array:
-    """Return the data of Dirichlet conditions at dofs; the last condition on a dof wins.
-
-    Args:
-        space: The space of the conditions.
-        bcs: The conditions.
-        dofs: Owned dofs that the conditions fix.
-    """
+    """The data of Dirichlet conditions at dofs; the last condition on a dof wins."""
     values = np.zeros(len(dofs))
     if bcs:
         index_map = space.dofmap.index_map
@@ -367,19 +351,10 @@ def dirichlet_values(
     return values
 
 
-def assembled_matrix(
+def _assembled_matrix(
     form: fem.Form, bcs: Sequence[fem.DirichletBC], fixed: LocalIndices, A: PETSc.Mat | None = None
 ) -> PETSc.Mat:
-    """Return the matrix of a form; Dirichlet rows get a diagonal of the size of the other rows.
-
-    With the largest diagonal entry in place of 1 the unit in which the form is written is free.
-
-    Args:
-        form: The bilinear form, compiled.
-        bcs: The Dirichlet conditions.
-        fixed: The owned dofs with Dirichlet data.
-        A: A matrix of the same form, to be assembled again; a new one by default.
-    """
+    """The matrix of a form; Dirichlet rows get a diagonal of the size of the other rows."""
     if A is None:
         A = fem_petsc.assemble_matrix(form, bcs=list(bcs))
     else:
@@ -388,7 +363,7 @@ def assembled_matrix(
     A.assemble()
     if bcs:
         diagonal = A.getDiagonal()
-        diagonal.array_w[fixed] = 0.0
+        diagonal.array_w[fixed] = 0.0  # the largest entry and not 1: the unit of the form is free
         diagonal.array_w[fixed] = _size(diagonal)
         A.setDiagonal(diagonal)
         A.assemble()
@@ -396,24 +371,16 @@ def assembled_matrix(
     return A
 
 
-def lift(
+def _lift(
     b: PETSc.Vec, form: fem.Form, bcs: Sequence[fem.DirichletBC], layout: Layout, A: PETSc.Mat
 ) -> None:
-    """Lift the Dirichlet data in a load vector whose shares of the ranks are not added up yet.
-
-    Args:
-        b: The vector; the shares are added up.
-        form: The bilinear form, compiled.
-        bcs: The Dirichlet conditions.
-        layout: The dofs with Dirichlet data.
-        A: The matrix, whose Dirichlet rows have their diagonal.
-    """
+    """Lift the Dirichlet data in a load vector whose shares of the ranks are not added up yet."""
     if bcs:
         fem_petsc.apply_lifting(b, [form], bcs=[list(bcs)])
     b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     if bcs:
         fixed, diagonal = layout.fixed_dofs, A.getDiagonal()
-        b.array_w[fixed] = diagonal.array_r[fixed] * dirichlet_values(layout.space, bcs, fixed)
+        b.array_w[fixed] = diagonal.array_r[fixed] * _dirichlet_values(layout.space, bcs, fixed)
         diagonal.destroy()
 
 

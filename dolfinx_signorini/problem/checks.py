@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, la
 from dolfinx.fem import petsc as fem_petsc
@@ -12,7 +11,7 @@ from petsc4py import PETSc
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, is_bernstein
@@ -24,9 +23,8 @@ HATS = {
     2: 13,
     3: 6,
 }  # for each dimension: nodes along each side of the grid of `check_definite`
-MOST_UNKNOWNS = 20_000  # of a check of definiteness: the first level of a cascade has fewer
+MOST_UNKNOWNS = 20_000  # of a mesh that data are checked on: the first level of a cascade has fewer
 SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
-FARTHEST = 1e304  # of the obstacle, times the diagonal of the matrix
 
 
 def check_bounds(
@@ -78,7 +76,7 @@ def check_bounds(
     return clamped
 
 
-def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> npt.NDArray[np.bool_]:
+def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> Mask:
     """Tell which dofs belong to vertices."""
     places = np.concatenate(space.element.basix_element.entity_dofs[0])
     return np.isin(dofs, space.dofmap.list[:, places])
@@ -119,7 +117,7 @@ def check_range(system: System, diagonal: Array) -> None:
         far = np.abs(system.contact_diagonal * system.obstacle).max(initial=0.0)
         local = np.array([diagonal.max(initial=0.0), load, max(load, push), far])
         operator, load, force, far = np.max(system.comm.allgather(local), axis=0)
-        height = force / operator
+        height, total = force / operator, far * system.space.dofmap.index_map.size_global
     for subject, name, size in (
         ("form a", "its largest diagonal entry", operator),
         ("load", "its largest entry", load),
@@ -132,7 +130,7 @@ def check_range(system: System, diagonal: Array) -> None:
                 "choose other units",
                 subject,
             )
-    if far > FARTHEST:
+    if np.isinf(total):
         raise InputError("too far away for floating-point numbers; 1e300 away is none", "obstacle")
 
 
@@ -160,9 +158,7 @@ def check_symmetry(A: PETSc.Mat) -> None:
     require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
 
 
-def vanishes_on_constants(
-    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array
-) -> npt.NDArray[np.bool_]:
+def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Mask:
     """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
@@ -211,7 +207,7 @@ def vanishes_on_constants(
     return loose & (energies <= ROUNDING * _energy_of_coordinates(A, space))
 
 
-def _held_in_all_cells(layout: Layout, beyond_doubt: npt.NDArray[np.bool_]) -> bool:
+def _held_in_all_cells(layout: Layout, beyond_doubt: Mask) -> bool:
     """Whether each cell of each rank has Dirichlet data or a row sum that is beyond doubt."""
     held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
     held.array[: len(beyond_doubt)] = beyond_doubt

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
@@ -31,9 +31,7 @@ WINDOW, EDGES = 0.125, 16.0
 # degree 1 to 3, the position is right to 0.04 edges in the median (with degrees 1 to 3: to 0.23),
 # and 9 times farther off than this says, by 0.07 edges at most where something was extrapolated.
 DEGREES, SAFETY = (2, 3, 4), 4.0
-SPOILT = 1.0  # edges next to the end: on these the gap is of the size of its error
 ALIKE = 2  # digits of strengths and lengths: what differs by less has the order of the places
-NEWTON_STEPS = 20  # of which data that are about proportional take four
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,8 @@ def _extrapolated(
     across = np.abs(offset[:, 0] * tangent[1] - offset[:, 1] * tangent[0])
     along = np.where(across <= ROUNDING * size, offset @ tangent, -1.0)
     s, first = np.unique(along, return_index=True)
-    behind = (s > SPOILT * length) & (s <= max(WINDOW * size, EDGES * length))
+    # On the edge next to the end the gap is of the size of its error.
+    behind = (s > length) & (s <= max(WINDOW * size, EDGES * length))
     s, root = s[behind], np.cbrt(np.maximum(gap[first[behind]], 0.0)) ** 2
     count = len(s) if (root > 0.0).all() else int(np.argmin(root > 0.0))  # up to the next contact
     best, shift = length, 0.0
@@ -157,7 +156,7 @@ def _zero(s: Array, values: Array, degree: int) -> float:
     """
     fit = Polynomial.fit(s, values, degree, w=np.sqrt(s))
     slope, zero = fit.deriv(), 0.0
-    for _ in range(NEWTON_STEPS):
+    for _ in range(HALVINGS):
         rise = float(slope(zero))
         step = float(fit(zero)) / rise if rise != 0.0 else np.inf
         if not abs(step) <= s[-1]:

@@ -16,17 +16,23 @@ from petsc4py import PETSc
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.costs import Cost, Ledger
-from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import TEXT, by_text, check, optional
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.kinds import (
+    TEXT,
+    by_text,
+    check,
+    choice,
+    instance,
+    integer,
+    on_mesh,
+    optional,
+    sequence,
+)
 from dolfinx_signorini.problem.arguments import (
-    check_coarse,
-    check_conditions,
-    check_data,
-    check_function,
-    check_limits,
-    check_start,
     checked_facets,
     checked_space,
+    conditions_of,
+    functions_of,
 )
 from dolfinx_signorini.problem.assembly import Assembly, Data
 from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
@@ -118,11 +124,11 @@ class SignoriniProblem:
         self._history = History()
         self.a, self.L, self.space = a, L, checked_space(a, L)
         self.u = fem.Function(self.space, name="u") if u is None else u
-        check_function(self.u, self.space, "u")
-        if not isinstance(bound, str) or bound not in ("lower", "upper"):
-            raise InputError(f"must be 'lower' or 'upper', not {bound!r}", "bound")
-        self.sign = 1.0 if bound == "lower" else -1.0
         check(
+            u=(self.u, functions_of(self.space)),
+            bound=(bound, choice("lower", "upper")),
+            bcs=(bcs, sequence(conditions_of(self.space), "a list of Dirichlet conditions")),
+            obstacle=(obstacle, on_mesh(self.space.mesh, callables=True)),
             petsc_options_prefix=(petsc_options_prefix, optional(TEXT)),
             petsc_options=(petsc_options, optional(by_text)),
             form_compiler_options=(form_compiler_options, optional(by_text)),
@@ -134,9 +140,8 @@ class SignoriniProblem:
             if petsc_options_prefix is None
             else petsc_options_prefix
         )
+        self.sign = 1.0 if bound == "lower" else -1.0
         facets = checked_facets(self.space.mesh, contact)
-        check_conditions(self.space, bcs)
-        check_data(obstacle, self.space, "obstacle")
         compilation = form_compiler_options, jit_options
         self._assembly = Assembly(a, L, facets, obstacle, self.sign, bcs, *compilation)
         self._system = self._assembly.system()
@@ -429,17 +434,21 @@ class SignoriniProblem:
         check_method(method)
         limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
         given = {name: limit for name, limit in limits.items() if limit is not None}
-        check_limits(method, given)
+        check(
+            **{name: (limit, integer(1)) for name, limit in given.items()},
+            coarse=(coarse, optional(instance(ContactState, "a contact state"))),
+            start=(start, optional(functions_of(self.space))),
+        )
+        if method == "cascade" and given:
+            raise InputError("only for the methods of TAO", ", ".join(given))
+        if method != "cascade" and coarse is not None:
+            raise InputError("only for the cascade", "coarse")
         early = rtol is None and coarse is not None
         rtol = checked_tolerance(rtol, DEFAULT_RTOL if method == "cascade" else TAO_RTOL)
-        if coarse is not None:
-            check_coarse(method, coarse)
-        if start is not None:
-            check_function(start, self.space, "start")
-            check_start(start, "start")
         warm = warm_start and start is None and self.result is not None
-        if warm:
-            check_start(self.u, "u")
+        for name, values in (("start", start), ("u", self.u if warm else None)):
+            finite = values is None or bool(np.isfinite(values.x.array).all())
+            require(self.comm, finite, "has a value that is not finite", name)
         self.update()
         system = self.system
         if not warm_start:

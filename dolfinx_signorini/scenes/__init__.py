@@ -1,9 +1,7 @@
 """Scenes: a whole problem from a file, solved, measured and shown.
 
-The parts, in the order in which data flow: formulas and parsing; toml_table; domain, gmsh_meshes,
-mesh_files, polygons and domains; conditions; scene (the data) and reading (from a file); posing
-(the discrete problem); regularity and expectations (orders of convergence, cost); solving; and
-output (summary, pictures, files).
+Data flow from `files/` and `domains/` to posing (the discrete problem), regularity and expectations
+(orders of convergence, cost), solving, and `output/`.
 """
 
 from dolfinx_signorini.scenes.files.reading import load_scene

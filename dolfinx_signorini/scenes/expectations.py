@@ -13,6 +13,7 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
+from dolfinx_signorini.problem.checks import MOST_UNKNOWNS
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
@@ -27,7 +28,6 @@ from dolfinx_signorini.scenes.regularity import (
 BYTES = {2: (1.3e3, 1.4e3, 1.6e3, 2.1e3), 3: (2.8e3, 4.1e3, 7.0e3, 1.1e4)}
 SECONDS = {2: (1e-5, 2e-5, 3e-5, 5e-5), 3: (3e-5, 6e-5, 1e-4, 2e-4)}
 PROGRAM_BYTES = 1.5e8
-MAX_CHECKED = 20_000  # unknowns of a mesh that an exact solution is looked at on
 MAX_CORNERS = 4  # corners that a note lists
 
 
@@ -144,7 +144,7 @@ def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
     Raises:
         InputError: The subject is "solution".
     """
-    if posed.exact is None or posed.problem.unknowns > MAX_CHECKED:
+    if posed.exact is None or posed.problem.unknowns > MOST_UNKNOWNS:
         return
     try:
         error_norms(posed.problem.u, posed.exact, norms)

@@ -221,14 +221,14 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     return sources, reactions
 
 
-def load_of(scene: Scene) -> Formula | None:
-    """Return the load of a scene, or the load that follows from its solution; None for zero."""
+def _load_of(scene: Scene) -> Formula | None:
+    """The load of a scene, or the load that follows from its solution; None for zero."""
     return _formulas_of_exact(scene)[0] if scene.manufactured else scene.load
 
 
 def coefficients(scene: Scene) -> Coefficients:
     """Return the coefficients and the load of a scene."""
-    return Coefficients(load_of(scene), scene.reaction, scene.diffusion)
+    return Coefficients(_load_of(scene), scene.reaction, scene.diffusion)
 
 
 def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:

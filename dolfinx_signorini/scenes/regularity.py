@@ -20,13 +20,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.meshes.elements import control_points, facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
 
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
@@ -138,11 +137,10 @@ def largest_angle(domain: mesh.Mesh) -> float:
     return highest(domain.comm, boundary)
 
 
-def _touched(space: fem.FunctionSpace, facets: LocalIndices) -> npt.NDArray[np.bool_]:
+def _touched(space: fem.FunctionSpace, facets: LocalIndices) -> Mask:
     """Return whether each owned vertex belongs to one of some facets, on whatever rank."""
-    pairs = facet_cells(space.mesh, facets)
-    opposite = (pairs[:, 1:] + [1, 2]) % 3  # edge k lies opposite vertex k
-    return _summed(space, space.dofmap.list[pairs[:, :1], opposite], 1.0) > 0.0
+    dofs = facet_dofs(space, facet_cells(space.mesh, facets))
+    return marked(space, dofs)[: space.dofmap.index_map.size_local]
 
 
 def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
@@ -155,10 +153,5 @@ def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> 
         x = x @ np.linalg.inv(np.linalg.cholesky(diffusion)).T  # the root of K up to a rotation
     a, b = np.roll(x, -1, axis=1) - x, np.roll(x, -2, axis=1) - x
     cross = a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
-    return _summed(space, space.dofmap.list[:count], np.arctan2(np.abs(cross), (a * b).sum(axis=2)))
-
-
-def _summed(space: fem.FunctionSpace, vertices: LocalIndices, values: Array | float) -> Array:
-    """Return the sums of values at the owned vertices over the cells or facets of all ranks."""
-    index_map = space.dofmap.index_map
-    return summed(index_map, vertices, values)[: index_map.size_local]
+    angles, index_map = np.arctan2(np.abs(cross), (a * b).sum(axis=2)), space.dofmap.index_map
+    return summed(index_map, space.dofmap.list[:count], angles)[: index_map.size_local]

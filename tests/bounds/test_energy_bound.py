@@ -37,6 +37,7 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     reference_flux,
 )
+from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -127,6 +128,14 @@ def test_space(u, fixed, c, degree, comm):
     checked(case, 1.3)
 
 
+@pytest.mark.parametrize("end", [0.45, 0.513])
+def test_edges_in_space_are_raised_where_contact_ends_inside_of_cells(end, comm):
+    domain = cube(comm, 5)
+    u = detaching(ufl.SpatialCoordinate(domain), fem.Constant(domain, end))
+    bound = checked(Case(domain, u, 2, c=1.0), 3.0)
+    assert bound.lifting > 0.0 and not any("below" in note for note in bound.notes)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("c", [0.0, 1e6])
 def test_a_coefficient_that_jumps_along_a_mesh_line(degree, c, comm):
@@ -178,10 +187,11 @@ def flux_of(case):
     """The equilibrated flux as a function, made without the code that evaluates the bound."""
     domain, space = case.domain, case.problem.space
     degree = space.element.basix_element.degree
-    reference, frames = reference_flux(domain.topology.dim, degree), cell_frames(domain)
-    kinds, touching = facet_kinds(case.problem, case.terms, frames)
-    values = cell_values(case.problem, case.terms, frames, 2 * degree + 6)
-    fluxes, _, _ = given_fluxes(case.problem, case.terms, frames, degree)
+    reference = reference_flux(domain.topology.dim, degree)
+    solved = Solved(case.problem, case.terms, cell_frames(domain))
+    kinds, touching = facet_kinds(solved)
+    values = cell_values(solved, 2 * degree + 6)
+    fluxes, _, _ = given_fluxes(solved)
     data = cell_data(values, kinds, touching, fluxes, np.zeros_like(fluxes), reference)
     field = coefficients(data, reference, equilibrated(domain, data, reference))
     vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))

@@ -9,9 +9,8 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 
-from dolfinx_signorini.bounds.boundary_facets import on_frames
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, NEUMANN
-from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 
@@ -21,8 +20,8 @@ def constant(domain, fixed, c=None):
     frames = cell_frames(domain)
     d = domain.topology.dim
     facets = mesh.locate_entities_boundary(domain, d - 1, fixed)
-    kinds = np.where(on_frames(domain, frames, [boundary_facets(domain)]), NEUMANN, INTERIOR)
-    kinds[on_frames(domain, frames, [facets])] = DIRICHLET
+    kinds = np.where(on_frames(frames, [boundary_facets(domain)]), NEUMANN, INTERIOR)
+    kinds[on_frames(frames, [facets])] = DIRICHLET
     lowest = np.ones(len(kinds))
     reaction = np.zeros(len(kinds)) if c is None else c(frames.corners.mean(axis=1).T)
     ends = reaction > 0.0

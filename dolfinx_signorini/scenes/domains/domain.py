@@ -18,6 +18,8 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.files.toml_table import TomlTable
 from dolfinx_signorini.solvers.cascade import COARSEST, RATIO, coarse_levels
 
+MAX_VERTICES = 20_000_000  # of a mesh that a scene may ask for
+
 
 class Domain(ABC):
     """A domain with the mesh that a scene asks for, and with its meshes of other widths.

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
+from dolfinx_signorini.base.arrays import Indices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.meshes.mesh_defects import cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -182,7 +182,7 @@ def _defect(gmsh: Any, dimension: int) -> str:
     return ""
 
 
-def _elements(gmsh: Any, dimension: int) -> npt.NDArray[np.int64]:
+def _elements(gmsh: Any, dimension: int) -> Indices:
     """Return the nodes of the elements in the physical groups of a dimension."""
     found = [
         nodes.reshape(-1, dimension + 1)

@@ -12,14 +12,14 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, entity_nodes
-from dolfinx_signorini.scenes.domains.domain import Domain
+from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, Domain
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.scenes.files.toml_table import TomlTable
 
-MAX_VERTICES = 20_000_000  # of a mesh that a scene may ask for
 SQUARE_SIDES: tuple[str, ...] = ("left", "right", "bottom", "top")
 CUBE_SIDES: tuple[str, ...] = ("left", "right", "front", "back", "bottom", "top")
 
@@ -104,7 +104,7 @@ def _with_sides(domain: mesh.Mesh, names: Sequence[str]) -> SidedMesh:
     x = domain.geometry.x[entity_nodes(domain, dim, facets)]
 
     def on(k: int) -> LocalIndices:
-        return facets[(np.abs(x[:, :, k // 2] - k % 2) < 1e-12).all(axis=1)]
+        return facets[(np.abs(x[:, :, k // 2] - k % 2) < ROUNDING).all(axis=1)]
 
     sides = {name: on(k) for k, name in enumerate(names)}
     return SidedMesh(domain, sides)

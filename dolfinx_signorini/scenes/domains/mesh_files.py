@@ -13,19 +13,18 @@ import numpy as np
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
+from dolfinx_signorini.data.derivatives import Derivative
+from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
-from dolfinx_signorini.scenes.domains.curves import projections
-from dolfinx_signorini.scenes.domains.domain import RefinedDomain
+from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import read_msh, with_gmsh, with_tags
-from dolfinx_signorini.scenes.files.toml_table import TomlTable
-
-MAX_XDMF = 1_000_000  # bytes of the XML part
-MOST = 12  # refinements
+from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, TomlTable
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,11 @@ class MeshFile(RefinedDomain):
         names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
         try:
             found = cls.open(comm, path, **names)
-            times = table.integer("refinements", 0, MOST) if table.has("refinements") else 0
+            times = (
+                table.integer("refinements", 0, MAX_VERTICES.bit_length())
+                if table.has("refinements")
+                else 0
+            )
             vertices = found.vertices << found.dimension * times
             found = replace(found, refinements=times, vertices=vertices)
         except InputError as error:
@@ -93,7 +96,7 @@ class MeshFile(RefinedDomain):
 
     @property
     def geometry(self) -> dict[str, Projection]:
-        return projections(dict(self.curves), self.dimension)
+        return {name: _projection(formula, self.dimension) for name, formula in self.curves}
 
     def at(self, n: int) -> "MeshFile":
         """Raise an error: the file has one mesh."""
@@ -150,14 +153,14 @@ def _refusal(path: Path) -> str:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             return f"{path.name}: not a file"
         with path.open("rb") as file:
-            head = file.read(MAX_XDMF + 1)
+            head = file.read(MAX_BYTES + 1)
     except OSError as error:
         return f"{path}: {error.strerror}"
     except ValueError as error:  # a name that no file can have
         return f"{str(path)!r}: {error}"
     if path.suffix == ".msh":
         return "" if head.startswith(b"$MeshFormat") else f"{path.name}: not a .msh file of gmsh"
-    if len(head) > MAX_XDMF or b"<!ENTITY" in head:
+    if len(head) > MAX_BYTES or b"<!ENTITY" in head:
         return f"{path.name}: not an XDMF file with its data in HDF5"
     try:
         items = ElementTree.fromstring(head).iter("DataItem")
@@ -196,3 +199,22 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
         raise InputError(f"{path.name}: {defect}", "domain")
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
     return with_tags(domain, tags, {tag: str(tag) for tag in values})
+
+
+def _projection(formula: Formula, dimension: int) -> Projection:
+    """Newton's method along the gradient of a formula."""
+    slopes = [Derivative(k)(formula.root) for k in range(dimension)]
+
+    def onto(points: Array) -> Array:
+        x: Array = points[:dimension].T.copy()
+        for _ in range(HALVINGS):
+            values = evaluated(formula.root, x)
+            slope = np.stack([evaluated(node, x) for node in slopes], axis=1)
+            with np.errstate(all="ignore"):
+                step = np.where(values, values / (slope**2).sum(axis=1), 0.0)[:, None] * slope
+            x -= step
+            if np.abs(step).max() <= ROUNDING * np.abs(points).max():
+                return np.concatenate((x.T, points[dimension:]))
+        raise ValueError(f"no zeros of {formula.text} are found near the side")
+
+    return onto

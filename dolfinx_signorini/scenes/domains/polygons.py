@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.domains.domain import RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import with_gmsh
@@ -17,13 +18,11 @@ from dolfinx_signorini.scenes.files.toml_table import TomlTable
 
 Corners = tuple[tuple[float, float], ...]
 
-SHORTEST = 1e-6  # length of an edge, relative to the size of the polygon
-SMALLEST = 1e-6  # area, relative to the square of this size
-MAX_CORNERS = 500
-MAX_COORDINATE = 1e6
+SMALLEST = 1e-6  # relative to the size of a polygon: the length of an edge, and its width
 COARSE = 32  # triangles of gmsh across a polygon, at least
-ROUNDING = 1e-9
-MIN_SIZE = 1e-60  # of a polygon; the product of two areas is still a normal number
+MAX_CORNERS = 500  # gmsh makes about 1/5 of the square of their number of triangles
+MAX_COORDINATE = 1e6  # gmsh makes fewer triangles of a polygon far from the origin
+MIN_SIZE = TINY**0.2  # of a polygon: the product of two areas is still a normal number
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Polygon(RefinedDomain):
         count = min(across * across * 2.0 / math.sqrt(3.0), 1e18)
         vertices = math.ceil(count) + len(self.corners)
         coarsest = min(self.size / COARSE, _shortest(self.corners))
-        times = max(0, math.floor(math.log2(min(coarsest / self.width, 1e18)) + ROUNDING))
+        times = max(0, math.floor(math.log2(min(coarsest / self.width, 1e18)) + SOLVED))
         object.__setattr__(self, "refinements", times)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "side_names", tuple(str(k + 1) for k in range(len(self.corners))))
@@ -82,8 +81,6 @@ class Polygon(RefinedDomain):
             if max(abs(table.finite("vertices", c)) for c in corner) > MAX_COORDINATE:
                 raise table.error("vertices", f"a coordinate larger than {MAX_COORDINATE:g}")
         points = tuple((float(x), float(y)) for x, y in corners)
-        if len(points) > 2 and _size(points) < MIN_SIZE:
-            raise table.error("vertices", f"a polygon smaller than {MIN_SIZE:g}")
         width = table.real("width") if sized else _size(points)
         try:
             polygon = cls(points, width)
@@ -137,10 +134,11 @@ def _check(corners: Corners) -> None:
     """Refuse what is no simple polygon, with the subject "vertices"."""
     if len(corners) < 3:
         raise InputError(f"a polygon has at least three, not {len(corners)}", "vertices")
-    size = _size(corners)
-    points = np.array(corners)
+    size, points = _size(corners), np.array(corners)
+    if size < MIN_SIZE:
+        raise InputError(f"a polygon smaller than {MIN_SIZE:g}", "vertices")
     lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
-    if not lengths.min() > SHORTEST * size:
+    if not lengths.min() > SMALLEST * size:
         k = int(np.argmin(lengths)) + 1
         raise InputError(f"edge {k} of the polygon has (almost) no length", "vertices")
     crossing = _crossing(points)

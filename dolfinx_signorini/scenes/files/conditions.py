@@ -54,6 +54,10 @@ class Setting:
         """The coordinates."""
         return ufl.SpatialCoordinate(self.sided.mesh)
 
+    def data(self, formula: Formula) -> float | Expr:
+        """Return a formula as problems take data."""
+        return formula.ufl(self.x) if formula.constant is None else formula.constant
+
 
 @dataclass(frozen=True)
 class BoundaryCondition(ABC):
@@ -195,8 +199,7 @@ class Contact(BoundaryCondition):
             InputError: Neither an obstacle nor a manufactured solution is given.
         """
         if self.value is not None:
-            constant = self.value.constant
-            return self.value.ufl(setting.x) if constant is None else constant
+            return setting.data(self.value)
         exact, facets = setting.exact, setting.sided.facets(self.sides)
         if exact is None:
             raise InputError("an obstacle is made for manufactured solutions only", "contact")
@@ -227,8 +230,7 @@ class Dirichlet(BoundaryCondition):
         space, facets = setting.space, setting.sided.facets(self.sides)
         dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
         if self.value is not None:
-            constant = self.value.constant
-            data = self.value.ufl(setting.x) if constant is None else constant
+            data = setting.data(self.value)
         elif setting.exact is not None:
             data = setting.exact.u
         else:

@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,12 +19,11 @@ from dolfinx_signorini.scenes.files.overrides import apply_override
 
 Key = tuple[str | int, ...]
 
-MAX_BYTES = 64_000
+MAX_BYTES = 1_000_000  # of a text that is parsed
 MAX_ITEMS = 2_000  # of a list
-LARGEST = 2**63  # number of a side
 ALL = ("all",)  # the names that stand for all sides
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?")
-_ASSIGNMENT = re.compile(r"\s*([\w\"'.\s-]+?)\s*=")
+_ASSIGNMENT = re.compile(r"\s*([\w\"'.-]+(?:\s+[\w\"'.-]+)*)\s*=")
 
 
 class TomlTable:
@@ -143,7 +143,7 @@ class TomlTable:
         if not names:
             raise self.error("sides", "names no side")
         for name in names:
-            number = isinstance(name, int) and not isinstance(name, bool) and abs(name) < LARGEST
+            number = type(name) is int and abs(name) <= sys.maxsize
             if not (number or isinstance(name, str)):
                 raise self.error("sides", "must be names or numbers of sides")
             if str(name) not in known:

@@ -16,12 +16,10 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.bounds.boundary_facets import on_frames
-from dolfinx_signorini.bounds.cell_values import BEST, FILLING
-from dolfinx_signorini.bounds.cones import MORE
-from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.cell_values import BEST
+from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import others
-from dolfinx_signorini.bounds.remainders import Remainders
+from dolfinx_signorini.bounds.remainders import MORE, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.data.cell_polynomials import cell_function, is_polynomial
 from dolfinx_signorini.data.choices import decided
@@ -209,7 +207,7 @@ class KnownData:
 
     def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
         """What interpolations miss of values on the boundary; None for nothing, or if not known."""
-        degree, result = self.degree + MORE, np.zeros((3, *self.frames.facets.shape))
+        degree, result = self.degree + MORE[2], np.zeros((3, *self.frames.facets.shape))
         found = False
         for condition in self.scene.conditions:
             value = condition.value
@@ -236,7 +234,7 @@ class KnownData:
             or is_polynomial(contact.value, self.domain, self.degree)
         ):
             return None
-        degree = min(self.degree + FILLING, ORDERS[2] // 2)
+        degree = min(self.degree + MORE[3], ORDERS[2] // 2)
         cells, facets, corners = self._facets(self.sided.facets(contact.sides))
         shape = self.frames.facets.shape
         coefficients, missed = np.zeros((*shape, math.comb(degree + 2, 2))), np.zeros(shape)
@@ -249,8 +247,8 @@ class KnownData:
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
         """LocalIndices of the mesh as facets of frames, with their vertices."""
         frames = self.frames
-        marks = on_frames(self.domain, frames, [sides])
-        marks &= on_frames(self.domain, frames, [boundary_facets(self.domain)])
+        marks = on_frames(frames, [sides])
+        marks &= on_frames(frames, [boundary_facets(self.domain)])
         cells, facets = np.nonzero(marks)
         return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
 

@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import grading_exponent
-from dolfinx_signorini.norms.references import CARRIED_DEGREE, Reference, carried
+from dolfinx_signorini.norms.references import Reference, carried
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
@@ -200,7 +200,7 @@ def exact_solution(run: Run, reference: Run | None) -> Reference:
         InputError: The exact solution is not known.
     """
     if reference is not None:
-        degree = max(CARRIED_DEGREE, run.configuration.kind.degree + 2)
+        degree = max(HIGHEST_DEGREE, run.configuration.kind.degree + 2)
         return carried(reference.u, run.u.function_space.mesh, degree)
     if run.posed.exact is None:
         raise InputError("the solution is not known; errors need a reference", "solution")
