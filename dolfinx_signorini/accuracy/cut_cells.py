@@ -24,15 +24,15 @@ from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.coefficients import Coefficients
+from dolfinx_signorini.data.derivatives import gradients
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.data.interfaces.roughness import switches
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
-STEP = 1e-5  # of a cell, in differences
 RTOL = 1e-8  # the diffusion may jump by many powers of ten
 NOISE = 0.5  # of the flux next to a cell: how far off the mean flux of the cell may be
 
@@ -107,15 +107,13 @@ class _Cuts:
 
     def _normals(self, nodes: list[Node]) -> Array:
         """The normals of the jumps; zero where none is found."""
-        size = np.abs(np.linalg.det(self.edges)) ** (1.0 / self.edges.shape[1])
-        step = STEP * size[self.owners]
         result = np.zeros_like(self.x)
         for node in nodes:  # what is inside of a formula comes last
             signs = np.sign(evaluated(node, self.x))
             low, high = (np.full(len(self.cells), s) for s in (1.0, -1.0))
             np.minimum.at(low, self.owners, signs.min(axis=0))
             np.maximum.at(high, self.owners, signs.max(axis=0))
-            slope = slopes(node, self.x, step)
+            slope = gradients(node, self.x)
             length = np.linalg.norm(slope, axis=2)
             there = ((low < 0.0) & (high > 0.0))[self.owners] & (length > 0.0)
             result[there] = (slope / np.where(length > 0.0, length, 1.0)[..., None])[there]

@@ -21,10 +21,11 @@ from dolfinx_signorini.accuracy.cells import norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
+from dolfinx_signorini.data.derivatives import gradients
 from dolfinx_signorini.data.formulas import Node, evaluated
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.data.interfaces.roughness import switches
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
@@ -33,7 +34,6 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 SAMPLES = 12  # along the edge of a cell
 ONTO = 3  # steps of Newton's method from a point of a cell onto the jump
-STEP = 1e-5  # of a cell, in differences
 ASIDE = 1e-7  # of a cell: on both sides of a jump
 BESIDE = 1e-4  # of a cell: how far from a kink slopes are taken
 RULE = 20  # its degree, for integrals of functions with a kink
@@ -112,7 +112,7 @@ class _Kinks:
         x = self.samples[nearest, np.arange(len(nearest))]
         with np.errstate(all="ignore"):
             for _ in range(ONTO):
-                slope = slopes(node, x, STEP * self.size)
+                slope = gradients(node, x)
                 steep = np.linalg.norm(slope, axis=1)
                 normal = slope / steep[:, None]
                 x = x - (evaluated(node, x) / steep)[:, None] * normal

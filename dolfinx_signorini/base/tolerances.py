@@ -12,3 +12,6 @@ ROUNDING = 2.0**12 * PRECISION
 # Solutions of small linear systems, points carried to reference cells, Newton's method: 9e-10.
 SOLVED = 2.0**22 * PRECISION
 TINY = 1e-300  # in place of 0 where a quotient or a logarithm follows
+# One operation, or one function of a library, which is at most 4 units in the last place off.
+UNIT = 8.0 * PRECISION
+UPWARDS = 1.0 + SOLVED  # times a bound that has been calculated: more than the bound

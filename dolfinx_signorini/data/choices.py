@@ -24,7 +24,7 @@ from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.data.enclosures import enclosed_linearly, enclosed_on_simplices, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided
-from dolfinx_signorini.data.interfaces.roughness import chosen, factors, margins, switch
+from dolfinx_signorini.data.interfaces.roughness import factors, margins
 from dolfinx_signorini.data.names import Names
 
 MOST_PATTERNS = 64  # of choices in all simplices
@@ -166,8 +166,7 @@ class _Chosen(PerNode[Node]):
         self.positive, self.names = positive, names
 
     def find(self, node: Node) -> Node:
-        margin = switch(node)
-        if margin is not None:
-            return self(chosen(node, self.positive[self.names[margin]]))
+        if node.switch is not None:
+            return self(node.chosen(self.positive[self.names[node.switch]]))
         parts = tuple(map(self, node.args))
         return Node(node.op, parts, node.value) if parts else node

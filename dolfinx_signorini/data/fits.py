@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
-from dolfinx_signorini.data.discs import discs
+from dolfinx_signorini.data.analytic import REACHES, discs
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided, inside
@@ -28,7 +28,6 @@ from dolfinx_signorini.data.names import operations
 from dolfinx_signorini.data.singular import root_mean_squares
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
-REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 DEEPEST = 30  # divisions of a simplex
 MOST_WORK = 1_000_000  # the same, times the number of operations of a formula

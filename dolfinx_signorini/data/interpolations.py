@@ -13,18 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.tolerances import SOLVED, UNIT, UPWARDS
 from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
-from dolfinx_signorini.data.discs import EDGE, discs
+from dolfinx_signorini.data.analytic import REACHES, discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
-from dolfinx_signorini.data.fits import REACHES, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
 
 PARTS = 64  # of a segment where a formula is not smooth
 SMALL = 1e-6  # of the values: derivatives that need no parts
 LARGE = 16  # of these where interpolations may follow the formula
-JUMP = 1e-6  # of the values: more than continuous data change in `EDGE` of a segment
-UNIT = 1e-15  # of coordinates: more than rounding
+JUMP = 1e-6  # of the values: more than continuous data change in `SOLVED` of a segment
 LEBESGUE = 4.0  # more than the constant of up to 20 Gauss-Lobatto points
 
 
@@ -52,18 +51,18 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
     slope[broken] = root[broken] = np.inf
     # The difference vanishes at both ends.
-    return np.stack((0.5 * root, slope, root)) * ROUNDING
+    return np.stack((0.5 * root, slope, root)) * UPWARDS
 
 
 def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
     """Whether the values at the ends of segments, or of parts, are not those next to them.
 
-    Discs know of no jump within `EDGE` of an end.
+    Discs know of no jump within `SOLVED` of an end.
     """
     way = corners[:, 1] - corners[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
-    step = np.maximum(2.0 * EDGE, rounding)[:, None] * way
+    step = np.maximum(2.0 * SOLVED, rounding)[:, None] * way
     near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
     values = evaluated(formula.root, near)
     apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)

@@ -21,10 +21,10 @@ from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.data.formulas import FUNCTIONS, Formula, Node, folded, number, shortened
+from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
 from dolfinx_signorini.data.names import Names, operations
-
-MOST_OPERATIONS = 3000
+from dolfinx_signorini.data.operations import FUNCTIONS
+from dolfinx_signorini.data.parsing import MAX_SIZE
 
 Component = tuple[int, ...]
 Terminals = Mapping[Expr, Any]  # values of arguments, their gradients and normals, as arrays
@@ -86,7 +86,7 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
         root = _Reader(terminals).node(expression, (), {})
     except (Unreadable, ArithmeticError, RecursionError):
         return None
-    if operations(root) > MOST_OPERATIONS:
+    if operations(root) > MAX_SIZE:
         return None
     return Formula(shortened(str(expression))[1:-1], root)
 
@@ -148,7 +148,7 @@ class _Reader:
         op = OTHERS.get(type(e))
         if isinstance(e, classes.MathFunction):
             op = NAMES.get(e._name, e._name)
-        if op is None or FUNCTIONS.get(op, (0,))[0] != len(arguments):
+        if op is None or op not in FUNCTIONS or FUNCTIONS[op].arguments != len(arguments):
             raise Unreadable
         return folded(op, *arguments)
 

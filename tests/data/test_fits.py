@@ -13,7 +13,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.data import fits
-from dolfinx_signorini.data.discs import discs
+from dolfinx_signorini.data.analytic import discs
 from dolfinx_signorini.data.fits import fit, followed
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided, inside

@@ -13,8 +13,9 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.data.derivatives import gradients
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.data.interfaces.roughness import switches
 from dolfinx_signorini.data.interfaces.sliding import planes
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -27,7 +28,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 
 NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
 STEPS = 4  # of Newton's method
-STEP = 1e-5  # of the altitudes, in differences
 ON = 1e-9  # of the altitudes: vertices so near are on the curve
 SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
 
@@ -92,7 +92,7 @@ class _Vertices:
         """Move the vertices near the zeros of a function onto the zeros."""
         x = self.x.copy()
         for _ in range(STEPS):
-            values, slope = evaluated(node, x), slopes(node, x, STEP * self.altitudes)
+            values, slope = evaluated(node, x), gradients(node, x)
             slope -= np.einsum("vij,vj->vi", self.normals, slope)
             with np.errstate(all="ignore"):
                 x = x - (values / (slope**2).sum(axis=1))[:, None] * slope
