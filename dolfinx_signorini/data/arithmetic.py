@@ -1,7 +1,7 @@
 """Numbers of all kinds that formulas calculate with: trees, intervals and discs."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 
 class Number(ABC):
@@ -16,32 +16,20 @@ class Number(ABC):
     kind: ClassVar[str]
 
     @abstractmethod
-    def like(self, value: float) -> Self:
+    def like(self, value: float) -> Any:
         """Return a float as a number of the same kind."""
 
-    @abstractmethod
-    def __add__(self, other: Any) -> Self: ...
+    def __sub__(self, other: Any) -> Any:
+        return self + -other  # type: ignore[operator]
 
-    @abstractmethod
-    def __neg__(self) -> Self: ...
-
-    @abstractmethod
-    def __mul__(self, other: Any) -> Self: ...
-
-    @abstractmethod
-    def __truediv__(self, other: Any) -> Self: ...
-
-    def __sub__(self, other: Any) -> Self:
-        return self + -other
-
-    def __radd__(self, value: float) -> Self:
+    def __radd__(self, value: float) -> Any:
         return self.like(value) + self
 
-    def __rsub__(self, value: float) -> Self:
+    def __rsub__(self, value: float) -> Any:
         return self.like(value) - self
 
-    def __rmul__(self, value: float) -> Self:
+    def __rmul__(self, value: float) -> Any:
         return self.like(value) * self
 
-    def __rtruediv__(self, value: float) -> Self:
+    def __rtruediv__(self, value: float) -> Any:
         return self.like(value) / self

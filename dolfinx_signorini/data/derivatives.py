@@ -8,7 +8,7 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, number
 from dolfinx_signorini.data.simplification import simplified
 
-ZERO = number(0.0).root
+ZERO = Node("number")
 
 
 @functools.lru_cache(maxsize=4)  # a scene is posed on many meshes

@@ -15,14 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
-from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided
+from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, Numbers, subdivide
 from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.operations import COMPARISONS
-
-DIVISIONS = 6  # of simplices in search for a sign
 
 # A value and, where asked for, its derivatives: shapes (2, 1, boxes) and (2, dimension, boxes).
 Pair = tuple[Interval, Interval | None]
@@ -100,13 +98,13 @@ def nowhere_negative(comm: MPI.Comm, formula: Formula, corners: Array, tiny: flo
         formula, corners: See `enclosed_on_simplices`; the simplices of this rank.
         tiny: Negative values of this size are none.
     """
-    for _ in range(DIVISIONS + 1):
-        open_ = enclosed_on_simplices(formula, corners)[0] < -tiny
-        count = comm.allreduce(int(np.count_nonzero(open_)))
-        if count == 0 or count > MOST_PIECES:
-            return count == 0
-        corners, _ = divided(corners[open_], np.flatnonzero(open_))
-    return False
+
+    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Mask]]:
+        open_ = enclosed_on_simplices(formula, pieces)[0] < -tiny
+        return open_, [open_]
+
+    levels = subdivide(corners, np.arange(len(corners)), look, comm, MOST_PIECES)
+    return not comm.allreduce(any([bool(left.any()) for *_, (left,) in levels]), op=MPI.LOR)
 
 
 def undefined(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:

@@ -17,7 +17,7 @@ import ufl
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.data.discs import COSH, COSINE, SINE, SINH, exponential, root
-from dolfinx_signorini.data.discs import logarithm as logarithm_of_disc
+from dolfinx_signorini.data.discs import logarithm as disc_logarithm
 from dolfinx_signorini.data.intervals import (
     Interval,
     angle,
@@ -33,6 +33,7 @@ from dolfinx_signorini.data.intervals import (
 )
 
 Function = Callable[..., Any]
+LINE, POSITIVE = (-math.inf, math.inf), (0.0, math.inf)  # where functions have values
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class Operation:
     numpy: Function | None = None
     interval: Function | None = None
     disc: Function | None = None
-    limits: tuple[float, float] = (-math.inf, math.inf)
+    limits: tuple[float, float] = LINE
     degree: Function = lambda *_: None
     vanishes: str = ""
     even: Function = lambda *_: False
@@ -91,29 +92,56 @@ def applied(name: str, *operands: Any) -> Any:
     return OPERATIONS[name].of(last.kind)(*operands)
 
 
-def _function(name: str, slope: Function, interval: Function, **more: Any) -> Operation:
+def _function(
+    name: str, slope: Function, interval: Function, disc: Function | None = None, **more: Any
+) -> Operation:
     """A function of one operand with the same name everywhere, but where named otherwise.
 
     Args:
         name: The name in `math`.
         slope: The derivative, by the value and the operand.
-        interval: The function of intervals.
+        interval, disc: The functions of intervals and discs.
     """
     for module in (ufl, np):
         more.setdefault(module.__name__, getattr(module, name, None))
-    return Operation(
-        getattr(math, name), lambda v, a, da: slope(v, a) * da, interval=interval, **more
-    )
+
+    def chain(v: Any, a: Any, da: Any) -> Any:
+        return slope(v, a) * da
+
+    return Operation(getattr(math, name), chain, interval=interval, disc=disc, **more)
 
 
-def _operator(
-    syntax: type[ast.AST], value: Function, slope: Function, degree: Function, **more: Any
+def _increasing(
+    name: str, function: Function, slope: Function, disc: Function | None = None, **more: Any
 ) -> Operation:
-    return Operation(value, slope, 2, syntax, **{"disc": value, "degree": degree} | more)
+    """The same for a function of NumPy that is increasing between its limits, if any."""
+    interval = increasing(function, *more.get("limits", LINE))
+    return _function(name, slope, interval, disc, numpy=function, **more)
 
 
-def _comparison(syntax: type[ast.AST], value: Function, of_ufl: Function) -> Operation:
+def _operator(value: Function, syntax: type[ast.AST], slope: Function, **more: Any) -> Operation:
+    return Operation(value, slope, 2, syntax, **{"disc": value} | more)
+
+
+def _comparison(value: Function, syntax: type[ast.AST], of_ufl: Function) -> Operation:
     return Operation(value, lambda v, a, b, da, db: 0.0 * da, 2, syntax, ufl=of_ufl)
+
+
+def _extremum(
+    value: Function, of_ufl: Function, of_numpy: Function, first: Function, branches: Function
+) -> Operation:
+    """The minimum or maximum, which is a where a and b compare like this."""
+    return Operation(
+        value,
+        lambda v, a, b, da, db: applied("where", first(a, b), da, db),
+        2,
+        ufl=of_ufl,
+        numpy=of_numpy,
+        interval=lambda a, b: Interval(of_numpy(a.ends, b.ends)),
+        degree=_greatest,
+        switch=operator.sub,
+        branches=branches,
+    )
 
 
 def _of_arcsine(a: Any) -> Any:
@@ -137,25 +165,28 @@ def _greatest(*degrees: int) -> int:
 
 
 OPERATIONS = {
-    "+": _operator(ast.Add, operator.add, lambda v, a, b, da, db: da + db, _greatest),
-    "-": _operator(ast.Sub, operator.sub, lambda v, a, b, da, db: da - db, _greatest),
+    "+": _operator(operator.add, ast.Add, lambda v, a, b, da, db: da + db, degree=_greatest),
+    "-": _operator(operator.sub, ast.Sub, lambda v, a, b, da, db: da - db, degree=_greatest),
     "*": _operator(
-        ast.Mult, operator.mul, lambda v, a, b, da, db: a * db + da * b, lambda *n: sum(n)
+        operator.mul,
+        ast.Mult,
+        lambda v, a, b, da, db: a * db + da * b,
+        degree=operator.add,
     ),
     "/": _operator(
-        ast.Div,
         operator.truediv,
+        ast.Div,
         lambda v, a, b, da, db: (da - v * db) / b,
-        lambda n, k: None if k else n,
+        degree=lambda n, k: None if k else n,
     ),
     "^": _operator(
-        ast.Pow,
         math.pow,
+        ast.Pow,
         lambda v, a, n, da: n * a ** (n - 1.0) * da if n else 0.0 * da,
-        lambda n, k: n * int(k) if k >= 0.0 and k % 1.0 == 0.0 else None,
-        **dict.fromkeys(("ufl", "numpy", "interval", "disc"), operator.pow),
+        degree=lambda n, k: n * int(k) if k >= 0.0 and k % 1.0 == 0.0 else None,
         vanishes="with",
         even=lambda n: n % 2.0 == 0.0,
+        **dict.fromkeys(("ufl", "numpy", "interval", "disc"), operator.pow),
     ),
     "negative": Operation(
         operator.neg,
@@ -165,29 +196,21 @@ OPERATIONS = {
         degree=_greatest,
         vanishes="with",
     ),
-    "<": _comparison(ast.Lt, operator.lt, ufl.lt),
-    "<=": _comparison(ast.LtE, operator.le, ufl.le),
-    ">": _comparison(ast.Gt, operator.gt, ufl.gt),
-    ">=": _comparison(ast.GtE, operator.ge, ufl.ge),
-    "sqrt": _function(
-        "sqrt",
-        lambda v, a: 0.5 / v,
-        increasing(np.sqrt, 0.0),
-        disc=root,
-        limits=(0.0, math.inf),
-        vanishes="with",
+    "<": _comparison(operator.lt, ast.Lt, ufl.lt),
+    "<=": _comparison(operator.le, ast.LtE, ufl.le),
+    ">": _comparison(operator.gt, ast.Gt, ufl.gt),
+    ">=": _comparison(operator.ge, ast.GtE, ufl.ge),
+    "sqrt": _increasing(
+        "sqrt", np.sqrt, lambda v, a: 0.5 / v, root, limits=POSITIVE, vanishes="with"
     ),
-    "exp": _function("exp", lambda v, a: v, increasing(np.exp), disc=exponential, vanishes="never"),
-    "sin": _function("sin", lambda v, a: applied("cos", a), sine, disc=SINE),
-    "cos": _function("cos", lambda v, a: -applied("sin", a), cosine, disc=COSINE),
-    "tan": _function("tan", lambda v, a: 1.0 + v**2.0, tangent, disc=lambda a: SINE(a) / COSINE(a)),
-    "asin": _function(
-        "asin",
-        lambda v, a: _of_arcsine(a),
-        increasing(np.arcsin, -1.0, 1.0),
-        numpy=np.arcsin,
-        limits=(-1.0, 1.0),
+    "exp": _increasing("exp", np.exp, lambda v, a: v, exponential, vanishes="never"),
+    "log": _function(
+        "log", lambda v, a: 1.0 / a, logarithm, disc_logarithm, ufl=ufl.ln, limits=POSITIVE
     ),
+    "sin": _function("sin", lambda v, a: applied("cos", a), sine, SINE),
+    "cos": _function("cos", lambda v, a: -applied("sin", a), cosine, COSINE),
+    "tan": _function("tan", lambda v, a: 1.0 + v**2.0, tangent, lambda a: SINE(a) / COSINE(a)),
+    "asin": _increasing("asin", np.arcsin, lambda v, a: _of_arcsine(a), limits=(-1.0, 1.0)),
     "acos": _function(
         "acos",
         lambda v, a: -_of_arcsine(a),
@@ -195,28 +218,16 @@ OPERATIONS = {
         numpy=np.arccos,
         limits=(-1.0, 1.0),
     ),
-    "atan": _function(
-        "atan", lambda v, a: 1.0 / (1.0 + a**2.0), increasing(np.arctan), numpy=np.arctan
-    ),
-    "sinh": _function("sinh", lambda v, a: applied("cosh", a), increasing(np.sinh), disc=SINH),
+    "atan": _increasing("atan", np.arctan, lambda v, a: 1.0 / (1.0 + a**2.0)),
+    "sinh": _increasing("sinh", np.sinh, lambda v, a: applied("cosh", a), SINH),
     "cosh": _function(
         "cosh",
         lambda v, a: applied("sinh", a),
         lambda a: outward(*np.cosh(abs(a).ends)),
-        disc=COSH,
+        COSH,
         vanishes="never",
     ),
-    "tanh": _function(
-        "tanh", lambda v, a: 1.0 - v**2.0, increasing(np.tanh), disc=lambda a: SINH(a) / COSH(a)
-    ),
-    "log": _function(
-        "log",
-        lambda v, a: 1.0 / a,
-        logarithm,
-        ufl=ufl.ln,
-        disc=logarithm_of_disc,
-        limits=(0.0, math.inf),
-    ),
+    "tanh": _increasing("tanh", np.tanh, lambda v, a: 1.0 - v**2.0, lambda a: SINH(a) / COSH(a)),
     "abs": Operation(
         abs,
         lambda v, a, da: applied("sign", a) * da,
@@ -232,7 +243,6 @@ OPERATIONS = {
         ufl=ufl.sign,
         numpy=np.sign,
         interval=lambda a: Interval(np.sign(a.ends)),
-        degree=lambda n: 0,
         switch=lambda a: a,
         branches=lambda a: (a.like(1.0), a.like(-1.0)),
         breaks=lambda a: a.contains(0.0),
@@ -250,28 +260,8 @@ OPERATIONS = {
         disc=lambda a, b: root(a**2.0 + b**2.0),
         even=lambda: True,
     ),
-    "min": Operation(
-        min,
-        lambda v, a, b, da, db: applied("where", a < b, da, db),
-        2,
-        ufl=ufl.min_value,
-        numpy=np.minimum,
-        interval=lambda a, b: Interval(np.minimum(a.ends, b.ends)),
-        degree=_greatest,
-        switch=lambda a, b: a - b,
-        branches=lambda a, b: (b, a),
-    ),
-    "max": Operation(
-        max,
-        lambda v, a, b, da, db: applied("where", a > b, da, db),
-        2,
-        ufl=ufl.max_value,
-        numpy=np.maximum,
-        interval=lambda a, b: Interval(np.maximum(a.ends, b.ends)),
-        degree=_greatest,
-        switch=lambda a, b: a - b,
-        branches=lambda a, b: (a, b),
-    ),
+    "min": _extremum(min, ufl.min_value, np.minimum, operator.lt, lambda a, b: (b, a)),
+    "max": _extremum(max, ufl.max_value, np.maximum, operator.gt, lambda a, b: (a, b)),
     "where": Operation(
         lambda c, a, b: a if c else b,
         lambda v, c, a, b, dc, da, db: applied("where", c, da, db),
@@ -286,8 +276,4 @@ OPERATIONS = {
     ),
 }
 COMPARISONS = ("<", "<=", ">", ">=")
-FUNCTIONS = {
-    name: found
-    for name, found in OPERATIONS.items()
-    if name.isidentifier() and found.syntax is None
-}
+FUNCTIONS = {op: known for op, known in OPERATIONS.items() if not known.syntax}

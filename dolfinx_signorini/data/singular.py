@@ -19,13 +19,13 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_boxes
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import widths
+from dolfinx_signorini.data.interfaces.roughness import NEAR_POLE
 from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.names import Names
 from dolfinx_signorini.data.operations import applied
 
 Scaled = tuple[float, Interval]  # n and t of r^n t
 
-NEAR = 0.3  # of the largest r in a simplex: how small the least one is next to a singular point
 LOGARITHM = 0.125  # |log r| is at most a number times r to minus this power
 
 
@@ -44,7 +44,7 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
     names = Names()
     for pair in _pairs(formula.root, names):
         radius = enclosed_on_boxes(Formula("r", Node("hypot", pair)), low, high)
-        near = np.flatnonzero((radius[0] <= NEAR * radius[1]) & np.isfinite(radius[1]))
+        near = np.flatnonzero((radius[0] <= NEAR_POLE * radius[1]) & np.isfinite(radius[1]))
         if not len(near):
             continue
         scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)

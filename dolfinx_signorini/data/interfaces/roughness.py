@@ -3,6 +3,8 @@
 from dolfinx_signorini.data.formulas import Formula, Node, nodes
 from dolfinx_signorini.data.names import Names
 
+NEAR_POLE = 0.5  # of the largest size of a denominator in a piece: smaller ones tell a pole
+
 
 def jumps(formula: Formula) -> bool:
     """Return whether a formula may jump or have a kink."""
@@ -23,7 +25,7 @@ def switches(*formulas: Formula) -> list[Node]:
     names, found = Names(), dict[int, Node]()
     for margin in margins(*formulas):
         for part in factors(margin, signs=True):
-            if not _is_even(part):
+            if not is_even(part):
                 found.pop(names[part], None)
                 found[names[part]] = part
     return list(found.values())
@@ -65,12 +67,12 @@ def factors(node: Node, signs: bool = False) -> list[Node]:
         operands = node.args if node.op == "*" or signs else node.args[:1]
         return [factor for a in operands for factor in factors(a, signs)]
     vanishes = node.operation.vanishes if node.args else ""
-    if vanishes == "with" and not (signs and _is_even(node)):
+    if vanishes == "with" and not (signs and is_even(node)):
         return factors(node.args[0], signs)
     constant = all(part.op != "coordinate" for part in nodes(node))
     return [] if constant or vanishes == "never" else [node]
 
 
-def _is_even(node: Node) -> bool:
+def is_even(node: Node) -> bool:
     """Whether an operation has the same values for a and -a, none of them negative."""
     return bool(node.args) and bool(node.operation.even(*node.exponents))
