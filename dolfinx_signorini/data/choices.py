@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import UPWARDS
-from dolfinx_signorini.data.enclosures import enclosed_linearly, enclosed_on_simplices, undefined
+from dolfinx_signorini.data.enclosures import enclosed_both_ways, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import FINE, Numbers, subdivide
 from dolfinx_signorini.data.interfaces.roughness import factors, margins
@@ -134,8 +134,7 @@ def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_
 
 def _shares(margin: Formula, corners: Array) -> Array:
     """Shares of simplices outside of which a function is positive, and negative."""
-    low, high = enclosed_linearly(margin, corners)
-    least, most = enclosed_on_simplices(margin, corners)
+    (least, most), (low, high) = enclosed_both_ways(margin, corners)
     result, doubt = [], undefined(margin, corners)
     for ends, clear in ((low, least > 0.0), (-high, most < 0.0)):
         share = np.where(clear, 0.0, _not_positive(ends))

@@ -51,26 +51,19 @@ def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
     Returns:
         The lower and the upper ends, shape (2, simplices).
     """
-    value, mean = _both(formula, corners)
-    mean = np.stack((mean[0].min(axis=0), mean[1].max(axis=0)))
-    both = np.stack((np.maximum(value[0, 0], mean[0]), np.minimum(value[1, 0], mean[1])))
-    return np.broadcast_to(both, (2, len(corners)))
+    return enclosed_both_ways(formula, corners)[0]
 
 
-def enclosed_linearly(formula: Formula, corners: Array) -> Array:
-    """Return the values at vertices of linear functions below and above a formula on simplices.
+def enclosed_both_ways(formula: Formula, corners: Array) -> tuple[Array, Array]:
+    """Return enclosures of a formula on simplices, and linear functions below and above it.
 
     Args:
         formula, corners: See `enclosed_on_simplices`.
 
     Returns:
-        Shape (2, vertices, simplices).
+        The enclosures, shape (2, simplices), and the values of the linear functions at the
+        vertices, shape (2, vertices, simplices).
     """
-    return _both(formula, corners)[1]
-
-
-def _both(formula: Formula, corners: Array) -> tuple[Array, Array]:
-    """Natural enclosures, and mean value forms at vertices."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     centres = np.clip(corners.mean(axis=1), low, high)
     value, slopes = _enclosed(formula, low, high, True)
@@ -81,7 +74,10 @@ def _both(formula: Formula, corners: Array) -> tuple[Array, Array]:
         for vertex in np.moveaxis(corners, 1, 0):
             mean = middle + _change(slopes, vertex - centres)
             means.append(np.broadcast_to(mean.ends[:, 0], (2, len(corners))))
-    return value.ends, np.stack(means, axis=1)
+    linear = np.stack(means, axis=1)
+    low = np.maximum(value.low[0], linear[0].min(axis=0))
+    high = np.minimum(value.high[0], linear[1].max(axis=0))
+    return np.broadcast_to(np.stack((low, high)), (2, len(corners))), linear
 
 
 def _change(slopes: Interval, way: Array) -> Interval:

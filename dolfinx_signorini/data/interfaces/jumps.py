@@ -94,7 +94,7 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
         the reference cell and in space side by side, and the cells of the pieces.
     """
     cells = _Cells(domain, _corners(domain), interfaces(*formulas))
-    found = list(cells.pieces(cells.broken_cells(), degree))
+    found = list(cells.pieces(np.flatnonzero(cells.broken(cells.whole)[0]), degree))
     return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
@@ -104,7 +104,8 @@ def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
     Args:
         formulas, domain: See `cut_cells`.
     """
-    return _Cells(domain, _corners(domain), interfaces(*formulas)).broken_cells()
+    cells = _Cells(domain, _corners(domain), interfaces(*formulas))
+    return np.flatnonzero(cells.broken(cells.whole)[0])
 
 
 def _corners(domain: mesh.Mesh) -> npt.NDArray[np.floating]:
@@ -226,28 +227,6 @@ class _Cells:
                 numbers = numbers[parents]
             yield parts, numbers
 
-    def candidates(self) -> Indices:
-        """Cells that may be broken; of many cells those that are near an interface or a pole.
-
-        In the other cells the values of each function at the vertices have the same sign, and are
-        larger than their differences.
-        """
-        rows = np.arange(len(self.whole))
-        if self.comm.allreduce(len(rows)) <= MANY:
-            return rows
-        near = self.polar(self.whole)
-        for curve in self.curves:
-            values = curve.values(self.whole[..., self.dimension :])
-            low, high = values.min(axis=1), values.max(axis=1)
-            with np.errstate(invalid="ignore"):
-                near |= ~(np.maximum(low, -high) > high - low)
-        return rows[near]
-
-    def broken_cells(self) -> Indices:
-        """Cells that interfaces cross, or may cross."""
-        cells = self.candidates()
-        return cells[self.broken(self.whole[cells])[0]]
-
     def broken(self, pieces: Array) -> tuple[Mask, Mask]:
         """Whether interfaces cross pieces, or may do so, and whether one of these is curved."""
         result = np.zeros((2, len(pieces)), dtype=bool)
@@ -288,18 +267,15 @@ class _Projection(_Cells):
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
-        cells = self.candidates()
-        whole, mean = self.whole[cells], self._mean()
-        polar = self.polar(whole)
-        chosen = self.broken(whole)[0] | polar
-        cells, polar = cells[chosen], polar[chosen]
+        polar = self.polar(self.whole)
+        cells = np.flatnonzero(self.broken(self.whole)[0] | polar)
         coarse = self._moments(self.whole[cells], cells)
         moments = np.zeros_like(coarse)
         for pieces, owners in self.pieces(cells, self.element.degree):
             moments += self._moments(pieces, owners)
         with np.errstate(invalid="ignore"):
             defect = np.abs(moments - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
+        cells = cells[polar[cells] | (defect > SMOOTH * self._mean() * self.weights.sum())]
         points, weights = QuadratureRule("default", 2 * self.element.degree).points(
             self.element.cell_type
         )
