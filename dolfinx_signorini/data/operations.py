@@ -48,8 +48,8 @@ class Operation:
             intervals.
         arguments: The number of operands.
         syntax: The class of an operator in Python's syntax trees.
-        ufl, numpy, interval, disc: The function of such numbers, by default that of floats; without
-            one of discs, discs are enclosed by the derivative.
+        ufl, numpy, interval, disc: The function of such numbers, by default that of floats. Without
+            one of discs, these are enclosed by the derivative, which is then one of the operands.
         limits: Where the domain of the first operand begins and ends.
         degree: The degree of a polynomial by those of the operands, where it is one.
         vanishes: "with" the first operand, "never", or "" otherwise.
