@@ -6,6 +6,10 @@ Markov's inequality, e' + n^2 L e of the derivatives, on a segment of length 2. 
 known, the segment is divided into parts. On a part, the interpolation there may be known to follow
 the formula, and differs from the interpolation on the segment by a polynomial; or intervals around
 the derivatives of the formula on still smaller parts take its place.
+
+At n + 1 Gauss-Lobatto points the squares of the Lagrange polynomials have a sum of at most 1, so
+that L is at most the root of n + 1. Source: Fejer, Bestimmung derjenigen Abszissen eines
+Intervalles..., Ann. Scuola Norm. Sup. Pisa 1 (1932) 263.
 """
 
 import basix
@@ -24,7 +28,6 @@ PARTS = 64  # of a segment where a formula is not smooth
 SMALL = 1e-6  # of the values: derivatives that need no parts
 LARGE = 16  # of these where interpolations may follow the formula
 JUMP = 1e-6  # of the values: more than continuous data change in `SOLVED` of a segment
-LEBESGUE = 4.0  # more than the constant of up to 20 Gauss-Lobatto points
 
 
 def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Array:
@@ -76,7 +79,7 @@ def _by_discs(formula: Formula, corners: Array, n: int) -> Array:
         _, radii = discs(formula, corners, reach)
         value = radii * reach**-n / (reach - 1.0)
         change = radii * reach**-n * ((n + 1) * reach - n) / (reach - 1.0) ** 2
-        slope = np.minimum(slope, 2.0 * (change + n**2 * LEBESGUE * value))
+        slope = np.minimum(slope, 2.0 * (change + n**2 * np.sqrt(n + 1.0) * value))
     return slope
 
 
