@@ -45,10 +45,10 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     slope = _by_discs(formula, corners, degree)
     root, height = slope.copy(), np.abs(evaluated(formula.root, corners)).max(axis=1, initial=0.0)
     rough = np.flatnonzero(~(slope <= SMALL * height))
-    apart = _in_parts(formula, corners[rough], degree)
-    with np.errstate(over="ignore"):
-        slope[rough] = np.minimum(slope[rough], apart.max(axis=1, initial=0.0))
-        root[rough] = np.minimum(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
+    with np.errstate(over="ignore", invalid="ignore"):  # at a pole there is no value
+        apart = _in_parts(formula, corners[rough], degree)
+        slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
+        root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
     broken = _jumps_at_ends(formula, corners)
     parts = _divided(corners[rough], LARGE)
     broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
@@ -68,7 +68,8 @@ def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
     step = np.maximum(2.0 * SOLVED, rounding)[:, None] * way
     near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
     values = evaluated(formula.root, near)
-    apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
     return ~(apart <= JUMP * (np.abs(values).max(axis=0, initial=0.0) + JUMP))
 
 

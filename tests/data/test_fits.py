@@ -233,6 +233,12 @@ def test_derivatives_of_data_that_jump_have_no_bound(text, start, part):
     assert math.isinf(slope) and math.isinf(root)
 
 
+@pytest.mark.parametrize("text", ["1/(0.5 - x)", "1/(x - x)", "1/(0.25 - x)"])
+def test_derivatives_of_data_with_poles_have_no_bound(text):
+    corners = np.array([[[0.0, 0.0], [0.5, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
+    assert np.isinf(missed_by_interpolation(parse(text), corners, 4)[1:]).all()
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_inverses_of_matrices(n):
     matrix = np.random.default_rng(n).random((n, n)) + 4.0 * np.eye(n)
