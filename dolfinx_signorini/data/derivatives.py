@@ -2,10 +2,7 @@
 
 import functools
 
-import numpy as np
-
-from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, number
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode, number
 from dolfinx_signorini.data.simplification import simplified
 
 ZERO = Node("number")
@@ -40,17 +37,6 @@ def load_and_current(
         load = load + reaction.root * solution.root
     parts = [simplified(Formula("the flux", w)) for w in current]
     return simplified(Formula("the load", load)), parts
-
-
-def gradients(node: Node, x: Array) -> Array:
-    """Return the gradients of a part of a formula at points.
-
-    Args:
-        node: The part.
-        x: The points, shape (..., dimension).
-    """
-    slopes = [evaluated(Derivative(k)(node), x) for k in range(x.shape[-1])]
-    return np.stack(slopes, axis=-1)
 
 
 class Derivative(PerNode[Node]):
