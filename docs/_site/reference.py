@@ -6,7 +6,8 @@ from pathlib import Path
 
 import dolfinx_signorini
 from dolfinx_signorini.commands.main import make_parser
-from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES, FUNCTIONS
+from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES
+from dolfinx_signorini.data.operations import FUNCTIONS
 from dolfinx_signorini.scenes.domains.kinds import DOMAINS
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS
 from dolfinx_signorini.scenes.files.scene import OUTPUTS

@@ -23,17 +23,16 @@ from dolfinx_signorini.accuracy.cells import summed_at_vertices, total
 from dolfinx_signorini.accuracy.indicators import size
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.formulas import Node, evaluated
+from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
-STEP = 1e-5  # of a cell, in differences
-RTOL = 1e-8  # the diffusion may jump by many powers of ten
 NOISE = 0.5  # of the flux next to a cell: how far off the mean flux of the cell may be
 
 
@@ -50,7 +49,7 @@ def cut_errors(problem: SignoriniProblem, data: Coefficients, target: Target) ->
     """
     domain = problem.space.mesh
     errors, comm = np.zeros(len(owned_cells(domain))), domain.comm
-    if not switches(*data.entries):
+    if not interfaces(*data.entries):
         return errors
     cuts = _Cuts(problem, data)
     if not comm.allreduce(len(cuts.cells)):
@@ -100,25 +99,21 @@ class _Cuts:
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
         self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
         self.edges = cell_edges(self.domain, self.cells.astype(np.int32))
-        self.normals = self._normals(switches(*data.entries))
+        self.normals = self._normals(data)
         self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
         self.across = (self.fluxes * self.normals).sum(axis=2)
         self.volumes = self.integrals(np.ones_like(self.across))
 
-    def _normals(self, nodes: list[Node]) -> Array:
+    def _normals(self, data: Coefficients) -> Array:
         """The normals of the jumps; zero where none is found."""
-        size = np.abs(np.linalg.det(self.edges)) ** (1.0 / self.edges.shape[1])
-        step = STEP * size[self.owners]
         result = np.zeros_like(self.x)
-        for node in nodes:  # what is inside of a formula comes last
-            signs = np.sign(evaluated(node, self.x))
-            low, high = (np.full(len(self.cells), s) for s in (1.0, -1.0))
-            np.minimum.at(low, self.owners, signs.min(axis=0))
-            np.maximum.at(high, self.owners, signs.max(axis=0))
-            slope = slopes(node, self.x, step)
+        for interface in interfaces(*data.entries):  # what is inside of a formula comes last
+            values = interface.values(self.x)
+            above, below = (self.largest(side) > 0.0 for side in (values, -values))
+            slope = interface.gradients(self.x)
             length = np.linalg.norm(slope, axis=2)
-            there = ((low < 0.0) & (high > 0.0))[self.owners] & (length > 0.0)
-            result[there] = (slope / np.where(length > 0.0, length, 1.0)[..., None])[there]
+            there = (above & below)[self.owners] & (length > 0.0)
+            result[there] = slope[there] / length[there][:, None]
         return result
 
     def errors(self) -> Array:
@@ -196,7 +191,7 @@ class _Cuts:
         v = ufl.TestFunction(self.space)
         rule = QuadratureRule("default", self.degree - 1)
         load = ufl.inner(forces, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)
-        movement, _ = self.problem.solve_linearised(load, RTOL)
+        movement, _ = self.problem.solve_linearised(load, SOLVED)
         moved = size(movement, target)
         if norm is None or norm.boundary:
             return moved

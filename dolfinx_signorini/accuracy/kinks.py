@@ -21,10 +21,11 @@ from dolfinx_signorini.accuracy.cells import norms_of_sizes, shared_out, total
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.formulas import Node, evaluated
+from dolfinx_signorini.data.derivatives import Derivative
+from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.interfaces.interface import Interface, OneSided, interfaces
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
@@ -32,10 +33,6 @@ from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 SAMPLES = 12  # along the edge of a cell
-ONTO = 3  # steps of Newton's method from a point of a cell onto the jump
-STEP = 1e-5  # of a cell, in differences
-ASIDE = 1e-7  # of a cell: on both sides of a jump
-BESIDE = 1e-4  # of a cell: how far from a kink slopes are taken
 RULE = 20  # its degree, for integrals of functions with a kink
 NEARER = 0.45  # of what interpolation leaves: measured 0.25 to 0.85
 
@@ -57,14 +54,14 @@ def kink_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -
     if norm is None or norm.boundary:
         return errors
     formulas = [formula for formula in (data.load, data.reaction) if formula is not None]
-    parts = switches(*formulas)
+    parts = interfaces(*formulas)
     if not parts:
         return errors
     cells = broken_cells(formulas, domain).astype(np.int32)
     if len(cells):
         kinks = _Kinks(problem, cells, data, norm)
         # Parts of formulas may be zero at the same place: each tells the whole kink there.
-        errors[cells] = np.max([kinks.left(node) for node in parts], axis=0)
+        errors[cells] = np.max([kinks.left(interface) for interface in parts], axis=0)
     if target.weighted:
         return shared_out(errors, norm.p, total(errors, norm.p, domain.comm) or 1.0)
     return errors
@@ -86,7 +83,6 @@ class _Kinks:
         self.edges = cell_edges(domain, cells)
         x = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
         corners = x[domain.geometry.dofmap[cells]]
-        self.size = np.linalg.norm(self.edges, axis=1).max(axis=1)
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
         nodal = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
         points, self.weights = interior_rule(kind, RULE).points(kind)
@@ -101,58 +97,48 @@ class _Kinks:
         middle = np.asarray(element.tabulate(0, centre))[0, 0, :, 0]
         self.u = problem.u.x.array[space.dofmap.list[cells]] @ middle
 
-    def left(self, node: Node) -> Array:
-        """What the elements leave on each cell of the kink where a part of a formula is zero.
-
-        Args:
-            node: The part, which decides by its sign what the formula chooses.
-        """
-        values = evaluated(node, self.samples)
-        nearest = np.argmin(np.abs(values), axis=0)
-        x = self.samples[nearest, np.arange(len(nearest))]
+    def left(self, interface: Interface) -> Array:
+        """What the elements leave on each cell of the kink at an interface."""
+        values = interface.values(self.samples)
+        crossed = np.flatnonzero((values.min(axis=0) < 0.0) & (values.max(axis=0) > 0.0))
+        ends = [self.samples[at[crossed], crossed] for at in (values.argmin(0), values.argmax(0))]
+        x = ends[0] + interface.zeros(*ends)[:, None] * (ends[1] - ends[0])
+        nodes = self.nodes[:, crossed]
+        edges, result = self.edges[crossed], np.zeros(values.shape[1])
         with np.errstate(all="ignore"):
-            for _ in range(ONTO):
-                slope = slopes(node, x, STEP * self.size)
-                steep = np.linalg.norm(slope, axis=1)
-                normal = slope / steep[:, None]
-                x = x - (evaluated(node, x) / steep)[:, None] * normal
-            jump, kink = self._jumps(x, normal)
+            slope = interface.gradients(x)
+            steep = np.linalg.norm(slope, axis=1)
+            normal = slope / steep[:, None]
+            jump, kink = self._jumps(interface, x, normal, self.u[crossed])
             nodes, samples = (
-                np.maximum(evaluated(node, places) / steep, 0.0)
-                for places in (self.nodes, self.samples)
+                np.maximum(level / steep, 0.0)
+                for level in (interface.values(nodes), values[:, crossed])
             )
             polynomials = self.table @ (jump * nodes**2 / 2.0 + kink * nodes**3 / 6.0)
             if self.norm.derivatives:
                 there = (jump * samples + kink * samples**2 / 2.0)[..., None] * normal
-                followed = np.einsum("jpc,cji->pci", polynomials[1:], inverses(self.edges))
+                followed = np.einsum("jpc,cji->pci", polynomials[1:], inverses(edges))
                 found = np.linalg.norm(there - followed, axis=2)
             else:
                 found = jump * samples**2 / 2.0 + kink * samples**3 / 6.0 - polynomials[0]
-        crossed = (values.min(axis=0) < 0.0) & (values.max(axis=0) > 0.0)
-        found = np.where(crossed & np.isfinite(found).all(axis=0), found, 0.0)
-        return NEARER * norms_of_sizes([np.abs(found.T)], self.weights, self.edges, self.norm.p)
+        found = np.where(np.isfinite(found).all(axis=0), found, 0.0)
+        result[crossed] = norms_of_sizes([np.abs(found.T)], self.weights, edges, self.norm.p)
+        return NEARER * result
 
-    def _jumps(self, x: Array, normal: Array) -> tuple[Array, Array]:
+    def _jumps(
+        self, interface: Interface, x: Array, normal: Array, u: Array
+    ) -> tuple[Array, Array]:
         """The jumps of the second and third derivatives of the solution along normals at points."""
-
-        def right_side(steps: float) -> Array:
-            return self._right_side(x + (steps * self.size)[:, None] * normal)
-
-        jump = right_side(ASIDE) - right_side(-ASIDE)
-        slopes_above, slopes_below = (
-            (right_side(2.0 * step) - right_side(step)) / (step * self.size)
-            for step in (BESIDE, -BESIDE)
-        )
         entries = [[evaluated(entry.root, x) for entry in row] for row in self.data.diffusion]
         across: Array = np.asarray(entries[0][0] if entries else 1.0)
         if len(entries) > 1:
             across = np.einsum("ci,ijc,cj->c", normal, np.array(entries), normal)
-        return jump / across, (slopes_above - slopes_below) / across
-
-    def _right_side(self, x: Array) -> Array:
-        """The values of f - c u at points."""
-        f, c = (
-            evaluated(formula.root, x) if formula is not None else np.zeros(len(x))
-            for formula in (self.data.load, self.data.reaction)
-        )
-        return f - c * self.u
+        above, below = OneSided(interface, x, 1.0), OneSided(interface, x, -1.0)
+        jump, kink = np.zeros((2, len(x)))
+        for formula, factor in ((self.data.load, 1.0), (self.data.reaction, -u)):
+            if formula is not None:
+                jump += factor * (above(formula.root) - below(formula.root))
+                for k, along in enumerate(normal.T):
+                    slope = Derivative(k)(formula.root)
+                    kink += factor * along * (above(slope) - below(slope))
+        return jump / across, kink / across

@@ -13,6 +13,7 @@ coordinate of the vertex with M is at most D/M there. A mesh that is fitted to t
 rounding, leaves shares like 1e-15, and next to a curve what the curve bulges.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -20,18 +21,17 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_signorini.base.arrays import Array, Indices
-from dolfinx_signorini.data.enclosures import enclosed_linearly, enclosed_on_simplices, undefined
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.tolerances import UPWARDS
+from dolfinx_signorini.data.enclosures import enclosed_both_ways, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
-from dolfinx_signorini.data.interfaces.pieces import divided
-from dolfinx_signorini.data.interfaces.roughness import chosen, factors, margins, switch
+from dolfinx_signorini.data.interfaces.pieces import FINE, Numbers, subdivide
+from dolfinx_signorini.data.interfaces.roughness import factors, margins
 from dolfinx_signorini.data.names import Names
 
 MOST_PATTERNS = 64  # of choices in all simplices
 MOST_SWITCHES = 3  # whose choices are tried one by one
-DIVISIONS = {2: 5, 3: 3}  # of simplices that are cut by a curve or surface, by dimension
 THIN = 1e-6  # shares that are small enough
-ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
@@ -115,25 +115,26 @@ def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Arra
 
 def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
     """The same, by what encloses the function itself."""
-    total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
-    pieces, size = corners, 1.0
-    owners: Indices = np.arange(len(corners))
-    last = DIVISIONS[corners.shape[1] - 1]
-    for level in range(last + 1):
+
+    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         shares = _shares(margin, pieces)
-        open_ = (shares.min(axis=0) > THIN) & (level < last)
+        return shares.min(axis=0) > THIN, [shares]
+
+    total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
+    parts = 2 ** (corners.shape[1] - 1)
+    deepest = int(math.log(FINE, parts))
+    for _, owners, level, (shares,) in subdivide(
+        corners, np.arange(len(corners)), look, deepest=deepest
+    ):
         for side, share in zip(total, shares, strict=True):
-            side += size * np.bincount(owners, np.where(open_, 0.0, share), len(corners))
-        pieces, owners = divided(pieces[open_], owners[open_])
-        size *= 0.5 ** (corners.shape[1] - 1)
+            side += np.bincount(owners, share, len(corners)) / float(parts) ** level
     positive = total[0] <= total[1]
     return positive, np.minimum(np.where(positive, *total), 1.0)
 
 
 def _shares(margin: Formula, corners: Array) -> Array:
     """Shares of simplices outside of which a function is positive, and negative."""
-    low, high = enclosed_linearly(margin, corners)
-    least, most = enclosed_on_simplices(margin, corners)
+    (least, most), (low, high) = enclosed_both_ways(margin, corners)
     result, doubt = [], undefined(margin, corners)
     for ends, clear in ((low, least > 0.0), (-high, most < 0.0)):
         share = np.where(clear, 0.0, _not_positive(ends))
@@ -150,7 +151,7 @@ def _not_positive(ends: Array) -> Array:
         rest = -np.expm1(-np.log1p(-values[:-1] / top).sum(axis=0))
         share = np.where(below == 1, tip, np.where(below == d, rest, d * depth / top))
         share = np.where((top > 0.0) & np.isfinite(depth), share, 1.0)
-    return np.asarray(np.minimum(np.where(np.isnan(share), 1.0, share * ROUNDING), 1.0))
+    return np.asarray(np.minimum(np.where(np.isnan(share), 1.0, share * UPWARDS), 1.0))
 
 
 class _Chosen(PerNode[Node]):
@@ -166,8 +167,7 @@ class _Chosen(PerNode[Node]):
         self.positive, self.names = positive, names
 
     def find(self, node: Node) -> Node:
-        margin = switch(node)
-        if margin is not None:
-            return self(chosen(node, self.positive[self.names[margin]]))
+        if node.switch is not None:
+            return self(node.chosen(self.positive[self.names[node.switch]]))
         parts = tuple(map(self, node.args))
         return Node(node.op, parts, node.value) if parts else node

@@ -1,31 +1,11 @@
 """Derivatives of formulas as formulas, and the load and the flux that follow from a solution."""
 
 import functools
-from collections.abc import Callable
 
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, number
 from dolfinx_signorini.data.simplification import simplified
 
-ZERO, HALF, ONE = (number(value).root for value in (0.0, 0.5, 1.0))
-
-# The derivative of each function of one argument a, where v is the node of the function.
-FUNCTIONS: dict[str, Callable[[Node, Node], Node]] = {
-    "sqrt": lambda a, v: HALF / v,
-    "exp": lambda a, v: v,
-    "log": lambda a, v: ONE / a,
-    "sin": lambda a, v: Node("cos", (a,)),
-    "cos": lambda a, v: -Node("sin", (a,)),
-    "tan": lambda a, v: ONE + v * v,
-    "asin": lambda a, v: ONE / _of_arcsine(a),
-    "acos": lambda a, v: -(ONE / _of_arcsine(a)),
-    "atan": lambda a, v: ONE / (ONE + a * a),
-    "sinh": lambda a, v: Node("cosh", (a,)),
-    "cosh": lambda a, v: Node("sinh", (a,)),
-    "tanh": lambda a, v: ONE - v * v,
-    "abs": lambda a, v: Node("sign", (a,)),
-    "sign": lambda a, v: ZERO,
-    "negative": lambda a, v: number(-1.0).root,
-}
+ZERO = Node("number")
 
 
 @functools.lru_cache(maxsize=4)  # a scene is posed on many meshes
@@ -74,38 +54,7 @@ class Derivative(PerNode[Node]):
 
     def find(self, node: Node) -> Node:
         if node.op in ("number", "coordinate"):
-            return ONE if node.op == "coordinate" and node.value == self.k else ZERO
-        if node.op == "where":
-            return _choice(node.args[0], self(node.args[1]), self(node.args[2]))
-        if node.op == "^":
-            return self._power(node)
-        a, b, da, db = node.args[0], node.args[-1], self(node.args[0]), self(node.args[-1])
-        if node.op in FUNCTIONS:
-            return FUNCTIONS[node.op](a, node) * da
-        if node.op == "+":
-            return da + db
-        if node.op == "-":
-            return da - db
-        if node.op == "*":
-            return a * db + da * b
-        if node.op == "/":
-            return (da - node * db) / b
-        if node.op == "hypot":
-            return (a * da + b * db) / node
-        if node.op == "atan2":
-            return (b * da - a * db) / Node("hypot", (a, b)) ** 2.0
-        return _choice(Node("<" if node.op == "min" else ">", (a, b)), da, db)
-
-    def _power(self, node: Node) -> Node:
-        base, exponent = node.args[0], node.args[1].value
-        if exponent == 0.0:
-            return ZERO
-        return number(exponent).root * base ** (exponent - 1.0) * self(base)
-
-
-def _choice(condition: Node, a: Node, b: Node) -> Node:
-    return a if a.op == "number" and b.is_number(a.value) else Node("where", (condition, a, b))
-
-
-def _of_arcsine(a: Node) -> Node:
-    return Node("sqrt", (ONE - a * a,))
+            return number(float(node.op == "coordinate" and node.value == self.k)).root
+        slopes = map(self, node.operands)
+        found: Node = node.operation.slope(node, *node.operands, *node.exponents, *slopes)
+        return found

@@ -18,23 +18,28 @@ from math import comb
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.tolerances import UPWARDS
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
-from dolfinx_signorini.data.discs import discs
+from dolfinx_signorini.data.analytic import REACHES, discs
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
-from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, divided, inside
+from dolfinx_signorini.data.interfaces.pieces import (
+    MOST_PIECES,
+    Numbers,
+    divided,
+    inside,
+    subdivide,
+    with_reference,
+)
 from dolfinx_signorini.data.names import operations
 from dolfinx_signorini.data.singular import root_mean_squares
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
-REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
-DEEPEST = 30  # divisions of a simplex
-MOST_WORK = 1_000_000  # the same, times the number of operations of a formula
+MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
 KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
 DIVISIONS = 4  # of a simplex into such parts
-ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def _fit(
     between[1] = mean**2
     sums = (weights**2 * between) @ simplex_sizes(corners)
     hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
-    return Fit(moments, np.sqrt(squares) * ROUNDING, mean * ROUNDING, hidden)
+    return Fit(moments, np.sqrt(squares) * UPWARDS, mean * UPWARDS, hidden)
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
@@ -133,7 +138,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
     terms = comb(degree + dimension, dimension)  # the basis goes from degree to degree
     cut = full.copy()
     cut[:, :terms] = 0.0
-    bounds = ((1 + norm) * tails + largest(dimension, order, cut)) * ROUNDING
+    bounds = ((1 + norm) * tails + largest(dimension, order, cut)) * UPWARDS
     coefficients = full[:, :terms]
     low, high = enclosed_on_simplices(formula, corners)
     flat = ~(bounds <= 0.5 * (high - low))
@@ -141,7 +146,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
     bounds[flat] = np.inf
     finite = flat & np.isfinite(low) & np.isfinite(high)
     coefficients[finite, 0] = 0.5 * (low[finite] + high[finite])
-    bounds[finite] = 0.5 * (high[finite] - low[finite]) * ROUNDING
+    bounds[finite] = 0.5 * (high[finite] - low[finite]) * UPWARDS
     return coefficients, bounds
 
 
@@ -163,10 +168,8 @@ def followed_in_parts(
     rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
     ones = np.ones((2, len(rough)))
     whole = fit(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
-    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
-    reference = np.broadcast_to(unit, (len(rough), *unit.shape))
-    parts: Array = np.concatenate((reference, corners[rough]), axis=2)
-    owners: Indices = np.arange(len(rough))
+    parts = with_reference(corners[rough])
+    owners: Numbers = np.arange(len(rough))
     for _ in range(divisions):
         parts, owners = divided(parts, owners)
     own, apart = followed(formula, parts[..., dimension:], degree)
@@ -176,7 +179,7 @@ def followed_in_parts(
     table = table.reshape(len(table), len(parts), len(points)).transpose(1, 0, 2)
     values = np.einsum("ni,niq->nq", whole[owners], table)
     there = (values * weights) @ polynomials(dimension, degree, points).T
-    apart += largest(dimension, degree, own - there) * ROUNDING
+    apart += largest(dimension, degree, own - there) * UPWARDS
     found = np.zeros(len(rough))
     np.maximum.at(found, owners, apart)
     better = found < bounds[rough]
@@ -189,33 +192,28 @@ def _parts(
 ) -> list[_Part]:
     """Divide simplices into pieces on which the formula is known well enough."""
     dimension, count = corners.shape[1] - 1, len(corners)
-    unit = np.vstack((np.zeros(dimension), np.eye(dimension)))
-    reference = np.broadcast_to(unit, (count, *unit.shape))
-    pieces: Array = np.concatenate((reference, corners), axis=2)
-    owners: Indices = np.arange(count)
     sizes, parts = simplex_sizes(corners), []
     # Ranks may have different formulas, and all leave the loop at the same level.
     most = comm.allreduce(min(MOST_PIECES, MOST_WORK // operations(formula.root)), op=MPI.MIN)
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
-    for level in range(DEEPEST + 1):
+
+    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         share = 0.5 ** (dimension * level)
         limits = allowed / weights[:, owners]
         tails, levels = _looked_at(formula, pieces[..., dimension:], degree, limits)
-        good = (tails * weights[:, owners] <= allowed).all(axis=0)
-        rest = share * np.bincount(owners, np.where(good, 0.0, tails[0] ** 2), count)
-        mean = share * np.bincount(owners, np.where(good, 0.0, tails[1]), count)
+        open_ = ~(tails * weights[:, owners] <= allowed).all(axis=0)
+        rest = share * np.bincount(owners, np.where(open_, tails[0] ** 2, 0.0), count)
+        mean = share * np.bincount(owners, np.where(open_, tails[1], 0.0), count)
         sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
-        pending = int((~good).sum())
-        *squares, pending = np.sum(comm.allgather((*sums, pending)), axis=0)
-        enough = max(squares) <= tolerance**2 or pending > most or level == DEEPEST
-        chosen = good | enough
-        tails = tails[:, chosen]
-        values = _values(formula, pieces[chosen, :, dimension:], levels[chosen])
+        enough = np.sum(comm.allgather(sums), axis=0).max() <= tolerance**2
+        return open_ & ~enough, [tails, levels]
+
+    start = with_reference(corners), np.arange(count)
+    for pieces, owners, level, (tails, levels) in subdivide(*start, look, comm, most):
+        values = _values(formula, pieces[..., dimension:], levels)
         tails[:, ~np.isfinite(values).all(axis=1)] = np.inf
-        parts.append(_Part(pieces[chosen], owners[chosen], share, np.nan_to_num(values), tails))
-        if enough:
-            break
-        pieces, owners = divided(pieces[~chosen], owners[~chosen])
+        share = 0.5 ** (dimension * level)
+        parts.append(_Part(pieces, owners, share, np.nan_to_num(values), tails))
     return parts
 
 

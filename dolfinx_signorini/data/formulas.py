@@ -1,11 +1,10 @@
-"""Formulas in x, y and z: trees of operations, and what the operations mean in UFL."""
+"""Formulas in x, y and z: trees of operations."""
 
-import ast
 import math
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -14,79 +13,35 @@ import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.arithmetic import Number
+from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, Operation
 
 COORDINATES = ("x", "y", "z")
-COMPARISONS = ("<", "<=", ">", ">=")
 CONSTANTS = {"pi": math.pi}
-# For each name: the number of arguments, the function of floats, and the function of UFL.
-FUNCTIONS: dict[str, tuple[int, Callable[..., float], Callable[..., Expr]]] = {
-    name: (1, getattr(math, name), getattr(ufl, name))
-    for name in "sqrt exp sin cos tan asin acos atan sinh cosh tanh".split()  # noqa: SIM905
-} | {
-    "log": (1, math.log, ufl.ln),
-    "abs": (1, abs, abs),
-    "sign": (1, lambda a: math.copysign(1.0, a) if a else 0.0, ufl.sign),
-    "atan2": (2, math.atan2, ufl.atan2),
-    "hypot": (2, math.hypot, lambda a, b: ufl.sqrt(a * a + b * b)),
-    "min": (2, min, ufl.min_value),
-    "max": (2, max, ufl.max_value),
-    "where": (3, lambda c, a, b: a if c else b, ufl.conditional),
-}
-# For each operator of Python's syntax trees: its sign, and the same two functions.
-OPERATORS: dict[type[ast.AST], tuple[str, Callable[..., float], Callable[..., Expr]]] = {
-    ast.USub: ("negative", operator.neg, operator.neg),
-    ast.Add: ("+", operator.add, operator.add),
-    ast.Sub: ("-", operator.sub, operator.sub),
-    ast.Mult: ("*", operator.mul, operator.mul),
-    ast.Div: ("/", operator.truediv, operator.truediv),
-    ast.Pow: ("^", math.pow, operator.pow),
-    ast.Lt: ("<", operator.lt, ufl.lt),
-    ast.LtE: ("<=", operator.le, ufl.le),
-    ast.Gt: (">", operator.gt, ufl.gt),
-    ast.GtE: (">=", operator.ge, ufl.ge),
-}
-NAMES = {
-    "asin": "arcsin",
-    "acos": "arccos",
-    "atan": "arctan",
-    "atan2": "arctan2",
-    "min": "minimum",
-    "max": "maximum",
-    "+": "add",
-    "-": "subtract",
-    "*": "multiply",
-    "/": "divide",
-    "^": "power",
-    "<": "less",
-    "<=": "less_equal",
-    ">": "greater",
-    ">=": "greater_equal",
-}  # of operations in NumPy, where they differ
-OPERATIONS = {name: functions for name, (_, *functions) in FUNCTIONS.items()}
-OPERATIONS |= {sign: functions for sign, *functions in OPERATORS.values()}
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class Node(Number):
     """One operation of a formula, equal to nothing but to this very operation.
 
     For example, the product of 2 and the first coordinate:
 
         Node("*", (Node("number", value=2.0), Node("coordinate", value=0)))
-        number(2.0).root * Node("coordinate", value=0)
+        2.0 * Node("coordinate", value=0)
 
     The operators of Python leave out what 0 and 1 make needless, and calculate with numbers.
 
     Attributes:
-        op: "number", "coordinate", or the name of an operator or a function.
+        op: "number", "coordinate", or the name of an operation.
         args: The operands.
         value: The number, or the index of the coordinate.
         size: The number of nodes of the tree, shared nodes counted at every use.
         depth: The number of levels of the tree.
     """
 
+    kind = "tree"
     op: str
     args: tuple["Node", ...] = ()
     value: float = 0.0
@@ -97,18 +52,31 @@ class Node:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
         object.__setattr__(self, "depth", 1 + max((a.depth for a in self.args), default=0))
 
+    def like(self, value: float) -> "Node":
+        """Return a number as a node."""
+        return Node("number", value=float(value))
+
+    def made(self, op: str, *args: "Node") -> "Node":
+        """Return an operation, or of numbers the number if that is finite."""
+        if op == "where" and args[1].op == "number" and args[2].is_number(args[1].value):
+            return args[1]
+        try:
+            return folded(op, *args)
+        except ArithmeticError:
+            return Node(op, args)
+
     def __neg__(self) -> "Node":
-        return self.args[0] if self.op == "negative" else _made("negative", self)
+        return self.args[0] if self.op == "negative" else self.made("negative", self)
 
     def __add__(self, other: "Node") -> "Node":
         if self.is_number(0.0) or other.is_number(0.0):
             return other if self.is_number(0.0) else self
-        return self - other.args[0] if other.op == "negative" else _made("+", self, other)
+        return self - other.args[0] if other.op == "negative" else self.made("+", self, other)
 
     def __sub__(self, other: "Node") -> "Node":
         if self.is_number(0.0) or other.is_number(0.0):
             return -other if self.is_number(0.0) else self
-        return self + other.args[0] if other.op == "negative" else _made("-", self, other)
+        return self + other.args[0] if other.op == "negative" else self.made("-", self, other)
 
     def __mul__(self, other: "Node") -> "Node":
         for a, b in ((self, other), (other, self)):
@@ -116,19 +84,61 @@ class Node:
                 return a
             if b.is_number(-1.0):
                 return -a
-        return _made("*", self, other)
+        return self.made("*", self, other)
 
     def __truediv__(self, other: "Node") -> "Node":
-        return self if self.is_number(0.0) or other.is_number(1.0) else _made("/", self, other)
+        if self.is_number(0.0) or other.is_number(1.0):
+            return self
+        return self.made("/", self, other)
 
     def __pow__(self, exponent: float) -> "Node":
         if exponent in (0.0, 1.0):
-            return self if exponent else number(1.0).root
-        return _made("^", self, number(exponent).root)
+            return self if exponent else self.like(1.0)
+        return self.made("^", self, self.like(exponent))
+
+    def __lt__(self, other: "Node") -> "Node":
+        return Node("<", (self, other))
+
+    def __gt__(self, other: "Node") -> "Node":
+        return Node(">", (self, other))
 
     def is_number(self, value: float) -> bool:
         """Return whether this is a certain number."""
         return self.op == "number" and self.value == value
+
+    @property
+    def operation(self) -> Operation:
+        """What is known of the operation."""
+        return OPERATIONS[self.op]
+
+    @property
+    def operands(self) -> tuple["Node", ...]:
+        """The operands but for exponents."""
+        return self.args[:1] if self.op == "^" else self.args
+
+    @property
+    def exponents(self) -> tuple[float, ...]:
+        """The exponent of a power; nothing for other operations."""
+        return (self.args[1].value,) if self.op == "^" else ()
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Where the domain of the first operand begins and ends."""
+        if self.op == "^" and self.args[1].value % 1.0:
+            return 0.0, math.inf
+        return self.operation.limits if self.args else (-math.inf, math.inf)
+
+    @cached_property
+    def switch(self) -> "Node | None":
+        """What decides by its sign what the operation chooses; None for one without a choice."""
+        known = OPERATIONS.get(self.op)
+        return known.switch(*self.args) if known and known.switch else None
+
+    def chosen(self, positive: bool) -> "Node":
+        """Return what is chosen where the switch is positive, or negative."""
+        assert self.operation.branches is not None
+        branches: tuple[Node, Node] = self.operation.branches(*self.args)
+        return branches[0 if positive else 1]
 
 
 class PerNode(ABC, Generic[T]):
@@ -155,6 +165,30 @@ class PerNode(ABC, Generic[T]):
     @abstractmethod
     def find(self, node: Node) -> T:
         """Find the result for a node that is new, from the results for the operands."""
+
+
+class Values(PerNode[T]):
+    """The values of the nodes of formulas in numbers of a kind:
+
+    value = Values("numpy", [x, y], np.float64)(formula.root)
+
+    Args:
+        kind: The kind, see `Operation.of`.
+        coordinates: The values of x, y and z.
+        number: Returns such a number for a float.
+    """
+
+    def __init__(self, kind: str, coordinates: Sequence[T], number: Callable[[float], T]):
+        super().__init__()
+        self.kind, self.coordinates, self.number = kind, coordinates, number
+
+    def find(self, node: Node) -> T:
+        if node.op == "number":
+            return self.number(node.value)
+        if node.op == "coordinate":
+            return self.coordinates[int(node.value)]
+        function: Callable[..., T] = node.operation.of(self.kind)
+        return function(*map(self, node.operands), *node.exponents)
 
 
 def nodes(root: Node) -> list[Node]:
@@ -207,7 +241,7 @@ class Formula:
             InputError: A part of the formula has no value anywhere, for example 1/(0*x).
         """
         try:
-            return ufl.as_ufl(_Values(x, lambda op: OPERATIONS[op][1])(self.root))
+            return ufl.as_ufl(Values("ufl", x, float)(self.root))
         except (ArithmeticError, TypeError, ValueError) as error:
             raise InputError(str(error), shortened(self.text)) from None
 
@@ -230,20 +264,12 @@ def folded(op: str, *args: Node) -> Node:
     if op in COMPARISONS or any(a.op != "number" for a in args):
         return Node(op, args)
     try:
-        value = float(OPERATIONS[op][0](*(a.value for a in args)))
+        value = float(OPERATIONS[op].value(*(a.value for a in args)))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise ArithmeticError
     return Node("number", value=value)
-
-
-def _made(op: str, *args: Node) -> Node:
-    """An operation, or of numbers the number if that is finite."""
-    try:
-        return folded(op, *args)
-    except ArithmeticError:
-        return Node(op, args)
 
 
 def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -255,7 +281,7 @@ def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]
     """
     with np.errstate(all="ignore"):
         coordinates = np.moveaxis(x, -1, 0)
-        values = _Values(coordinates, lambda op: getattr(np, NAMES.get(op, op)))(node)
+        values = Values[Any]("numpy", list(coordinates), np.float64)(node)
     return np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape[:-1])
 
 
@@ -271,24 +297,4 @@ def _value(node: Node, point: Sequence[float]) -> Any:
         return point[int(node.value)]
     if node.op == "where":
         return _value(node.args[1 if _value(node.args[0], point) else 2], point)
-    return OPERATIONS[node.op][0](*(_value(a, point) for a in node.args))
-
-
-class _Values(PerNode[Any]):
-    """The values of the nodes of a formula, of UFL or of NumPy.
-
-    Args:
-        coordinates: The values of x, y and z.
-        functions: The function of each operation.
-    """
-
-    def __init__(self, coordinates: Any, functions: Callable[[str], Callable[..., Any]]):
-        super().__init__()
-        self.coordinates, self.functions = coordinates, functions
-
-    def find(self, node: Node) -> Any:
-        if node.op == "number":
-            return node.value
-        if node.op == "coordinate":
-            return self.coordinates[int(node.value)]
-        return self.functions(node.op)(*map(self, node.args))
+    return node.operation.value(*(_value(a, point) for a in node.args))

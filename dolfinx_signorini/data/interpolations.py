@@ -6,6 +6,10 @@ Markov's inequality, e' + n^2 L e of the derivatives, on a segment of length 2. 
 known, the segment is divided into parts. On a part, the interpolation there may be known to follow
 the formula, and differs from the interpolation on the segment by a polynomial; or intervals around
 the derivatives of the formula on still smaller parts take its place.
+
+At n + 1 Gauss-Lobatto points the squares of the Lagrange polynomials have a sum of at most 1, so
+that L is at most the root of n + 1. Source: Fejer, Bestimmung derjenigen Abszissen eines
+Intervalles..., Ann. Scuola Norm. Sup. Pisa 1 (1932) 263.
 """
 
 import basix
@@ -13,19 +17,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.tolerances import SOLVED, UNIT, UPWARDS
 from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
-from dolfinx_signorini.data.discs import EDGE, discs
+from dolfinx_signorini.data.analytic import REACHES, discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
-from dolfinx_signorini.data.fits import REACHES, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
 
 PARTS = 64  # of a segment where a formula is not smooth
 SMALL = 1e-6  # of the values: derivatives that need no parts
 LARGE = 16  # of these where interpolations may follow the formula
-JUMP = 1e-6  # of the values: more than continuous data change in `EDGE` of a segment
-UNIT = 1e-15  # of coordinates: more than rounding
-LEBESGUE = 4.0  # more than the constant of up to 20 Gauss-Lobatto points
+JUMP = 1e-6  # of the values: more than continuous data change in `SOLVED` of a segment
 
 
 def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Array:
@@ -43,30 +45,31 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     slope = _by_discs(formula, corners, degree)
     root, height = slope.copy(), np.abs(evaluated(formula.root, corners)).max(axis=1, initial=0.0)
     rough = np.flatnonzero(~(slope <= SMALL * height))
-    apart = _in_parts(formula, corners[rough], degree)
-    with np.errstate(over="ignore"):
-        slope[rough] = np.minimum(slope[rough], apart.max(axis=1, initial=0.0))
-        root[rough] = np.minimum(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
+    with np.errstate(over="ignore", invalid="ignore"):  # at a pole there is no value
+        apart = _in_parts(formula, corners[rough], degree)
+        slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
+        root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
     broken = _jumps_at_ends(formula, corners)
     parts = _divided(corners[rough], LARGE)
     broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
     slope[broken] = root[broken] = np.inf
     # The difference vanishes at both ends.
-    return np.stack((0.5 * root, slope, root)) * ROUNDING
+    return np.stack((0.5 * root, slope, root)) * UPWARDS
 
 
 def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
     """Whether the values at the ends of segments, or of parts, are not those next to them.
 
-    Discs know of no jump within `EDGE` of an end.
+    Discs know of no jump within `SOLVED` of an end.
     """
     way = corners[:, 1] - corners[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
-    step = np.maximum(2.0 * EDGE, rounding)[:, None] * way
+    step = np.maximum(2.0 * SOLVED, rounding)[:, None] * way
     near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
     values = evaluated(formula.root, near)
-    apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
     return ~(apart <= JUMP * (np.abs(values).max(axis=0, initial=0.0) + JUMP))
 
 
@@ -77,7 +80,7 @@ def _by_discs(formula: Formula, corners: Array, n: int) -> Array:
         _, radii = discs(formula, corners, reach)
         value = radii * reach**-n / (reach - 1.0)
         change = radii * reach**-n * ((n + 1) * reach - n) / (reach - 1.0) ** 2
-        slope = np.minimum(slope, 2.0 * (change + n**2 * LEBESGUE * value))
+        slope = np.minimum(slope, 2.0 * (change + n**2 * np.sqrt(n + 1.0) * value))
     return slope
 
 

@@ -16,17 +16,16 @@ from collections.abc import Iterable, Mapping
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formulas import (
-    COMPARISONS,
     CONSTANTS,
     COORDINATES,
-    FUNCTIONS,
-    OPERATORS,
     Formula,
     Node,
     folded,
     shortened,
 )
+from dolfinx_signorini.data.operations import COMPARISONS, FUNCTIONS, OPERATIONS
 
+OPERATORS = {known.syntax: op for op, known in OPERATIONS.items() if known.syntax is not None}
 MAX_LENGTH = 2000  # characters
 MAX_DEPTH = 100  # levels of nesting; every operation of a chain is one
 MAX_SIZE = 3000  # operations and operands, with all definitions written out
@@ -152,11 +151,11 @@ class _Reader:
             case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]):
                 op = self._function(name[:-1], len(operands), start)
             case ast.UnaryOp(op=sign, operand=operand) if type(sign) in OPERATORS:
-                op, operands = OPERATORS[type(sign)][0], [operand]
+                op, operands = OPERATORS[type(sign)], [operand]
             case ast.BinOp(left=left, op=sign, right=right) if type(sign) in OPERATORS:
-                op, operands = OPERATORS[type(sign)][0], [left, right]
+                op, operands = OPERATORS[type(sign)], [left, right]
             case ast.Compare(left=left, ops=[sign], comparators=[right]) if type(sign) in OPERATORS:
-                op, operands = OPERATORS[type(sign)][0], [left, right]
+                op, operands = OPERATORS[type(sign)], [left, right]
             case _:
                 raise self._error("a number, a name or an operation was expected", start)
         return self._operation(op, [self._node(o, depth + 1) for o in operands], start)
@@ -180,7 +179,7 @@ class _Reader:
         if name not in FUNCTIONS:
             self._name(name, start)  # raises an error where the name means nothing
             raise self._error(f"{name!r} is no function", start)
-        wanted = FUNCTIONS[name][0]
+        wanted = FUNCTIONS[name].arguments
         if count != wanted:
             raise self._error(f"{name} takes {wanted} arguments, not {count}", start)
         return name

@@ -10,41 +10,38 @@ not. So distances are recognised here.
 """
 
 import math
-import operator
 from collections.abc import Mapping
 from functools import reduce
 from typing import Any
 
+import basix.ufl
 import numpy as np
+import ufl
 from dolfinx import fem
 from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.data.formulas import FUNCTIONS, Formula, Node, folded, number, shortened
+from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
 from dolfinx_signorini.data.names import Names, operations
-
-MOST_OPERATIONS = 3000
+from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
+from dolfinx_signorini.data.parsing import MAX_SIZE
 
 Component = tuple[int, ...]
 Terminals = Mapping[Expr, Any]  # values of arguments, their gradients and normals, as arrays
 
-ARITHMETIC = {
-    classes.Sum: operator.add,
-    classes.Product: operator.mul,
-    classes.Division: operator.truediv,
-}
-OTHERS = {
-    classes.MinValue: "min",
-    classes.MaxValue: "max",
-    classes.Atan2: "atan2",
-    classes.Abs: "abs",
-    classes.LT: "<",
-    classes.LE: "<=",
-    classes.GT: ">",
-    classes.GE: ">=",
-}
-NAMES = {"ln": "log"}  # of functions of UFL that formulas call otherwise
+_X = ufl.SpatialCoordinate(ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,))))[0]
+
+
+def _class_of(op: str) -> Any:
+    """The class of UFL's node for an operation."""
+    known = OPERATIONS[op]
+    first = [_X < 0.5] if op == "where" else [_X]
+    return type(known.of("ufl")(*first, *[2.0 * _X] * (known.arguments - 1)))
+
+
+# Distances have no node of their own, and UFL has differences as sums.
+CLASSES = {_class_of(op): op for op in OPERATIONS if op not in ("hypot", "-", "negative")}
 TRANSPARENT = (classes.Variable, classes.Conj, classes.Real)
 
 
@@ -86,7 +83,7 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
         root = _Reader(terminals).node(expression, (), {})
     except (Unreadable, ArithmeticError, RecursionError):
         return None
-    if operations(root) > MOST_OPERATIONS:
+    if operations(root) > MAX_SIZE:
         return None
     return Formula(shortened(str(expression))[1:-1], root)
 
@@ -141,14 +138,12 @@ class _Reader:
             return self._choice(operands[0], branches[0], branches[1])
         own = component if isinstance(e, classes.Sum) else ()
         arguments = [self.node(a, own, indices) for a in operands]
-        if type(e) in ARITHMETIC:
-            return ARITHMETIC[type(e)](*arguments)
-        if isinstance(e, classes.Power | classes.Sqrt):
+        op = CLASSES.get(type(e))
+        if op in ("+", "*", "/"):
+            return reduce(OPERATIONS[op].value, arguments)
+        if op in ("^", "sqrt"):
             return _power(arguments[0], arguments[1] if arguments[1:] else number(0.5).root)
-        op = OTHERS.get(type(e))
-        if isinstance(e, classes.MathFunction):
-            op = NAMES.get(e._name, e._name)
-        if op is None or FUNCTIONS.get(op, (0,))[0] != len(arguments):
+        if op not in FUNCTIONS:
             raise Unreadable
         return folded(op, *arguments)
 
@@ -166,7 +161,7 @@ class _Reader:
             a, b = (a, b) if isinstance(condition, classes.EQ) else (b, a)
             below, above = Node("<=", (left, right)), Node(">=", (left, right))
             return Node("where", (below, Node("where", (above, a, b)), b))
-        return Node("where", (Node(OTHERS[type(condition)], (left, right)), a, b))
+        return Node("where", (Node(CLASSES[type(condition)], (left, right)), a, b))
 
 
 def _value(index: Any, indices: dict[int, int]) -> int:

@@ -15,20 +15,24 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
-from dolfinx_signorini.data.interfaces.pieces import divided, inside, widths
+from dolfinx_signorini.data.interfaces.pieces import (
+    FINE,
+    MOST_PIECES,
+    corners_of_reference,
+    divided,
+    inside,
+    widths,
+)
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 Indices = npt.NDArray[np.signedinteger[Any]]
 
-MOST_PIECES = 20_000  # of one datum, on all ranks
-FIRST_PIECES = 1_500  # before the search; no cell is divided into more than 2^DEEPEST of them
-DEEPEST = 6
 # Of the polynomials that follow data which are integrated: about as many points as quadrature has.
 DEGREE = 4
 HIDDEN = {"mass": 1e-4, "height": 0.05}  # what a piece may hide, of the norm of the datum
-SMALLEST = 1e-9  # of the domain: smaller pieces are not divided
 
 
 @dataclass(frozen=True)
@@ -111,13 +115,12 @@ class _Search:
         self.datum, self.comm, self.size = datum, comm, size
         vertices = datum.corners.shape[1]
         self.dimension = vertices - 1
-        unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
+        unit = corners_of_reference(self.dimension)
         b = (1.0 - 1.0 / math.sqrt(self.dimension + 2.0)) / vertices  # exact for degree 2
         self.lattice = np.concatenate((unit, b + (1.0 - vertices * b) * unit))
         pieces, owners = datum.corners, datum.owners
         count, parts = max(self._sum(len(pieces)), 1.0), 2**self.dimension
-        depth = int(math.log(max(FIRST_PIECES / count, 1.0), parts))
-        for _ in range(min(depth, DEEPEST // self.dimension)):
+        for _ in range(int(math.log(max(FINE / count, 1.0), parts))):
             pieces, owners = divided(pieces, owners)
         self.pieces, self.owners = pieces, owners
         self.volumes, self.values, self.hidden = self._sampled(pieces)
@@ -126,7 +129,7 @@ class _Search:
     def divide(self) -> bool:
         """Divide the pieces that may hide most; whether a piece was divided."""
         threshold = HIDDEN[self.datum.measure] * self._reference()
-        divisible = widths(self.pieces) > SMALLEST * self.size
+        divisible = widths(self.pieces) > SOLVED * self.size
         parts = 2**self.dimension
         room = (MOST_PIECES - self._sum(len(self.pieces))) / (parts - 1)
         for _ in range(100):
@@ -138,12 +141,11 @@ class _Search:
         if count == 0 or count > room:
             return False
         new, owners = divided(self.pieces[chosen], self.owners[chosen])
-        volumes, values, hidden = self._sampled(new)
-        self.volumes = np.concatenate((self.volumes[~chosen], volumes))
-        self.pieces = np.concatenate((self.pieces[~chosen], new))
-        self.owners = np.concatenate((self.owners[~chosen], owners))
-        self.values = np.concatenate((self.values[~chosen], values))
-        self.hidden = np.concatenate((self.hidden[~chosen], hidden))
+        kept = self.pieces, self.owners, self.volumes, self.values, self.hidden
+        self.pieces, self.owners, self.volumes, self.values, self.hidden = (
+            np.concatenate((old[~chosen], more))
+            for old, more in zip(kept, (new, owners, *self._sampled(new)), strict=True)
+        )
         return True
 
     def samples(self) -> Samples:
@@ -151,7 +153,7 @@ class _Search:
         points = inside(self.pieces, self.lattice).transpose(1, 0, 2)
         count, known = len(self.lattice), np.isfinite(self.values)
         norm, unclear = self._norm(), self.hidden > HIDDEN[self.datum.measure] * self._norm()
-        divisible = widths(self.pieces) > SMALLEST * self.size
+        divisible = widths(self.pieces) > SOLVED * self.size
         largest = highest(self.comm, np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
         return Samples(
             points=points.reshape(-1, points.shape[2]),

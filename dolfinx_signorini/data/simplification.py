@@ -9,6 +9,7 @@ import math
 from collections import defaultdict
 from functools import reduce
 
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, nodes, number
 from dolfinx_signorini.data.names import Names, operations
 
@@ -16,7 +17,6 @@ Product = frozenset[tuple[int, float]]  # names of atoms with exponents
 Sum = dict[Product, tuple[float, float]]  # coefficients, and the sizes of what was added for each
 
 MOST = 400  # products
-ROUNDING = 1e-12  # of what was added: coefficients that are 0
 WHOLE = (2.0, 3.0, 4.0)  # powers of sums that are multiplied out
 LINE = Product()
 

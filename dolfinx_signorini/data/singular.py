@@ -19,20 +19,13 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_boxes
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import widths
-from dolfinx_signorini.data.intervals import (
-    OPERATIONS,
-    choose,
-    divide,
-    multiply,
-    outward,
-    power,
-    size,
-)
+from dolfinx_signorini.data.interfaces.roughness import NEAR_POLE
+from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.names import Names
+from dolfinx_signorini.data.operations import applied
 
-Scaled = tuple[float, Array]  # n and t of r^n t
+Scaled = tuple[float, Interval]  # n and t of r^n t
 
-NEAR = 0.3  # of the largest r in a simplex: how small the least one is next to a singular point
 LOGARITHM = 0.125  # |log r| is at most a number times r to minus this power
 
 
@@ -51,13 +44,13 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
     names = Names()
     for pair in _pairs(formula.root, names):
         radius = enclosed_on_boxes(Formula("r", Node("hypot", pair)), low, high)
-        near = np.flatnonzero((radius[0] <= NEAR * radius[1]) & np.isfinite(radius[1]))
+        near = np.flatnonzero((radius[0] <= NEAR_POLE * radius[1]) & np.isfinite(radius[1]))
         if not len(near):
             continue
         scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)
         with np.errstate(all="ignore"):
             n, t = scaled(formula.root)
-            most = np.broadcast_to(size(t)[1], len(near))
+            most = np.broadcast_to(abs(t).high, len(near))
             found = most * np.sqrt(_mean_power(pair, corners[near], 2.0 * n, radius[1, near]))
         result[near] = np.fmin(result[near], found)
     return result
@@ -112,54 +105,48 @@ class _ScaledNodes(PerNode[Scaled]):
 
     def find(self, node: Node) -> Scaled:
         if self.names[node] in self.key:
-            return 1.0, np.array([[-1.0], [1.0]])
+            return 1.0, Interval(np.array([[-1.0], [1.0]]))
         if node.op == "number":
-            return 0.0, np.full((2, 1), node.value)
+            return 0.0, Interval(np.full((2, 1), node.value))
         if node.op == "coordinate":
-            return 0.0, self.ends[:, int(node.value)]
+            return 0.0, Interval(self.ends[:, int(node.value)])
         if node.op == "hypot" and _key(node, self.names) == self.key:
-            return 1.0, np.ones((2, 1))
+            return 1.0, Interval(np.ones((2, 1)))
+        function = node.operation.of("interval")
         if node.op == "where":
-            a, b = self._alike(*map(self, node.args[0].args))[1]
+            condition = node.args[0].operation.of("interval")
             n, branches = self._alike(*map(self, node.args[1:]))
-            return n, choose(OPERATIONS[node.args[0].op](a, b), *branches)
-        parts = [self(a) for a in node.args]
-        n, t = parts[0]
-        if node.op == "^":
-            exponent = node.args[1].value
-            return n * exponent, power(t, exponent)
-        if node.op == "*":
-            return n + parts[1][0], multiply(t, parts[1][1])
-        if node.op == "/":
-            return n - parts[1][0], divide(t, parts[1][1])
-        if node.op == "sqrt":
-            return 0.5 * n, OPERATIONS["sqrt"](t)
+            return n, function(condition(*self._alike(*map(self, node.args[0].args))[1]), *branches)
+        parts = [self(a) for a in node.operands]
+        (n, t), (m, s) = parts[0], parts[-1]
+        if node.op in ("^", "sqrt"):
+            return n * (node.exponents or (0.5,))[0], function(t, *node.exponents)
+        if node.op in ("*", "/"):
+            return (n + m if node.op == "*" else n - m), function(t, s)
         if node.op in ("+", "-", "min", "max", "negative", "abs"):
             n, values = self._alike(*parts)
-            return n, OPERATIONS[node.op](*values)
+            return n, function(*values)
         if node.op == "log" and n > 0.0:
             return self._logarithm(n, t)
-        return 0.0, OPERATIONS[node.op](*(self._lowered(part, 0.0) for part in parts))
+        return 0.0, function(*(self._lowered(part, 0.0) for part in parts))
 
-    def _alike(self, *parts: Scaled) -> tuple[float, list[Array]]:
+    def _alike(self, *parts: Scaled) -> tuple[float, list[Interval]]:
         n = min(n for n, _ in parts)
         return n, [self._lowered(part, n) for part in parts]
 
-    def _lowered(self, part: Scaled, n: float) -> Array:
+    def _lowered(self, part: Scaled, n: float) -> Interval:
         """The t of a part with a lower power of r."""
-        power_, t = part
-        if power_ == n:
-            return t
-        if power_ < n:  # not bounded
-            return np.array([[-np.inf], [np.inf]])
-        return multiply(t, outward(0.0 * self.most, self.most ** (power_ - n)))
+        power, t = part
+        if power < n:  # not bounded
+            return Interval(np.array([[-np.inf], [np.inf]]))
+        return t if power == n else t * outward(0.0 * self.most, self.most ** (power - n))
 
-    def _logarithm(self, n: float, t: Array) -> Scaled:
+    def _logarithm(self, n: float, t: Interval) -> Scaled:
         """log(r^n t) = n log r + log t; r^e |log r| is largest at r = e^(-1/e), or at the end."""
         e = LOGARITHM
         end = self.most**e * np.abs(np.log(self.most))
         most = n * np.maximum(
             end, np.where(self.most < math.exp(-1.0 / e), 0.0, 1.0 / (e * math.e))
         )
-        own = multiply(OPERATIONS["log"](t), outward(0.0 * self.most, self.most**e))
-        return -e, outward(own[0] - most, own[1] + most)
+        own = applied("log", t) * outward(0.0 * self.most, self.most**e)
+        return -e, outward(own.low - most, own.high + most)

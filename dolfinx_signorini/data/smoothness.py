@@ -11,8 +11,7 @@ import numpy as np
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import Enclosures, enclosed_gradients
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode
-from dolfinx_signorini.data.interfaces.roughness import switch
-from dolfinx_signorini.data.intervals import cut
+from dolfinx_signorini.data.intervals import Interval
 
 ANY, CONTINUOUS, SMOOTH = range(3)  # what a formula is known to be: nothing, continuous, or C^1
 
@@ -53,32 +52,27 @@ class _Smoothness(PerNode[int]):
 
     def ends(self, node: Node) -> Array:
         """The values on the cells, shape (2, cells)."""
-        value = self.enclosures(node)[0][:, 0]
+        value = self.enclosures(node)[0].ends[:, 0]
         return np.broadcast_to(value, (2, len(self.corners)))
 
     def _own(self, node: Node) -> int:
         """What an operation leaves of operands that are smooth."""
-        margin = switch(node)
-        if margin is not None:
-            low, high = self.ends(margin)
-            if (low > 0.0).all() or (high < 0.0).all():
-                return SMOOTH
-            return CONTINUOUS if node.op in ("abs", "min", "max") else ANY
-        if node.op == "atan2":
-            return ANY if cut(*map(self.ends, node.args)).any() else SMOOTH
+        if not node.args:
+            return SMOOTH
+        if node.switch is not None:
+            low, high = self.ends(node.switch)
+            rough = CONTINUOUS if node.operation.breaks is None else ANY
+            return SMOOTH if (low > 0.0).all() or (high < 0.0).all() else rough
+        if node.operation.jumps(*(Interval(self.ends(a)) for a in node.operands)).any():
+            return ANY
         if node.op == "hypot":
             return SMOOTH if self._vanishes_at_points(node) else CONTINUOUS
-        if node.op in ("sqrt", "^"):
-            return self._power(node.args[0], node.args[1].value if node.op == "^" else 0.5)
-        if node.op in ("asin", "acos"):
-            return CONTINUOUS if (np.abs(self.ends(node.args[0])) >= 1.0).any() else SMOOTH
-        return SMOOTH
-
-    def _power(self, base: Node, exponent: float) -> int:
-        low, _ = self.ends(base)
-        if exponent % 1.0 == 0.0 or exponent > 1.0 or (low > 0.0).all():
+        if node.op == "^" and node.args[1].value > 1.0:
             return SMOOTH
-        return SMOOTH if base.op == "hypot" else CONTINUOUS
+        (first, last), (low, high) = node.limits, self.ends(node.args[0])
+        inside = (low > first).all() and (high < last).all()
+        root = node.op in ("sqrt", "^") and node.args[0].op == "hypot"
+        return SMOOTH if inside or root or first == -np.inf else CONTINUOUS
 
     def _vanishes_at_points(self, node: Node) -> bool:
         """Whether both arguments of a distance vanish at points only, or on lines in space."""

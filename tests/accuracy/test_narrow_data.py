@@ -16,7 +16,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.enclosures import enclosed_on_boxes, enclosed_on_simplices
-from dolfinx_signorini.data.formulas import FUNCTIONS
+from dolfinx_signorini.data.operations import FUNCTIONS
 from dolfinx_signorini.data.parsing import parse
 from dolfinx_signorini.meshes.elements import control_points, values_at_control_points
 from dolfinx_signorini.scenes import solve_scene
@@ -24,8 +24,8 @@ from dolfinx_signorini.scenes.files.reading import load_scene, parse_scene
 from dolfinx_signorini.scenes.scene_data import data_of
 
 NUMBERS = st.floats(0.01, 9.0).map(lambda v: f"{v:.4g}")
-UNARY = [name for name, (count, *_) in FUNCTIONS.items() if count == 1]
-BINARY = [name for name, (count, *_) in FUNCTIONS.items() if count == 2]
+UNARY = [name for name, known in FUNCTIONS.items() if known.arguments == 1]
+BINARY = [name for name, known in FUNCTIONS.items() if known.arguments == 2]
 
 
 def combined(inner):

@@ -262,7 +262,7 @@ def test_a_reaction_and_a_load_that_jump_along_a_fitted_line(slope, place, degre
 )
 def test_data_on_the_other_side_of_a_sliver_count(load, comm, monkeypatch):
     """With all that is cut taken for slivers: the mean square of the difference, on a lattice."""
-    monkeypatch.setattr(known_data, "SLIVER", 1.0)
+    monkeypatch.setattr(known_data, "SOLVED", 1.0)
     text, _ = wave(5, 1, 1.0, 1.0)
     lines = [f'load = "{load}"' if line.startswith("load") else line for line in text.splitlines()]
     known = KnownData(solved("\n".join(lines), comm))

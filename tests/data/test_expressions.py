@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.data.formulas import OPERATIONS, number
+from dolfinx_signorini.data.formulas import number
+from dolfinx_signorini.data.operations import OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE, parse
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -54,7 +55,7 @@ def evaluate(node, x):
         return node.value
     if node.op == "coordinate":
         return x[int(node.value)]
-    return OPERATIONS[node.op][0](*(evaluate(a, x) for a in node.args))
+    return OPERATIONS[node.op].value(*(evaluate(a, x) for a in node.args))
 
 
 @given(FORMULAS)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.data import fits
-from dolfinx_signorini.data.discs import discs
+from dolfinx_signorini.data.analytic import discs
 from dolfinx_signorini.data.fits import fit, followed
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided, inside
@@ -231,6 +231,12 @@ def test_derivatives_of_data_that_jump_have_no_bound(text, start, part):
     jump = ends[1] if part == 16 else start + part / 16 * (ends[1] - start)
     _, slope, root = missed_by_interpolation(parse(text.format(m=jump)), corners, 7)[:, 0]
     assert math.isinf(slope) and math.isinf(root)
+
+
+@pytest.mark.parametrize("text", ["1/(0.5 - x)", "1/(x - x)", "1/(0.25 - x)"])
+def test_derivatives_of_data_with_poles_have_no_bound(text):
+    corners = np.array([[[0.0, 0.0], [0.5, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
+    assert np.isinf(missed_by_interpolation(parse(text), corners, 4)[1:]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

@@ -10,28 +10,24 @@ Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM T
 import itertools
 from dataclasses import dataclass, replace
 
-import basix
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.data.formulas import Node, evaluated
-from dolfinx_signorini.data.interfaces.pieces import inside, widths
-from dolfinx_signorini.data.interfaces.sliding import FLAT, planes
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.interfaces.interface import Interface
+from dolfinx_signorini.data.interfaces.pieces import widths
+from dolfinx_signorini.data.interfaces.sliding import planes
 
 NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
 SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
-BISECTIONS = 60  # of an edge: to the last digit
-ON = 1e-9  # of an edge: zeros that are nearer to a vertex are at the vertex
 THIN = 0.1  # of a cell: what a curve may cut off
-SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
-ROUNDING = 1e-7  # of the largest value in a cell
 
 
 @dataclass(frozen=True)
 class Simplices:
     """A whole mesh on one rank, to be fitted to the zeros of a function:
 
-        whole = fitted(Simplices(x, cells, facets, sides, np.zeros(len(x), dtype=bool)), node)
+        whole = fitted(Simplices(x, cells, facets, sides, np.zeros(len(x), dtype=bool)), interface)
 
     Attributes:
         x: The vertices, shape (vertices, dimension).
@@ -48,60 +44,38 @@ class Simplices:
     fixed: Mask
 
 
-def fitted(whole: Simplices, node: Node) -> Simplices:
-    """Return a mesh in which a function changes its sign along facets, and next to them if curved.
+def fitted(whole: Simplices, interface: Interface) -> Simplices:
+    """Return a mesh that has an interface along facets, and next to them if curved.
 
     Args:
         whole: The mesh.
-        node: The root of the function's tree.
+        interface: The interface.
 
     Returns:
-        The mesh itself where the function changes its sign in no cell, and where cells are so large
-        that the zeros are too curved for them.
+        The mesh itself where the interface is in no cell, and where cells are so large that the
+        interface is too curved for them.
     """
-    if not depths(whole, node).any():
+    if not interface.depths(whole.x[whole.cells]).any():
         return whole
     on = np.zeros(len(whole.x), dtype=bool)
-    edges, places = _cuts(whole, node, on)
+    edges, places = _cuts(whole, interface, on)
     moved, onto = _moved(whole, edges, places)
     on = (on & (moved.x == whole.x).all(axis=1)) | onto
-    edges, places = _cuts(moved, node, on)
+    edges, places = _cuts(moved, interface, on)
     if not (onto.any() or len(edges)):
         return whole
     result = _split(moved, edges, places)
     fixed = np.concatenate((moved.fixed | on, np.ones(len(edges), dtype=bool)))
-    thin = (depths(result, node) < THIN).all()
+    thin = (interface.depths(result.x[result.cells]) < THIN).all()
     return replace(result, fixed=fixed) if thin else whole
 
 
-def depths(whole: Simplices, node: Node) -> Array:
-    """Return how far a function changes its sign inside of each cell.
+def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Array]:
+    """Find the edges that cross an interface.
 
     Args:
         whole: The mesh.
-        node: The root of the function's tree.
-
-    Returns:
-        The largest value of the sign that is less strong, over the largest value; 0 where rounding
-        may have made this sign.
-    """
-    kind = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}[whole.x.shape[1]]
-    kinds = basix.LatticeType.equispaced
-    lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
-    lattice = lattice + 1e-6 * (lattice.mean(axis=0) - lattice)  # signs on the facets are not known
-    values = evaluated(node, inside(whole.x[whole.cells], lattice))
-    low, high = -values.min(axis=0), values.max(axis=0)
-    with np.errstate(all="ignore"):
-        shares = np.minimum(low, high) / np.maximum(low, high)
-    return np.where(shares > ROUNDING, shares, 0.0)
-
-
-def _cuts(whole: Simplices, node: Node, on: Mask) -> tuple[Indices, Array]:
-    """Find the edges that cross the zeros of a function.
-
-    Args:
-        whole: The mesh.
-        node: The root of the function's tree.
+        interface: The interface.
         on: Whether a vertex is known to be at a zero; vertices that turn out to be are added.
 
     Returns:
@@ -111,18 +85,13 @@ def _cuts(whole: Simplices, node: Node, on: Mask) -> tuple[Indices, Array]:
     corners = range(whole.cells.shape[1])
     pairs = [whole.cells[:, pair] for pair in itertools.combinations(corners, 2)]
     edges = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
-    signs = np.sign(evaluated(node, whole.x))
+    signs = np.sign(interface.values(whole.x))
     on |= signs == 0.0
     edges = edges[~on[edges].any(axis=1) & (signs[edges].prod(axis=1) < 0.0)]
-    low: Array = np.zeros(len(edges))
-    high: Array = np.ones(len(edges))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        before = np.sign(evaluated(node, _between(whole.x, edges, middle))) == signs[edges[:, 0]]
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    on[edges[high < ON, 0]] = on[edges[low > 1.0 - ON, 1]] = True
+    places = interface.zeros(*whole.x[edges.T])
+    on[edges[places < SOLVED, 0]] = on[edges[places > 1.0 - SOLVED, 1]] = True
     kept = ~on[edges].any(axis=1)
-    return edges[kept], (0.5 * (low + high))[kept]
+    return edges[kept], places[kept]
 
 
 def _between(x: Array, edges: Indices, places: Array) -> Array:
@@ -175,7 +144,7 @@ def _slides(whole: Simplices, vertices: Indices, ways: Array) -> Mask:
 
     normal, free = planes(whole.x[facets], whole.sides, mean)
     across = np.linalg.norm(np.einsum("vij,vj->vi", normal[vertices], ways), axis=1)
-    return free[vertices] & (across <= FLAT * np.linalg.norm(ways, axis=1))
+    return free[vertices] & (across <= SOLVED * np.linalg.norm(ways, axis=1))
 
 
 def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:

@@ -18,9 +18,9 @@ import numpy as np
 from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.data.formulas import Formula, Node
-from dolfinx_signorini.data.interfaces.cutting import THIN, Simplices, depths, fitted
-from dolfinx_signorini.data.interfaces.roughness import switches
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.cutting import THIN, Simplices, fitted
+from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
 from dolfinx_signorini.meshes.mesh_defects import all_cells
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -32,7 +32,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 
 ROUNDS = 8  # of refinements along curves
 STRAIGHT = 0.01  # of a cell: what a line may cut off that counts as straight
-CHILDREN = 6  # about how many cells the refinement of a cell adds
 
 
 def fitted_mesh(
@@ -54,15 +53,16 @@ def fitted_mesh(
         The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
         that the cells follow a curve, this curve is left inside of cells.
     """
-    nodes = switches(*formulas)[::-1]
-    lines = switches(*straight)
+    curves = interfaces(*formulas)[::-1]
+    lines = interfaces(*straight)
     comm, best = sided.mesh.comm, sided
-    for attempt in range(ROUNDS if nodes or lines else 0):
-        whole, marks = _fitted(_gathered(sided), nodes, lines, max_cells)
+    parts = 2 ** (sided.mesh.topology.dim + 1)  # of a cell that is refined, with its neighbours
+    for attempt in range(ROUNDS if curves or lines else 0):
+        whole, marks = _fitted(_gathered(sided), curves, lines, max_cells)
         changed, marks = comm.bcast((whole is not None, marks))
         if attempt == 0 or not marks.any():
             best = _shared(sided, whole) if changed else sided
-        if not marks.any() or len(marks) + CHILDREN * marks.sum() > max_cells:
+        if not marks.any() or len(marks) + parts * marks.sum() > max_cells:
             break
         count = len(owned_cells(sided.mesh))
         first = comm.exscan(count) or 0  # None on rank 0
@@ -72,21 +72,23 @@ def fitted_mesh(
 
 
 def _fitted(
-    gathered: Simplices | None, nodes: list[Node], lines: list[Node], max_cells: int
+    gathered: Simplices | None, curves: list[Interface], lines: list[Interface], max_cells: int
 ) -> tuple[Simplices | None, Mask]:
     """Fit a mesh on rank 0: the mesh, None if unchanged, and the cells too large for a curve."""
     if gathered is None:
         return None, np.empty(0, dtype=bool)
     whole = gathered
-    for node in nodes:  # what is inside of a formula comes first
-        whole = fitted(whole, node)
-    failing = [node for node in nodes if (depths(whole, node) >= THIN).any()]
-    marks = np.zeros(len(gathered.cells), dtype=bool)
-    for node in failing:
-        marks |= depths(gathered, node) > 0.0
-    for node in lines:
-        more = fitted(whole, node)
-        if len(more.cells) <= max_cells and (depths(more, node) < STRAIGHT).all():
+    for curve in curves:  # what is inside of a formula comes first
+        whole = fitted(whole, curve)
+    corners, cells = whole.x[whole.cells], gathered.x[gathered.cells]
+    marks = np.zeros(len(cells), dtype=bool)
+    for curve in curves:
+        if (curve.depths(corners) >= THIN).any():
+            marks |= curve.depths(cells) > 0.0
+    for line in lines:
+        more = fitted(whole, line)
+        straight = (line.depths(more.x[more.cells]) < STRAIGHT).all()
+        if straight and len(more.cells) <= max_cells:
             whole = more
     return (None if whole is gathered else whole), marks
 

@@ -1,8 +1,8 @@
 """Refined meshes that go on following curves and curved surfaces where a coefficient jumps.
 
-A bisected facet on a curve has its new vertex on the chord. The vertex is moved onto the curve, by
-Newton's method along the gradient of the function whose zeros are the curve; on the boundary of the
-domain, along the boundary.
+A bisected facet on a curve has its new vertex on the chord. The vertex is moved onto the curve,
+along the gradient of the function whose zeros are the curve; on the boundary of the domain, along
+the boundary.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,9 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.roughness import slopes, switches
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
 from dolfinx_signorini.data.interfaces.sliding import planes
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -26,9 +27,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 
 NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
-STEPS = 4  # of Newton's method
-STEP = 1e-5  # of the altitudes, in differences
-ON = 1e-9  # of the altitudes: vertices so near are on the curve
 SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
 
 
@@ -39,12 +37,12 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
         sided: The mesh with its sides, whose vertices are moved.
         formulas: The formulas that jump at the curves.
     """
-    nodes = switches(*formulas)
-    if not nodes:
+    curves = interfaces(*formulas)
+    if not curves:
         return
     vertices = _Vertices(sided)
-    for node in nodes:
-        vertices.move(node)
+    for curve in curves:
+        vertices.move(curve)
     vertices.store()
 
 
@@ -88,18 +86,18 @@ class _Vertices:
 
         self.normals, self.free = planes(self.x[dofs], sided.combinations(facets)[1], mean)
 
-    def move(self, node: Node) -> None:
-        """Move the vertices near the zeros of a function onto the zeros."""
-        x = self.x.copy()
-        for _ in range(STEPS):
-            values, slope = evaluated(node, x), slopes(node, x, STEP * self.altitudes)
-            slope -= np.einsum("vij,vj->vi", self.normals, slope)
-            with np.errstate(all="ignore"):
-                x = x - (values / (slope**2).sum(axis=1))[:, None] * slope
+    def move(self, curve: Interface) -> None:
+        """Move the vertices near an interface onto it."""
+        value, slope = curve.values(self.x), curve.gradients(self.x)
+        slope -= np.einsum("vij,vj->vi", self.normals, slope)
         with np.errstate(all="ignore"):
-            ways = np.linalg.norm(x - self.x, axis=1) / self.altitudes
-        chosen = self.free & (ways > ON) & (ways < NEAR)
-        self.x[chosen] = x[chosen]
+            steps = NEAR * self.altitudes * np.sign(value) / np.linalg.norm(slope, axis=1)
+            ends = self.x - steps[:, None] * slope
+        crossing = np.flatnonzero(self.free & (value * curve.values(ends) < 0.0))
+        shares = curve.zeros(self.x[crossing], ends[crossing])
+        far = shares > SOLVED
+        chosen, shares = crossing[far], shares[far, None]
+        self.x[chosen] += shares * (ends[chosen] - self.x[chosen])
 
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""

@@ -19,10 +19,19 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, cut, divided, inside
-from dolfinx_signorini.data.interfaces.roughness import jumps, poles, rough, switches
+from dolfinx_signorini.data.interfaces.interface import Interface, interfaces, middles
+from dolfinx_signorini.data.interfaces.pieces import (
+    DEEPEST,
+    MOST_PIECES,
+    inside,
+    subdivide,
+    widths,
+    with_reference,
+)
+from dolfinx_signorini.data.interfaces.roughness import NEAR_POLE, jumps, poles, rough
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -33,15 +42,9 @@ from dolfinx_signorini.meshes.sided_meshes import (
     sampled,
 )
 
-ON_FACET = 1e-6  # the least value of a positive function at the points of a rule on a facet
 SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
-FLAT = 1e-3  # of the range of a switch in a piece: how far from linear the switch may be
-ON_ZERO = 1e-10  # of the values of a switch in a piece: smaller ones are zero
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
-AWAY = 0.5  # of the largest value of a denominator in a piece: smaller ones tell a pole
-DEEPEST = 40  # divisions towards a pole
-ROUNDING = 1e-12  # of the domain: in smaller pieces the distance to a pole is not known
 
 
 def integrable(
@@ -64,11 +67,8 @@ def integrable(
     if not (rough(formula) if follows is None else jumps(formula)):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
-    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     element = space.element.basix_element
-    projected = _Projection(formula, domain, element, corners)
-    if follows is not None:
-        projected.poles = []
+    projected = _Projection(formula, domain, element, _corners(domain), follows is None)
     cells, values = projected.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
@@ -93,8 +93,8 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
         The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
         the reference cell and in space side by side, and the cells of the pieces.
     """
-    projection = _switching(formulas, domain, degree)
-    found = list(projection.pieces(projection.broken_cells()))
+    cells = _Cells(domain, _corners(domain), interfaces(*formulas))
+    found = list(cells.pieces(np.flatnonzero(cells.broken(cells.whole)[0]), degree))
     return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
@@ -104,17 +104,12 @@ def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
     Args:
         formulas, domain: See `cut_cells`.
     """
-    return _switching(formulas, domain, 0).broken_cells()
+    cells = _Cells(domain, _corners(domain), interfaces(*formulas))
+    return np.flatnonzero(cells.broken(cells.whole)[0])
 
 
-def _switching(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> "_Projection":
-    """The jumps and kinks of formulas, without their poles."""
-    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
-    element = fem.functionspace(domain, ("DG", degree)).element.basix_element
-    result = _Projection(formulas[0], domain, element, corners)
-    result.switches = switches(*formulas)
-    result.poles = []
-    return result
+def _corners(domain: mesh.Mesh) -> npt.NDArray[np.floating]:
+    return domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
 
 
 def integrable_on_facets(
@@ -158,7 +153,7 @@ def integrable_on_facets(
         bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
         for function in (trace, bubble):
             function.x.scatter_forward()
-        result = ufl.conditional(ufl.gt(bubble, ON_FACET), trace, result)
+        result = ufl.conditional(ufl.gt(bubble, SOLVED), trace, result)
     return result
 
 
@@ -171,13 +166,89 @@ def _on_facet(
     return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
 
 
-class _Projection:
-    """The projection of a formula on polynomials in the cells where the formula is not smooth.
+class _Cells:
+    """Cells of a mesh, or facets, with the interfaces and poles that may be inside of them.
 
-    A cell is a cell or a facet of the mesh, and has corners, shape (cells, vertices, 3). A piece
-    of a cell is given by its vertices, with the coordinates in the reference cell and in space side
-    by side, and by the number of the cell.
+    A piece of a cell is given by its vertices, with the coordinates in the reference cell and in
+    space side by side, and by the number of the cell.
+
+    Args:
+        domain: The mesh.
+        corners: The vertices of the cells, shape (cells, vertices, 3).
+        curves: The interfaces.
+        denominators: What is zero at poles.
     """
+
+    def __init__(
+        self,
+        domain: mesh.Mesh,
+        corners: npt.NDArray[np.floating],
+        curves: Sequence[Interface],
+        denominators: Sequence[Node] = (),
+    ):
+        self.comm, self.curves, self.poles = domain.comm, curves, denominators
+        self.d, self.dimension = domain.geometry.dim, corners.shape[1] - 1
+        self.whole = with_reference(corners[..., : self.d])
+        self.size = longest_side(domain.comm, domain.geometry.x[:, : self.d])
+        self.tested = middles(self.dimension)  # points where a pole is looked for
+
+    def pieces(self, cells: Indices, degree: int) -> Iterator[tuple[Array, Indices]]:
+        """Divide cells into pieces that interfaces do not cross, and small ones; collective.
+
+        Pieces are cut along interfaces as soon as these are flat. What is left next to a pole in
+        the end is left out.
+
+        Args:
+            cells: The cells.
+            degree: The degree of the elements.
+        """
+        longest = float(widths(self.whole[cells][..., self.dimension :]).max(initial=0.0))
+        width = self.comm.allreduce(longest, op=MPI.MAX)
+        order = 3 if degree > 1 else 2  # of the error of the solution, at best
+        target = self.size * min(WIDTH, (width / self.size) ** order)
+
+        def look(pieces: Array, owners: Indices, level: int) -> tuple[Mask, list[Mask]]:
+            split = self.polar(pieces)
+            smallest = width * 0.5**level <= ROUNDING * self.size or level == DEEPEST
+            kept = ~(split & smallest)
+            if smallest or self._count(split) > MOST_AT_POLES:
+                split[:] = False
+            broken, curved = self.broken(pieces)
+            if width * 0.5**level > target and self._count(curved) <= MOST_PIECES:
+                split |= curved
+            return split, [kept & ~broken, kept & broken]
+
+        levels = subdivide(self.whole[cells], cells, look, self.comm)
+        for pieces, owners, _, (smooth, broken) in levels:
+            yield pieces[smooth], owners[smooth]
+            parts, numbers = pieces[broken], owners[broken]
+            for curve in self.curves:
+                parts, parents = curve.cut(parts, self.d)
+                numbers = numbers[parents]
+            yield parts, numbers
+
+    def broken(self, pieces: Array) -> tuple[Mask, Mask]:
+        """Whether interfaces cross pieces, or may do so, and whether one of these is curved."""
+        result = np.zeros((2, len(pieces)), dtype=bool)
+        for curve in self.curves:
+            result |= curve.crosses(pieces[..., self.dimension :])
+        return result[0], result[1]
+
+    def polar(self, pieces: Array) -> Mask:
+        """Whether a pole is in a piece, or nearer to the piece than about its width."""
+        found = np.zeros(len(pieces), dtype=bool)
+        for pole in self.poles:
+            sizes = np.abs(evaluated(pole, inside(pieces[..., self.dimension :], self.tested)))
+            found |= sizes.min(axis=0) < NEAR_POLE * sizes.max(axis=0)
+        return found
+
+    def _count(self, marks: Mask) -> int:
+        """How many pieces of all ranks are marked."""
+        return int(self.comm.allreduce(int(marks.sum())))
+
+
+class _Projection(_Cells):
+    """The projection of a formula on polynomials in the cells where the formula is not smooth."""
 
     def __init__(
         self,
@@ -185,37 +256,26 @@ class _Projection:
         domain: mesh.Mesh,
         element: basix.finite_element.FiniteElement,
         corners: npt.NDArray[np.floating],
+        look_for_poles: bool = True,
     ):
-        self.formula, self.comm = formula, domain.comm
-        self.switches, self.poles = switches(formula), poles(formula)
-        self.dimension, self.element = corners.shape[1] - 1, element
+        denominators = poles(formula) if look_for_poles else []
+        super().__init__(domain, corners, interfaces(formula), denominators)
+        self.formula, self.element = formula, element
         rule = interior_rule(element.cell_type, element.degree + 4)
         self.points, self.weights = rule.points(element.cell_type)
-        # The vertices and the middles of the edges, and which of these points are the vertices.
-        halves = [p for p in np.ndindex(*[3] * self.dimension) if sum(p) <= 2]
-        self.lattice = np.array(halves) / 2.0
-        self.corners = barycentric(self.lattice).argmax(axis=0)
-        x = domain.geometry.x[:, : domain.geometry.dim]
-        corners = corners[..., : domain.geometry.dim]
-        unit = np.vstack((np.zeros(self.dimension), np.eye(self.dimension)))
-        reference = np.broadcast_to(unit, (len(corners), *unit.shape))
-        self.whole: Array = np.concatenate((reference, corners), axis=2, dtype=np.float64)
-        self.size = longest_side(domain.comm, x)
+        self.tested = np.concatenate((self.tested, self.points))
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
-        cells = self.candidates()
-        whole, mean = self.whole[cells], self._mean()
-        polar = self.polar(whole)
-        chosen = self.broken(whole)[0] | polar
-        cells, polar = cells[chosen], polar[chosen]
+        polar = self.polar(self.whole)
+        cells = np.flatnonzero(self.broken(self.whole)[0] | polar)
         coarse = self._moments(self.whole[cells], cells)
         moments = np.zeros_like(coarse)
-        for pieces, owners in self.pieces(cells):
+        for pieces, owners in self.pieces(cells, self.element.degree):
             moments += self._moments(pieces, owners)
         with np.errstate(invalid="ignore"):
             defect = np.abs(moments - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[polar | (defect > SMOOTH * mean * self.weights.sum())]
+        cells = cells[polar[cells] | (defect > SMOOTH * self._mean() * self.weights.sum())]
         points, weights = QuadratureRule("default", 2 * self.element.degree).points(
             self.element.cell_type
         )
@@ -225,69 +285,14 @@ class _Projection:
         finite = np.isfinite(values).all(axis=1)
         return cells[finite], values[finite]
 
-    def pieces(self, cells: Indices) -> Iterator[tuple[Array, Indices]]:
-        """Divide cells into pieces in which the formula is smooth, and small ones; collective.
-
-        Pieces are cut where a switch is zero, as soon as the zeros are flat. What is left next to a
-        pole in the end is left out.
-
-        Args:
-            cells: The cells.
-        """
-        pieces = self.whole[cells]
-        edges = (pieces[:, 1:] - pieces[:, :1])[..., self.dimension :]
-        longest = float(np.linalg.norm(edges, axis=2).max(initial=0.0))
-        width = self.comm.allreduce(longest, op=MPI.MAX)
-        order = 3 if self.element.degree > 1 else 2  # of the error of the solution, at best
-        target = self.size * min(WIDTH, (width / self.size) ** order)
-        least = ROUNDING * self.size
-        for _ in range(DEEPEST):
-            split = self.polar(pieces)
-            kept = ~split if width <= least else np.ones(len(split), dtype=bool)
-            if width <= least or self._count(split) > MOST_AT_POLES:
-                split[:] = False
-            broken, curved = self.broken(pieces)
-            if width > target and self._count(curved) <= MOST_PIECES:
-                split |= curved
-            done = kept & ~split
-            yield pieces[done & ~broken], cells[done & ~broken]
-            yield self._cut(pieces[done & broken], cells[done & broken])
-            if not self._count(split):
-                return
-            pieces, cells, width = *divided(pieces[split], cells[split]), 0.5 * width
-        split = self.polar(pieces)
-        yield pieces[~split], cells[~split]
-
-    def candidates(self) -> Indices:
-        """Cells that may be broken; of many cells those that are near a zero of a switch or a pole.
-
-        In the other cells the values of each switch at the vertices have the same sign, and are
-        larger than their differences.
-        """
-        rows = np.arange(len(self.whole))
-        if self.comm.allreduce(len(rows)) <= MANY:
-            return rows
-        near = self.polar(self.whole)
-        for switch in self.switches:
-            values = self._values(switch, self.whole.transpose(1, 0, 2))
-            low, high = values.min(axis=0), values.max(axis=0)
-            with np.errstate(invalid="ignore"):
-                near |= ~(np.maximum(low, -high) > high - low)
-        return rows[near]
-
-    def broken_cells(self) -> Indices:
-        """Cells in which a switch changes its sign, or may do so."""
-        cells = self.candidates()
-        return cells[self.broken(self.whole[cells])[0]]
-
     def _mean(self) -> float:
         """The mean size of the formula in all cells, or in a sample of many.
 
         Of a cell the median of the values at the vertices is taken, for one may be at a pole.
         """
         some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
-        values = self._values(self.formula.root, self.whole[some].transpose(1, 0, 2))
-        medians = np.median(np.abs(values), axis=0)
+        values = evaluated(self.formula.root, self.whole[some][..., self.dimension :])
+        medians = np.median(np.abs(values), axis=1)
         sizes = medians[np.isfinite(medians)]
         total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
         return float(total / max(count, 1.0))
@@ -296,69 +301,11 @@ class _Projection:
         """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
         edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
         points = inside(pieces, self.points)
-        values = self._values(self.formula.root, points)
+        values = evaluated(self.formula.root, points[..., self.dimension :])
         weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
         basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
         owners, count = np.tile(cells, len(self.weights)), len(self.whole)
         return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
-
-    def broken(self, pieces: Array) -> tuple[Mask, Mask]:
-        """Whether a switch changes its sign in a piece, or may do so between points of the lattice.
-
-        And whether such a switch is not nearly linear in the piece, so that its zeros are curved.
-        """
-        broken, curved = np.zeros((2, len(pieces)), dtype=bool)
-        for switch in self.switches:
-            values, apart = self._apart(switch, pieces)
-            low, high, bend = values.min(axis=0), values.max(axis=0), np.abs(apart).max(axis=0)
-            sizes = np.abs(values)
-            rounding = ON_ZERO * sizes.max(axis=0)
-            changes = (low < -rounding) & (high > rounding)
-            changes |= (bend > rounding) & (sizes.min(axis=0) <= bend)
-            with np.errstate(invalid="ignore"):
-                curved |= changes & ~(bend <= FLAT * (high - low))
-            broken |= changes
-        return broken, curved
-
-    def _cut(self, pieces: Array, cells: Indices) -> tuple[Array, Indices]:
-        """Cut pieces where switches are zero, as if the switches were linear in each piece."""
-        for switch in self.switches:
-            values, apart = self._apart(switch, pieces)
-            # The linear functions have the means of the switch, as far as that is quadratic.
-            shares = 4.0 / ((self.dimension + 1) * (self.dimension + 2))
-            at = values[self.corners] + shares * apart.sum(axis=0)
-            small = np.abs(at) <= ON_ZERO * np.abs(at).max(axis=0)
-            pieces, parents = cut(pieces, np.where(small | ~np.isfinite(at), 0.0, at).T)
-            cells = cells[parents]
-        return pieces, cells
-
-    def _apart(self, switch: Node, pieces: Array) -> tuple[Array, Array]:
-        """The values of a switch at the lattice of pieces, and how far from linear the values are.
-
-        Both have the shape (points, pieces).
-        """
-        values = self._values(switch, inside(pieces, self.lattice))
-        with np.errstate(invalid="ignore"):
-            return values, values - barycentric(self.lattice) @ values[self.corners]
-
-    def _count(self, marks: Mask) -> int:
-        """How many pieces of all ranks are marked."""
-        return int(self.comm.allreduce(int(marks.sum())))
-
-    def polar(self, pieces: Array) -> Mask:
-        """Whether a pole is in a piece, or nearer to the piece than about its width."""
-        found = np.zeros(len(pieces), dtype=bool)
-        if not self.poles:
-            return found
-        points = inside(pieces, np.concatenate((self.lattice, self.points)))
-        for pole in self.poles:
-            sizes = np.abs(self._values(pole, points))
-            found |= sizes.min(axis=0) < AWAY * sizes.max(axis=0)
-        return found
-
-    def _values(self, node: Node, points: Array) -> Array:
-        """The values of a formula at points of pieces, shape (points, pieces)."""
-        return evaluated(node, points[..., self.dimension :])
 
     def _basis(self, points: Array) -> Array:
         """The basis of the polynomials at points of the reference cell, shape (points, basis)."""

@@ -3,18 +3,26 @@
 Pieces are given by their vertices, shape (pieces, vertices, coordinates).
 """
 
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.meshes.parts import CHILDREN
 
 Numbers = npt.NDArray[Any]
 
+Look = Callable[[Array, Numbers, int], tuple[Mask, Sequence[npt.NDArray[Any]]]]
+
 MOST_PIECES = 20_000  # on all ranks that are divided once more
+FINE = 1_500  # pieces, about: of one cell, or of few cells that are looked at for the first time
+DEEPEST = round(-math.log2(ROUNDING))  # divisions of a cell: then a piece is as small as rounding
 
 
 def inside(pieces: Array, points: Array) -> Array:
@@ -46,6 +54,65 @@ def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
     middles = 0.5 * (pieces[:, :, None] + pieces[:, None])
     children = [middles[:, *np.divmod(c, 10)] for c in CHILDREN[pieces.shape[1] - 1]]
     return np.concatenate(children), np.tile(owners, len(children))
+
+
+def corners_of_reference(dimension: int) -> Array:
+    """Return the vertices of the reference simplex."""
+    return np.vstack((np.zeros(dimension), np.eye(dimension)))
+
+
+def with_reference(corners: npt.NDArray[np.floating]) -> Array:
+    """Return cells as pieces with the coordinates in the reference cell and in space side by side.
+
+    Args:
+        corners: The vertices of the cells, shape (cells, vertices, dimension).
+    """
+    unit = corners_of_reference(corners.shape[1] - 1)
+    reference = np.broadcast_to(unit, (len(corners), *unit.shape))
+    return np.concatenate((reference, corners), axis=2, dtype=np.float64)
+
+
+def subdivide(
+    pieces: Array,
+    owners: Numbers,
+    look: Look,
+    comm: MPI.Comm = MPI.COMM_SELF,
+    most: float = math.inf,
+    deepest: int = DEEPEST,
+) -> Iterator[tuple[Array, Numbers, int, list[npt.NDArray[Any]]]]:
+    """Divide pieces until nothing is undecided, and yield those that are not divided any more.
+
+    For example, the area of a disc:
+
+        def look(pieces, owners, level):
+            sizes = np.linalg.norm(pieces, axis=2)
+            return (sizes.min(axis=1) < 1.0) & (sizes.max(axis=1) > 1.0), [sizes.max(axis=1) < 1.0]
+
+        for parts, owners, level, (inside,) in subdivide(cells, numbers, look, deepest=5):
+            area += areas(parts[inside]).sum()
+
+    Args:
+        pieces: The pieces.
+        owners: The number of the cell around each piece.
+        look: Returns whether pieces are undecided, and arrays of what was found, pieces last; gets
+            the pieces, the owners, and how often they have been divided.
+        comm: The communicator, over which the call is collective.
+        most: The number of pieces on all ranks that are divided together, at most.
+        deepest: How often a piece is divided, at most.
+
+    Yields:
+        Pieces that are decided, or past one of the limits, with their owners, how often they have
+        been divided, and what was found of them.
+    """
+    for level in range(deepest + 1):
+        open_, found = look(pieces, owners, level)
+        count = comm.allreduce(int(open_.sum()))
+        if count > most or level == deepest:
+            count, open_ = 0, np.zeros_like(open_)
+        yield pieces[~open_], owners[~open_], level, [array[..., ~open_] for array in found]
+        if not count:
+            return
+        pieces, owners = divided(pieces[open_], owners[open_])
 
 
 def cut(pieces: Array, values: Array) -> tuple[Array, Numbers]:

@@ -41,24 +41,16 @@ def polynomial_degree(node: Node) -> int | None:
     Returns:
         The degree, which may be too large where terms cancel; None for other formulas.
     """
-    if node.op in ("number", "coordinate"):
+    if not node.args:
         return int(node.op == "coordinate")
-    if node.op == "where":
-        parts = [polynomial_degree(a) for a in node.args[1:]]
-    else:
-        parts = [polynomial_degree(a) for a in node.args]
-    if node.op == "sign" or (None not in parts and max(known := _known(parts)) == 0):
+    parts = [polynomial_degree(a) for a in (node.args[1:] if node.op == "where" else node.operands)]
+    known = _known(parts)
+    if node.op == "sign" or known == [0] * len(parts):
         return 0
-    if None in parts:
+    if len(known) < len(parts):
         return None
-    if node.op in ("+", "-", "negative", "abs", "min", "max", "where"):
-        return max(known)
-    if node.op == "*":
-        return sum(known)
-    if node.op == "/" and known[1] == 0:
-        return known[0]
-    power = node.args[1].value if node.op == "^" and node.args[1].op == "number" else -1.0
-    return known[0] * int(power) if power >= 0.0 and power == int(power) else None
+    degree: int | None = node.operation.degree(*known, *node.exponents)
+    return degree
 
 
 def measure_for(

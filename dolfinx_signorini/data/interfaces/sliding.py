@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array
-
-FLAT = 1e-9  # of the normals around a vertex: how far from parallel they may be, in squares
+from dolfinx_signorini.base.tolerances import SOLVED
 
 
 def planes(
@@ -30,7 +29,7 @@ def planes(
     products = np.moveaxis(normals[:, :, None] * normals[:, None], 0, -1)
     result = np.array([[mean(values) for values in row] for row in products])
     result = np.moveaxis(result, -1, 0)
-    parallel = (result**2).sum(axis=(1, 2)) >= (1.0 - FLAT) * np.trace(result, axis1=1, axis2=2)
+    parallel = (result**2).sum(axis=(1, 2)) >= (1.0 - SOLVED) * np.trace(result, axis1=1, axis2=2)
     numbers = sides.astype(np.float64)
-    same = mean(numbers**2) - mean(numbers) ** 2 <= FLAT * mean(numbers**2)
+    same = mean(numbers**2) - mean(numbers) ** 2 <= SOLVED * mean(numbers**2)
     return result, parallel & same

@@ -12,7 +12,8 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES, FUNCTIONS
+from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES
+from dolfinx_signorini.data.operations import FUNCTIONS
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.norms.names import parse_norm

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, UPWARDS
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import others
@@ -36,12 +37,8 @@ from dolfinx_signorini.scenes.proven.known_diffusion import with_known_diffusion
 
 Known = tuple[EnergyTerms, Remainders]
 
-FLAT = 1e-12  # of a normal: components that are rounding
-ROUNDING = 1e-12  # of a reaction: negative values that are none
 NEGATIVE = "whether the reaction is negative somewhere is known at points only"
 KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
-SLIVER = 1e-9  # of a cell: where data may have another side's values on more, the cell is cut
-FULL = 1.0 + 1e-9  # for rounding
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
 
 
@@ -202,7 +199,7 @@ class KnownData:
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             for k, formula in enumerate(formulas):
                 factors = normals[:, k] if self.current else np.ones(len(cells))
-                on = np.flatnonzero(np.abs(factors) > FLAT)
+                on = np.flatnonzero(np.abs(factors) > ROUNDING)
                 yield formula, (cells[on], facets[on]), corners[on], factors[on]
 
     def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
@@ -305,9 +302,10 @@ class KnownData:
                 with np.errstate(invalid="ignore"):
                     far = np.maximum(most - low, high - least)
                 apart[open_] = np.maximum(apart[open_], np.where(np.isnan(far), np.inf, far))
-            thin = (part.shares <= SLIVER) & np.isfinite(apart)
+            # On slivers data may have another side's values, and the cell is not cut.
+            thin = (part.shares <= SOLVED) & np.isfinite(apart)
             cut[part.cells[~thin]] = True
-            shares = part.shares[thin] * FULL
+            shares = part.shares[thin] * UPWARDS
             result.append(_OneSided(part.cells[thin], chosen, shares, apart[thin]))
         zeros = np.zeros(int(cut.sum()))
         return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]

@@ -1,0 +1,189 @@
+"""Interfaces: zero sets of functions at whose sign data choose, where data jump or have a kink.
+
+The function is a level set function. Its derivatives are exact, and so are the values of data on
+either side of the interface: of each choice that hangs on the function, the chosen part is taken.
+"""
+
+import functools
+import math
+
+import basix
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.tolerances import PRECISION, ROUNDING, SOLVED
+from dolfinx_signorini.bounds.reference_flux import barycentric
+from dolfinx_signorini.data.derivatives import Derivative
+from dolfinx_signorini.data.formulas import Formula, Node, Values, evaluated
+from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
+from dolfinx_signorini.data.interfaces.roughness import factors, is_even, switches
+from dolfinx_signorini.data.names import Names
+
+FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
+SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
+ASIDE = math.sqrt(ROUNDING)  # of a cell: samples lie so far inside; facets have no known sign
+
+
+class Interface:
+    """The zero set of a function:
+
+        interface = Interface(parse("x^2 + y^2 - 0.25").root)
+        shares = interface.zeros(start, end)
+
+    Attributes:
+        node: The root of the tree of the function.
+    """
+
+    def __init__(self, node: Node):
+        self.node = node
+
+    def values(self, x: Array) -> Array:
+        """Return the values of the function at points, shape (..., dimension)."""
+        return evaluated(self.node, x)
+
+    def gradients(self, x: Array) -> Array:
+        """Return the gradients of the function at points."""
+        return np.stack([evaluated(slope, x) for slope in self._slopes[: x.shape[-1]]], axis=-1)
+
+    @functools.cached_property
+    def _slopes(self) -> list[Node]:
+        return [Derivative(k)(self.node) for k in range(3)]
+
+    def zeros(self, start: Array, end: Array) -> Array:
+        """Return where segments cross the interface, as shares of their lengths.
+
+        Newton's method, and bisection where Newton's step leaves the part of the segment in which
+        the sign changes, or is more than half as long as the step before.
+
+        Args:
+            start, end: The ends of the segments, with different signs of the function.
+        """
+        sign, way = np.sign(self.values(start)), end - start
+        low: Array = np.zeros(len(start))
+        high: Array = np.ones(len(start))
+        share, step = 0.5 * (low + high), high
+        while (step > PRECISION).any():
+            x = start + share[:, None] * way
+            value = self.values(x)
+            before = np.sign(value) == sign
+            low, high = np.where(before, share, low), np.where(before, high, share)
+            with np.errstate(all="ignore"):
+                new = share - value / (self.gradients(x) * way).sum(axis=1)
+                good = (np.abs(new - share) <= 0.5 * step) & (new >= low - PRECISION)
+            new = np.where(good & (new <= high + PRECISION), new, 0.5 * (low + high))
+            share, step = new, np.abs(new - share)
+        return share
+
+    def depths(self, corners: Array) -> Array:
+        """Return how far the function changes its sign inside of cells.
+
+        Args:
+            corners: The vertices of the cells, shape (cells, vertices, dimension).
+
+        Returns:
+            The largest value of the sign that is less strong, over the largest value; 0 where
+            rounding may have made this sign.
+        """
+        kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
+        kinds = basix.LatticeType.equispaced
+        lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
+        lattice = lattice + ASIDE * (lattice.mean(axis=0) - lattice)
+        values = self.values(inside(corners, lattice))
+        low, high = -values.min(axis=0), values.max(axis=0)
+        with np.errstate(all="ignore"):
+            shares = np.minimum(low, high) / np.maximum(low, high)
+        return np.where(shares > SOLVED, shares, 0.0)
+
+    def crosses(self, corners: Array) -> tuple[Mask, Mask]:
+        """Return whether the interface may be in pieces, and whether it is curved there.
+
+        The function changes its sign, or may do so between the vertices and the middles of edges.
+        Where it is not nearly linear, the zeros are curved.
+
+        Args:
+            corners: The vertices of the pieces, shape (pieces, vertices, dimension).
+        """
+        values, apart = self._apart(corners)
+        low, high, bend = values.min(axis=0), values.max(axis=0), np.abs(apart).max(axis=0)
+        sizes = np.abs(values)
+        rounding = SOLVED * sizes.max(axis=0)
+        changes = (low < -rounding) & (high > rounding)
+        changes |= (bend > rounding) & (sizes.min(axis=0) <= bend)
+        with np.errstate(invalid="ignore"):
+            return changes, changes & ~(bend <= FLAT * (high - low))
+
+    def cut(self, pieces: Array, dimension: int) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Cut pieces where the function is zero, as if it were linear in each of them.
+
+        Args:
+            pieces: The pieces, whose last coordinates are those in space.
+            dimension: The number of coordinates in space.
+
+        Returns:
+            The parts, and the numbers of their pieces.
+        """
+        values, apart = self._apart(pieces[..., -dimension:])
+        vertices = pieces.shape[1]
+        # The linear functions have the means of the function, as far as that is quadratic.
+        shares = 4.0 / (vertices * (vertices + 1))
+        at = values[:vertices] + shares * apart.sum(axis=0)
+        small = np.abs(at) <= SOLVED * np.abs(at).max(axis=0)
+        return cut(pieces, np.where(small | ~np.isfinite(at), 0.0, at).T)
+
+    def _apart(self, corners: Array) -> tuple[Array, Array]:
+        """The values at the vertices and the middles of edges, and how far from linear these are.
+
+        Both have the shape (points, pieces).
+        """
+        lattice = middles(corners.shape[1] - 1)
+        values = self.values(inside(corners, lattice))
+        with np.errstate(invalid="ignore"):
+            return values, values - barycentric(lattice) @ values[: corners.shape[1]]
+
+
+@functools.cache
+def middles(dimension: int) -> Array:
+    """Return the vertices of the reference simplex, and behind them the middles of its edges."""
+    unit = corners_of_reference(dimension)
+    first, second = np.triu_indices(dimension + 1, 1)
+    return np.concatenate((unit, 0.5 * (unit[first] + unit[second])))
+
+
+def interfaces(*formulas: Formula) -> list[Interface]:
+    """Return where formulas may jump or have a kink; see `roughness.switches` for the order."""
+    return [Interface(node) for node in switches(*formulas)]
+
+
+class OneSided(Values[Array]):
+    """The values of formulas next to points of an interface, on one of its sides:
+
+        jump = OneSided(interface, x, 1.0)(load.root) - OneSided(interface, x, -1.0)(load.root)
+
+    Args:
+        interface: The interface.
+        x: The points, shape (points, dimension).
+        side: The sign of the function on the side.
+    """
+
+    def __init__(self, interface: Interface, x: Array, side: float):
+        super().__init__("numpy", list(x.T), lambda value: np.full(len(x), value))
+        self.side, self.names = side, Names()
+        self.name = self.names[interface.node]
+
+    def find(self, node: Node) -> Array:
+        margin = node.switch
+        if margin is None or self.name not in [self.names[a] for a in factors(margin, True)]:
+            return super().find(node)
+        positive = self._sign(margin) > 0.0
+        return np.where(positive, self(node.chosen(True)), self(node.chosen(False)))
+
+    def _sign(self, node: Node) -> Array:
+        """The sign of a product that the function is a factor of."""
+        if self.names[node] == self.name:
+            return np.array(self.side)
+        if node.op in ("*", "/"):
+            return self._sign(node.args[0]) * self._sign(node.args[1])
+        if node.args and node.operation.vanishes == "with" and not is_even(node):
+            return self._sign(node.args[0]) * (-1.0 if node.op == "negative" else 1.0)
+        return np.sign(self(node))
