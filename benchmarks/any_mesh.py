@@ -260,7 +260,7 @@ def measure(
             seconds.setdefault(amg, []).append(spent if iterations > 0 else math.inf)
         seconds.setdefault("contact", []).append(timed(comm, problem.solve)[0])
         result = problem.result
-        setups = problem._solver.linear.setups if problem._solver is not None else 0
+
         touching = result.active_dofs / max(comm.allreduce(len(problem.contact_dofs)), 1)
         unknowns = problem.unknowns
         problem.destroy()
@@ -279,7 +279,7 @@ def measure(
         "free_ratio": median(f for _, f in ratios),
         "solves": result.linear_solves,
         "iterations": result.linear_iterations,
-        "setups": setups,
+        "setups": result.setups,
         "phases": result.seconds,
     }
 

@@ -57,7 +57,7 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     P = _interpolation(triangulation, places)
     P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0
     A, load = _galerkin(system, P, len(chosen))
-    solution, forces = _solution(A, load, lower, lower if system.singular else start)
+    solution, forces = _solution(A, load, lower, start)
     A.destroy()
     if not np.isfinite(solution).all():
         return None

@@ -80,7 +80,7 @@ class ActiveSetSolver:
             NotConvergedError: The natural residual was not reached.
         """
         began, linear = time.perf_counter(), self.linear
-        counts = linear.solves, linear.iterations
+        counts = linear.solves, linear.iterations, linear.setups
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
             if coarse is not None:
@@ -114,7 +114,12 @@ class ActiveSetSolver:
         }
         spent = linear.solves - counts[0], linear.iterations - counts[1]
         result = _result(system, x, "cascade", rounds, residual, spent, seconds)
-        return result if stop is None else replace(result, algebraic_share=stop.share)
+        return replace(
+            result,
+            algebraic_share=None if stop is None else stop.share,
+            preconditioner=linear.preconditioner,
+            setups=linear.setups - counts[2],
+        )
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -19,6 +19,10 @@ class SolveResult:
         linear_iterations: The iterations of the linear solver, inside of TAO included.
         natural_residual: The natural residual relative to the data.
         active_dofs: The number of contact dofs with u = g.
+        preconditioner: What the linear solver took for the inverse of the matrix, in words:
+            "cholesky", multigrid with its levels, or the type of PETSc, for example "boomeramg".
+            Empty where TAO did everything.
+        setups: The set-ups of the preconditioner, or factorizations, of this solve.
         seconds: The wall-clock seconds of each phase.
         algebraic_share: The estimate of the algebraic error over that of the discretisation error,
             where the solve stopped by this; None where the natural residual decided.
@@ -32,4 +36,6 @@ class SolveResult:
     natural_residual: float
     active_dofs: int
     seconds: dict[str, float]
+    preconditioner: str = ""
+    setups: int = 0
     algebraic_share: float | None = None

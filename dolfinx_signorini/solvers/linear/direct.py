@@ -55,6 +55,11 @@ class DirectSolver(LinearSolver):
         self._iterative.solve(system, x, held, atol, multiplier, stop)
         self.iterations += self._iterative.iterations - before
 
+    @property
+    def preconditioner(self) -> str:
+        """A factorization, or the preconditioner of the solver that took over."""
+        return "cholesky" if self._iterative is None else self._iterative.preconditioner
+
     def free(self) -> None:
         """Free the factors; a next solve makes them anew."""
         self._ksp.reset()

@@ -32,8 +32,7 @@ from dolfinx_signorini.solvers.system import System
 # diagonal is raised by it (Baker, Falgout, Kolev and Yang, SIAM J. Sci. Comput. 33 (2011) 2864).
 # The last levels, a few dofs each, cost more than a direct solve. Coarsening and interpolation are
 # those of `benchmarks/amg.py`: aggressive on the first level, in the plane and in space.
-DEFAULT_OPTIONS: dict[str, Any] = {
-    "ksp_type": "cg",
+HYPRE: dict[str, Any] = {
     "pc_type": "hypre",
     "pc_hypre_type": "boomeramg",
     "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
@@ -45,9 +44,12 @@ DEFAULT_OPTIONS: dict[str, Any] = {
     "pc_hypre_boomeramg_agg_nl": 1,
     "pc_hypre_boomeramg_agg_num_paths": 2,
 }
-BOOMERAMG = {key: value for key, value in DEFAULT_OPTIONS.items() if key.startswith("pc_")}
+# PETSc's own algebraic multigrid, for a PETSc without hypre.
+GAMG: dict[str, Any] = {"pc_type": "gamg"}
+AMG = HYPRE if PETSc.Sys.hasExternalPackage("hypre") else GAMG
+DEFAULT_OPTIONS: dict[str, Any] = {"ksp_type": "cg"} | AMG
 # On the coarsest mesh of geometric multigrid one cycle stands for a solve, and is to be accurate.
-COARSEST = BOOMERAMG | {"pc_hypre_boomeramg_agg_nl": 0}
+COARSEST = AMG | ({"pc_hypre_boomeramg_agg_nl": 0} if AMG is HYPRE else {})
 SETUP_ITERATIONS = 10  # what a set-up of BoomerAMG costs in the plane, in iterations; in space 17
 GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # Geometric multigrid is slow where so many iterations reduce the residual by less than a factor, or
@@ -123,6 +125,14 @@ class IterativeSolver(LinearSolver):
             self._projected.project(self._correction)
             x.axpy(unit, self._correction)
             stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
+
+    @property
+    def preconditioner(self) -> str:
+        """The preconditioner in words: geometric multigrid, or the type of PETSc."""
+        if self._multigrid is not None:
+            return self._multigrid.name
+        kind = self._pc.getType()
+        return str(self._pc.getHYPREType() if kind == PETSc.PC.Type.HYPRE else kind)
 
     def free(self) -> None:
         """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""

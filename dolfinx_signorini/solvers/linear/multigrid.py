@@ -33,7 +33,7 @@ class Multigrid:
 
     For example:
 
-        multigrid = Multigrid(*prolongations(space), prefix, BOOMERAMG)
+        multigrid = Multigrid(*prolongations(space), prefix, COARSEST)
         multigrid.set_up(matrix, held, 4.0)
         multigrid.pc.apply(r, y)
 
@@ -65,6 +65,15 @@ class Multigrid:
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
         self._make()
+
+    @property
+    def name(self) -> str:
+        """What the cycle goes through, in words: degrees and meshes."""
+        counts = (
+            (self._degrees, "lower degrees"),
+            (len(self.prolongations) - self._degrees, "coarser meshes"),
+        )
+        return "multigrid over " + " and ".join(f"{n} {what}" for n, what in counts if n)
 
     def set_up(self, matrix: PETSc.Mat, held: LocalIndices, diagonal: float) -> None:
         """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.

@@ -75,6 +75,11 @@ class LinearSolver(ABC):
         self._solve(system, x, held, atol, multiplier, stop)
         self.solves += 1
 
+    @property
+    @abstractmethod
+    def preconditioner(self) -> str:
+        """What solves take for the inverse of the matrix, in words."""
+
     @abstractmethod
     def _solve(
         self,
