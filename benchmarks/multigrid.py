@@ -29,7 +29,7 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.solvers.active_set import LINEAR_FRACTION
-from dolfinx_signorini.solvers.linear.iterative import BOOMERAMG, IterativeSolver
+from dolfinx_signorini.solvers.linear.iterative import AMG, IterativeSolver
 
 COMM = MPI.COMM_WORLD
 # PETSc's own settings, where those of this package differ.
@@ -38,7 +38,7 @@ FROM_PETSC = {
     "pc_hypre_boomeramg_relax_type_up": "symmetric-SOR/Jacobi",
     "pc_hypre_boomeramg_max_coarse_size": 9,
 }
-WAYS: dict[str, Mapping[str, Any]] = {"PETSc's": FROM_PETSC, "tuned": BOOMERAMG, "default": {}}
+WAYS: dict[str, Mapping[str, Any]] = {"PETSc's": FROM_PETSC, "tuned": AMG, "default": {}}
 COLUMNS = ("mesh", "unknowns", *WAYS, "iterations", "/ PETSc's", "/ tuned")
 CONTACT = ("mesh", "contact s", "/ PETSc's", "/ default", "solves by level")
 

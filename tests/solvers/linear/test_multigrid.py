@@ -16,7 +16,7 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
 from dolfinx_signorini.solvers.linear.hierarchy import degree_prolongations, prolongations
-from dolfinx_signorini.solvers.linear.iterative import BOOMERAMG, SLOW, IterativeSolver
+from dolfinx_signorini.solvers.linear.iterative import AMG, SLOW, IterativeSolver
 from dolfinx_signorini.solvers.linear.lattice import coarsened, find_lattice
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 
@@ -264,7 +264,7 @@ def test_few_coarse_nodes_are_solved_for_exactly():
         for item in (fine, others.pop(0)):
             item.destroy()
     matrix, b = problem.system.A.copy(), problem.system.b
-    multigrid = Multigrid([], [first], "exact_", BOOMERAMG)
+    multigrid = Multigrid([], [first], "exact_", AMG)
     multigrid.set_up(matrix, np.empty(0, dtype=np.int32), 1.0)
     x, rest, coarse, load = b.duplicate(), b.duplicate(), *(first.createVecRight() for _ in "ab")
     multigrid.nested(b, x)
