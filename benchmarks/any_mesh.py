@@ -11,171 +11,27 @@ smooth functions of a seed. "free" is the same problem with the obstacle out of 
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-import gmsh
 import numpy as np
 import ufl
+from amg import AMG, linear_solve
 from common import parser, report, spread, timed
 from dolfinx import fem
 from mpi4py import MPI
-from petsc4py import PETSc
+from peers import snes, tao
+from shapes import SHAPES, TRIED, Shape, mesh_of
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
-from dolfinx_signorini.base.compat import gmsh_mesh
-from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.solvers.linear.iterative import HYPRE
 
 COLUMNS = (
     *("shape", "degree", "unknowns", "touching", "contact s", "linear s", "best AMG"),
     *("ratio", "free ratio", "solves", "iterations", "set-ups"),
 )
-# Algebraic multigrid of PETSc, as people who know it set it up.
-HMIS = {
-    "pc_type": "hypre",
-    "pc_hypre_boomeramg_strong_threshold": 0.5,
-    "pc_hypre_boomeramg_coarsen_type": "HMIS",
-    "pc_hypre_boomeramg_interp_type": "ext+i",
-    "pc_hypre_boomeramg_P_max": 4,
-    "pc_hypre_boomeramg_agg_nl": 1,
-}
-SWEEPS = {
-    "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
-    "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
-}
-AMG: dict[str, dict[str, Any]] = {
-    "BoomerAMG": {"pc_type": "hypre"},
-    "BoomerAMG, one sweep": {"pc_type": "hypre"} | SWEEPS,
-    "HMIS": HMIS,
-    "HMIS, one sweep": HMIS | SWEEPS,
-    "GAMG": {"pc_type": "gamg"},
-}
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A geometry of gmsh with sizes of cells.
-
-    Attributes:
-        draw: Draws the geometry, and returns the function of the sizes or None.
-        dimension: Of space.
-        size: Of the cells.
-        degree: Of the elements.
-    """
-
-    draw: Callable[[], Callable[[float, float, float], float] | None]
-    dimension: int
-    size: float
-    degree: int = 1
-
-
-def _plate(holes: list[tuple[float, float, float]], width: float = 2.0) -> Callable[[], None]:
-    def draw() -> None:
-        occ = gmsh.model.occ
-        body = [(2, occ.addRectangle(0.0, 0.0, 0.0, width, 1.0))]
-        cut = [(2, occ.addDisk(x, y, 0.0, r, r)) for x, y, r in holes]
-        if cut:
-            occ.cut(body, cut)
-
-    return draw
-
-
-def _airfoil() -> Callable[[float, float, float], float]:
-    """A box around a thick symmetric profile, with small cells at its nose."""
-    occ, t = gmsh.model.occ, 0.18
-    xs = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 24)))
-    half = (
-        5.0
-        * t
-        * (0.2969 * np.sqrt(xs) - 0.126 * xs - 0.3516 * xs**2 + 0.2843 * xs**3 - 0.1036 * xs**4)
-    )
-    upper = [occ.addPoint(x, y, 0.0) for x, y in zip(xs, half, strict=True)]
-    lower = [occ.addPoint(x, -y, 0.0) for x, y in zip(xs[1:-1], half[1:-1], strict=True)]
-    curves = [occ.addSpline(upper), occ.addSpline([upper[0], *lower, upper[-1]])]
-    profile = occ.addPlaneSurface([occ.addCurveLoop(curves)])
-    occ.cut([(2, occ.addRectangle(-1.0, -1.0, 0.0, 3.0, 2.0))], [(2, profile)])
-    return lambda x, y, z: 0.15 + min(math.hypot(x, y), 1.5)
-
-
-def _graded() -> Callable[[float, float, float], float]:
-    gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 1.0, 1.0)
-    return lambda x, y, z: 0.04 + y
-
-
-def _ball_cut_out() -> None:
-    occ = gmsh.model.occ
-    occ.cut([(3, occ.addBox(0, 0, 0, 1, 1, 1))], [(3, occ.addSphere(0.55, 0.5, 0.45, 0.3))])
-
-
-def _bracket() -> None:
-    occ = gmsh.model.occ
-    occ.fuse([(3, occ.addBox(0, 0, 0, 1, 0.3, 1))], [(3, occ.addBox(0, 0, 0, 1, 1, 0.3))])
-
-
-def _cube() -> None:
-    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-
-
-def _cube_graded() -> Callable[[float, float, float], float]:
-    _cube()
-    return lambda x, y, z: 0.3 + z
-
-
-SHAPES = {
-    "plate, one hole": Shape(_plate([(0.7, 0.45, 0.2)]), 2, 0.0037),
-    "plate, five holes": Shape(
-        _plate(
-            [
-                (0.3, 0.3, 0.1),
-                (0.8, 0.7, 0.15),
-                (1.1, 0.25, 0.12),
-                (1.6, 0.6, 0.2),
-                (0.4, 0.75, 0.08),
-            ]
-        ),
-        2,
-        0.0042,
-    ),
-    "airfoil": Shape(_airfoil, 2, 0.008),
-    "graded to a side": Shape(_graded, 2, 0.006),
-    "plate, a million": Shape(_plate([(1.3, 0.5, 0.25)]), 2, 0.00155),
-    "plate, two holes, P2": Shape(_plate([(0.5, 0.5, 0.2), (1.5, 0.4, 0.15)]), 2, 0.0085, 2),
-    "ball cut out": Shape(_ball_cut_out, 3, 0.026),
-    "L-shaped solid": Shape(_bracket, 3, 0.018),
-    "thin plate": Shape(lambda: gmsh.model.occ.addBox(0, 0, 0, 1, 1, 0.06) and None, 3, 0.0105),
-    "cube, graded, P2": Shape(_cube_graded, 3, 0.062, 2),
-}
 FAR = -1e3  # of the obstacle of a problem in which nothing touches
-# Shapes that settings were tried on.
-TRIED = {
-    "plate": Shape(_plate([(1.0, 0.5, 0.25)]), 2, 0.0037),
-    "cube": Shape(_cube, 3, 0.026),
-    "plate, P2": Shape(_plate([(1.0, 0.5, 0.25)]), 2, 0.0085, 2),
-    "cube, P2": Shape(_cube, 3, 0.058, 2),
-}
-
-
-def mesh_of(comm: MPI.Comm, shape: Shape, factor: float) -> Any:
-    """Mesh a shape by gmsh, on rank 0."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 1)
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    size = shape.size * factor
-    if comm.rank == 0:
-        sizes = shape.draw()
-        gmsh.model.occ.synchronize()
-        if sizes is not None:
-            gmsh.model.mesh.setSizeCallback(lambda d, t, x, y, z, lc: size * sizes(x, y, z))
-        gmsh.option.setNumber("Mesh.MeshSizeMax", size if sizes is None else 1.0)
-        gmsh.model.addPhysicalGroup(
-            shape.dimension, [tag for _, tag in gmsh.model.getEntities(shape.dimension)], 1
-        )
-        gmsh.model.mesh.generate(shape.dimension)
-    domain, _ = gmsh_mesh(gmsh.model, comm, shape.dimension)
-    gmsh.finalize()
-    return domain
 
 
 def waves(rng: np.random.Generator, x: Any, dimension: int, count: int = 4) -> Any:
@@ -226,21 +82,52 @@ def touching_offset(problem: SignoriniProblem, seed: int) -> float:
     return FAR + float(np.quantile(np.concatenate(gaps), share))
 
 
-def linear_solve(problem: SignoriniProblem, options: dict[str, Any]) -> int:
-    """Solve A x = b from zero to a residual of 1e-8, and return the iterations."""
-    x = problem.A.createVecRight()
-    ksp = PETSc.KSP().create(problem.comm)
-    ksp.setOptionsPrefix("any_mesh_")
-    with options_set("any_mesh_", {"ksp_type": "cg"} | options):
-        ksp.setOperators(problem.A)
-        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=1e-8, atol=0.0, max_it=200)
-        ksp.setFromOptions()
-        ksp.solve(problem.b, x)
-    iterations = ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else -1
-    ksp.destroy()
-    x.destroy()
-    return int(iterations)
+def active_sets(problem: SignoriniProblem, rtol: float) -> None:
+    """The plain primal-dual active set method, with a new matrix and set-up for each set."""
+    A, b, dofs, g = problem.A, problem.b, problem.contact_dofs, problem.obstacle
+    x, r, held = b.duplicate(), b.duplicate(), np.full(len(dofs), True)
+    diagonal = A.getDiagonal().array_r[dofs]
+    first, atol = A.getOwnershipRange()[0], rtol * b.norm()
+    for _ in range(60):
+        x.set(0.0)
+        x.array_w[dofs[held]] = g[held]
+        matrix, load = A.copy(), b.copy()
+        matrix.zeroRowsColumns(dofs[held] + first, diag=float(diagonal.mean()), x=x, b=load)
+        linear_solve(matrix, load, HYPRE, 0.5 * atol / load.norm(), x)
+        matrix.destroy()
+        A.mult(x, r)
+        r.axpy(-1.0, b)
+        force, gap = r.array_r[dofs].copy(), diagonal * (x.array_r[dofs] - g)
+        r.array_w[dofs] = np.minimum(force, gap)
+        if r.norm() <= atol:
+            break
+        held = force > gap
+
+
+# What else one would use from a cold start, with the same algebraic multigrid.
+PEERS = {
+    "SNES vinewtonrsls": snes("vinewtonrsls", "cg", HYPRE),
+    "SNES vinewtonssls": snes("vinewtonssls", "gmres", HYPRE),
+    "TAO bntr": tao("bntr"),
+    "active sets": active_sets,
+}
+
+
+def measure_peers(comm: MPI.Comm, name: str, shape: Shape, factor: float, seed: int) -> list[Any]:
+    """Measure the peers and the contact solve on a shape, once each, for a residual of 1e-7."""
+    domain = mesh_of(comm, shape, factor)
+    free = pose(domain, shape.degree, seed)
+    free.solve()
+    offset = touching_offset(free, seed)
+    free.destroy()
+    problem = pose(domain, shape.degree, seed, offset)
+    contact = timed(comm, problem.solve)[0]
+    figures: list[Any] = [name, problem.unknowns, contact]
+    for peer in PEERS.values():
+        spent = timed(comm, peer, problem, DEFAULT_RTOL)[0]
+        figures += [spent, spent / contact]
+    problem.destroy()
+    return figures
 
 
 def measure(
@@ -256,11 +143,10 @@ def measure(
         seconds.setdefault("free", []).append(spent)
         problem = pose(domain, shape.degree, seed, touching_offset(free, seed))
         for amg, options in AMG.items():
-            spent, iterations = timed(comm, linear_solve, problem, options)
-            seconds.setdefault(amg, []).append(spent if iterations > 0 else math.inf)
+            spent, (*_, iterations) = timed(comm, linear_solve, problem.A, problem.b, options)
+            seconds.setdefault(amg, []).append(spent if iterations < math.inf else math.inf)
         seconds.setdefault("contact", []).append(timed(comm, problem.solve)[0])
         result = problem.result
-
         touching = result.active_dofs / max(comm.allreduce(len(problem.contact_dofs)), 1)
         unknowns = problem.unknowns
         problem.destroy()
@@ -291,10 +177,17 @@ def main() -> None:
     options.add_argument("--shapes", nargs="+", default=list(SHAPES), choices=list(known))
     options.add_argument("--size", type=float, default=1.0, help="times the sizes of cells")
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--peers", action="store_true", help="beside SNES, TAO and active sets")
     args = options.parse_args()
     comm, rows, results = MPI.COMM_WORLD, [], []
     for number, name in enumerate(args.shapes):
         shape = known[name]
+        if args.peers:
+            measure_peers(comm, name, shape, 4.0 * args.size, args.seed)
+            rows.append(measure_peers(comm, name, shape, args.size, args.seed + number))
+            if comm.rank == 0:
+                print(*rows[-1], sep="  ", flush=True)
+            continue
         measure(comm, name, shape, 4.0 * args.size, args.seed, 1)
         r = measure(comm, name, shape, args.size, args.seed + number, args.repeats)
         results.append(r)
@@ -304,8 +197,15 @@ def main() -> None:
         rows.append((*problem, contact, linear, r["best"], *figures))
         if comm.rank == 0:
             print(*rows[-1], r["phases"], sep="  ", flush=True)
+    if args.peers:
+        columns = ["shape", "unknowns", "contact s"]
+        columns += [head for peer in PEERS for head in (f"{peer} s", "/ contact")]
+        title = "cold starts on any mesh"
+        report(comm, "any_mesh_peers", title, columns, rows, {"seed": args.seed, "rows": rows})
+        return
     title = f"contact on any mesh over the best linear solve, medians of {args.repeats}"
     report(comm, "any_mesh", title, COLUMNS, rows, {"seed": args.seed, "results": results})
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -21,7 +21,7 @@ import argparse
 import json
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -41,6 +41,7 @@ from dolfinx_signorini import (
     friedrichs_keller,
 )
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import paper_problem
 
@@ -60,8 +61,14 @@ def tao(method: str) -> Peer:
     return lambda problem, rtol: problem.solve(method, rtol=rtol, warm_start=False).x.array
 
 
-def snes(method: str, ksp: str = "gmres") -> Peer:
-    """A variational inequality solver of SNES with BoomerAMG; GMRES is PETSc's default."""
+def snes(method: str, ksp: str = "gmres", options: Mapping[str, Any] | None = None) -> Peer:
+    """A variational inequality solver of SNES with BoomerAMG; GMRES is PETSc's default.
+
+    Args:
+        method: The type of SNES.
+        ksp: The type of KSP.
+        options: Those of the preconditioner; BoomerAMG as PETSc sets it up by default.
+    """
 
     def solve(problem: SignoriniProblem, rtol: float) -> Any:
         A, b, x = problem.A, problem.b, problem.system.start()
@@ -83,8 +90,10 @@ def snes(method: str, ksp: str = "gmres") -> Peer:
         atol = 0.5 * rtol * NaturalResidual(problem.system).scale
         snes.setTolerances(rtol=0.0, stol=0.0, atol=atol, max_it=500)
         snes.getKSP().setType(ksp)
-        snes.getKSP().getPC().setType("hypre")
-        snes.solve(None, x)
+        snes.getKSP().setOptionsPrefix("peer_")
+        with options_set("peer_", {"pc_type": "hypre"} | dict(options or {})):
+            snes.getKSP().setFromOptions()
+            snes.solve(None, x)
         return x.array_r.copy()
 
     return solve
@@ -262,4 +271,5 @@ def main() -> None:
     report(MPI.COMM_WORLD, "peers", title, columns, rows, content)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,7 @@
 """A step of a parabolic problem with contact, beside a step of the same loop without contact.
 
     ./with-dolfinx python3 benchmarks/time_steps.py [--cells 300] [--steps 200]
+    ./with-dolfinx python3 benchmarks/time_steps.py --shape cube    # on a mesh of gmsh
 
 The problem is that of `demos/parabolic.py`. Both loops make the same time steps in turn in one
 process. The loop without contact has the best of what a user would write: the matrix and the set-up
@@ -15,6 +16,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
+from shapes import TRIED, mesh_of
 
 from dolfinx_signorini import SignoriniProblem, friedrichs_keller
 from dolfinx_signorini.base.tables import text_table
@@ -28,13 +30,14 @@ DT = 0.01
 class Loop:
     """Forms of one implicit Euler step; `u` is the solution of the step before."""
 
-    def __init__(self, comm: MPI.Comm, n: int):
-        self.mesh = friedrichs_keller(comm, n)
+    def __init__(self, domain: mesh.Mesh):
+        self.mesh = domain
         space = fem.functionspace(self.mesh, ("Lagrange", 1))
         self.u, trial, v = fem.Function(space), ufl.TrialFunction(space), ufl.TestFunction(space)
         self.pump = fem.Constant(self.mesh, (0.0, 0.2))
         dx = ufl.dx(metadata={"quadrature_degree": 4})
-        distance = ufl.SpatialCoordinate(self.mesh) - self.pump
+        x = ufl.SpatialCoordinate(self.mesh)
+        distance = ufl.as_vector((x[0], x[1])) - self.pump
         source = 5.0 - 100.0 * ufl.exp(-50.0 * ufl.inner(distance, distance))
         self.a = (trial * v + DT * ufl.inner(ufl.grad(trial), ufl.grad(v))) * dx
         self.L = (self.u + DT * source) * v * dx
@@ -47,9 +50,10 @@ class Loop:
 class Contact(Loop):
     """The loop with contact on the lower side."""
 
-    def __init__(self, comm: MPI.Comm, n: int):
-        super().__init__(comm, n)
-        wall = mesh.locate_entities_boundary(self.mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    def __init__(self, domain: mesh.Mesh):
+        super().__init__(domain)
+        facets = domain.topology.dim - 1
+        wall = mesh.locate_entities_boundary(domain, facets, lambda x: np.isclose(x[1], 0.0))
         self.problem = SignoriniProblem(self.a, self.L, contact=wall, u=self.u)
 
     def step(self, number: int) -> int:
@@ -62,12 +66,12 @@ class Contact(Loop):
 class Linear(Loop):
     """The loop without contact, with the matrix and the multigrid set-up of the first step."""
 
-    def __init__(self, comm: MPI.Comm, n: int):
-        super().__init__(comm, n)
+    def __init__(self, domain: mesh.Mesh):
+        super().__init__(domain)
         A = fem_petsc.assemble_matrix(fem.form(self.a))
         A.assemble()
         self.form, self.b, self.x = fem.form(self.L), A.createVecLeft(), A.createVecRight()
-        self.ksp = PETSc.KSP().create(comm)
+        self.ksp = PETSc.KSP().create(domain.comm)
         self.ksp.setOptionsPrefix("linear_")
         with options_set("linear_", DEFAULT_OPTIONS):
             self.ksp.setFromOptions()
@@ -92,9 +96,15 @@ class Linear(Loop):
 def main() -> None:
     options = parser(__doc__ or "", 300)
     options.add_argument("--steps", type=int, default=200)
+    options.add_argument("--shape", choices=[name for name in TRIED if "P2" not in name])
+    options.add_argument("--size", type=float, default=1.0, help="times the sizes of cells")
     args = options.parse_args()
     comm = MPI.COMM_WORLD
-    loops = {"contact": Contact(comm, args.cells), "linear": Linear(comm, args.cells)}
+    if args.shape is None:
+        domain, where = friedrichs_keller(comm, args.cells), f"N = {args.cells}"
+    else:
+        domain, where = mesh_of(comm, TRIED[args.shape], args.size), args.shape
+    loops = {"contact": Contact(domain), "linear": Linear(domain)}
     seconds: dict[str, list[float]] = {name: [] for name in loops}
     iterations: dict[str, list[int]] = {name: [] for name in loops}
     solves, moved = [], []
@@ -114,20 +124,20 @@ def main() -> None:
             for name in loops
         ]
         columns = ["loop", "min s", "median s", "max s", "CG iterations"]
-        print(text_table(columns, rows, f"a step, N = {args.cells}, {comm.size} ranks"))
+        print(text_table(columns, rows, f"a step, {where}, {comm.size} ranks"))
         print(f"all steps after the first, contact / linear: {ratio:.2f}")
         print(
             f"linear solves per step {np.mean(solves):.2f}, "
             f"dofs in contact from {min(moved)} to {max(moved)}"
         )
     content = {
-        "cells": args.cells,
+        "where": where,
         "steps": args.steps,
         "seconds": {name: spread(values) for name, values in seconds.items()},
         "iterations": {name: float(np.mean(values)) for name, values in iterations.items()},
         "ratio": ratio,
     }
-    write_json(comm, "time_steps", content)
+    write_json(comm, "time_steps" if args.shape is None else f"time_steps_{args.shape}", content)
 
 
 if __name__ == "__main__":

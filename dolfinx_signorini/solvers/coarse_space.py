@@ -20,6 +20,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.solvers.linear.solver import has_few_dofs
 from dolfinx_signorini.solvers.patch import solve_small
 from dolfinx_signorini.solvers.prediction import settled
 from dolfinx_signorini.solvers.system import System
@@ -37,10 +38,12 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         x: A feasible vector, overwritten.
 
     Returns:
-        One entry per contact dof of this rank; None, with x as it was, where the dofs have no
-        triangulation, as on a surface in space.
+        One entry per contact dof of this rank; None, with x as it was, where there are few dofs, or
+        where they have no triangulation, as on a line or on a surface in space.
     """
     domain, comm = system.space.mesh, system.comm
+    if domain.topology.dim < max(domain.geometry.dim, min(RATIO)) or has_few_dofs(system):
+        return None
     places = control_points(system.space)[: x.getLocalSize(), : domain.geometry.dim]
     chosen = _vertices(system, places)
     bound = np.full(len(places), -np.inf)
@@ -48,11 +51,11 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     vertices, lower, start = (
         np.concatenate(comm.allgather(values[chosen])) for values in (places, bound, x.array_r)
     )
-    if domain.topology.dim < places.shape[1]:
-        return None
     try:
         triangulation = Delaunay(vertices)
     except (QhullError, ValueError):  # too few vertices, or all of them in one line or plane
+        return None
+    if len(triangulation.coplanar):  # some vertices are left out
         return None
     P = _interpolation(triangulation, places)
     P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0

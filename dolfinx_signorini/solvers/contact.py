@@ -14,7 +14,7 @@ from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start
 from dolfinx_signorini.solvers.history import Guess, History
-from dolfinx_signorini.solvers.linear.direct import is_small, linear_solver
+from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -180,12 +180,12 @@ def solve_by_tao(
 def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Start:
     """The start without any hint of the user: from the last solutions, or from a coarse space.
 
-    A small problem, and one whose dofs have no coarse space, starts with all contact dofs held.
+    A problem without a coarse space starts with all contact dofs held.
     """
     guess = history.guess(system)
     if guess is not None:
         return Start(x, _settled(system, measure, guess, x), TRUST)
-    held = None if is_small(system) else coarse_start(system, x)
+    held = coarse_start(system, x)
     if held is not None:
         return Start(x, held, trust=math.inf)
     return Start(x, np.full(len(system.contact_dofs), True), TRUST)

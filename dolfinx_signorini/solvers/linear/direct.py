@@ -12,11 +12,9 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
-from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
+from dolfinx_signorini.solvers.linear.solver import LinearSolver, has_few_dofs, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
-
-MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
 
 
 class DirectSolver(LinearSolver):
@@ -95,8 +93,7 @@ class DirectSolver(LinearSolver):
 
 def is_small(system: System) -> bool:
     """Return whether a direct solve costs less than one with multigrid."""
-    dimension = system.space.mesh.topology.dim
-    return system.comm.size == 1 and system.unknowns <= MOST_UNKNOWNS[dimension]
+    return system.comm.size == 1 and has_few_dofs(system)
 
 
 def linear_solver(system: System, prefix: str, options: Mapping[str, Any]) -> LinearSolver:

@@ -22,7 +22,7 @@ from dolfinx_signorini.base.errors import INDEFINITE, InputError
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.linear.projected import Projected
-from dolfinx_signorini.solvers.linear.solver import LinearSolver, set_residual
+from dolfinx_signorini.solvers.linear.solver import LinearSolver, has_few_dofs, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -31,13 +31,16 @@ from dolfinx_signorini.solvers.system import System
 # what couples ranks; where that is strong, as with large reactions, they are definite only if the
 # diagonal is raised by it (Baker, Falgout, Kolev and Yang, SIAM J. Sci. Comput. 33 (2011) 2864).
 # The last levels, a few dofs each, cost more than a direct solve. Coarsening and interpolation are
-# those of `benchmarks/amg.py`: aggressive on the first level, in the plane and in space.
-HYPRE: dict[str, Any] = {
+# those of `benchmarks/amg.py`: aggressive on the first level, in the plane and in space. Few dofs
+# are coarsened in PETSc's way, which leaves hardly an iteration.
+CLASSICAL: dict[str, Any] = {
     "pc_type": "hypre",
     "pc_hypre_type": "boomeramg",
     "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
     "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
     "pc_hypre_boomeramg_max_coarse_size": 50,
+}
+HYPRE: dict[str, Any] = CLASSICAL | {
     "pc_hypre_boomeramg_coarsen_type": "HMIS",
     "pc_hypre_boomeramg_interp_type": "ext+i",
     "pc_hypre_boomeramg_P_max": 4,
@@ -80,7 +83,9 @@ class IterativeSolver(LinearSolver):
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
         self._ksp.setOptionsPrefix(prefix)
-        with options_set(prefix, self._options, DEFAULT_OPTIONS) as self._unread:
+        few = AMG is HYPRE and has_few_dofs(system)
+        self._defaults = {"ksp_type": "cg"} | CLASSICAL if few else DEFAULT_OPTIONS
+        with options_set(prefix, self._options, self._defaults) as self._unread:
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
         self._multigrid = multigrid_for(system, prefix, self._options, COARSEST)
@@ -188,10 +193,10 @@ class IterativeSolver(LinearSolver):
 
     def _set_up(self, system: System, held: Mask) -> None:
         """Set the preconditioner up, whose parts read their options each time they are made."""
-        with options_set(self._prefix, self._options, DEFAULT_OPTIONS) as unread:
+        with options_set(self._prefix, self._options, self._defaults) as unread:
             self._make_preconditioner(system, held)
         if self.setups == 1:
-            known = {*self._options, *DEFAULT_OPTIONS}
+            known = {*self._options, *self._defaults}
             warn_of_unread(self._unread & unread, known, ("tao_",))
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:

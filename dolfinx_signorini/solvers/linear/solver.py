@@ -13,6 +13,13 @@ from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
+MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
+
+
+def has_few_dofs(system: System) -> bool:
+    """Return whether a factorization costs less than the set-up and iterations of multigrid."""
+    return system.unknowns <= MOST_UNKNOWNS[system.space.mesh.topology.dim]
+
 
 class LinearSolver(ABC):
     """A linear solver for systems with the same matrix, whose held dofs change from solve to solve.
