@@ -8,14 +8,12 @@ diffusion that jumps by 1e6 in a chequered pattern, and one that is 100 times la
 axis, with degree 1, and for plain problems of the degrees 2 to 4 in the Bernstein basis.
 """
 
-import math
 import resource
-import time
 from statistics import median
 from typing import Any
 
 import ufl
-from common import parser, report
+from common import cg_solve, parser, report
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
@@ -24,7 +22,6 @@ from shapes import SHAPES, TRIED, Shape, mesh_of
 
 from dolfinx_signorini import bernstein_space
 from dolfinx_signorini.solvers.linear.iterative import CLASSICAL, HYPRE
-from dolfinx_signorini.solvers.linear.options import options_set
 
 COLUMNS = ("shape", "problem", "unknowns", "options", "set-up s", "CG s", "iterations", "total s")
 DEGREES = (2, 3, 4)
@@ -39,44 +36,6 @@ AMG: dict[str, dict[str, Any]] = {
     "HMIS, one path, 0.5": HYPRE | AGGRESSIVE | {"pc_hypre_boomeramg_strong_threshold": 0.5},
     "HMIS, two paths": HYPRE,
 }
-
-
-def linear_solve(
-    A: PETSc.Mat,
-    b: PETSc.Vec,
-    options: dict[str, Any],
-    rtol: float = 1e-8,
-    solution: PETSc.Vec | None = None,
-) -> tuple[float, float, float]:
-    """Solve A x = b by CG from zero.
-
-    Args:
-        A, b: The matrix and the load.
-        options: The options of PETSc.
-        rtol: The residual to reach, relative to the load.
-        solution: Overwritten by the solution.
-
-    Returns:
-        The seconds of the set-up and of the iterations, and their number, infinite after 300.
-    """
-    x, ksp = A.createVecRight(), PETSc.KSP().create(A.comm)
-    ksp.setOptionsPrefix("amg_")
-    with options_set("amg_", {"ksp_type": "cg"} | options):
-        ksp.setOperators(A)
-        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=300)
-        ksp.setFromOptions()
-        start = time.perf_counter()
-        ksp.setUp()
-        ready = time.perf_counter()
-        ksp.solve(b, x)
-        done = time.perf_counter()
-    iterations = ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else math.inf
-    if solution is not None:
-        x.copy(solution)
-    for item in (ksp, x):
-        item.destroy()
-    return ready - start, done - ready, iterations
 
 
 def system(domain: Any, degree: int, kind: str) -> tuple[PETSc.Mat, PETSc.Vec]:
@@ -118,7 +77,7 @@ def main() -> None:
     for name in args.shapes:
         for kind, A, b in cases(comm, known[name], args.size):
             for way, chosen in AMG.items():
-                runs = [linear_solve(A, b, chosen) for _ in range(args.repeats)]
+                runs = [cg_solve(A, b, chosen) for _ in range(args.repeats)]
                 setup, iterating, count = (median(column) for column in zip(*runs, strict=True))
                 figures = setup, iterating, count, setup + iterating
                 rows.append([name, kind, A.getSize()[0], way, *figures])

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import ufl
-from amg import AMG, linear_solve
-from common import parser, report, spread, timed
+from amg import AMG
+from common import cg_solve, parser, report, spread, timed
 from dolfinx import fem
 from mpi4py import MPI
 from peers import snes, tao
@@ -55,9 +55,7 @@ def pose(domain: Any, degree: int, seed: int, offset: float = FAR) -> SignoriniP
         offset: What is added to the obstacle.
     """
     rng = np.random.default_rng(seed)
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    if degree > 1:
-        space = bernstein_space(domain, degree)
+    space = bernstein_space(domain, degree)
     u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
     dimension = domain.geometry.dim
     a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + float(rng.uniform(0.1, 2.0)) * u * v) * ufl.dx
@@ -93,8 +91,9 @@ def active_sets(problem: SignoriniProblem, rtol: float) -> None:
         x.array_w[dofs[held]] = g[held]
         matrix, load = A.copy(), b.copy()
         matrix.zeroRowsColumns(dofs[held] + first, diag=float(diagonal.mean()), x=x, b=load)
-        linear_solve(matrix, load, HYPRE, 0.5 * atol / load.norm(), x)
+        cg_solve(matrix, load, HYPRE, 0.5 * atol / load.norm(), x)
         matrix.destroy()
+        load.destroy()
         A.mult(x, r)
         r.axpy(-1.0, b)
         force, gap = r.array_r[dofs].copy(), diagonal * (x.array_r[dofs] - g)
@@ -143,7 +142,7 @@ def measure(
         seconds.setdefault("free", []).append(spent)
         problem = pose(domain, shape.degree, seed, touching_offset(free, seed))
         for amg, options in AMG.items():
-            spent, (*_, iterations) = timed(comm, linear_solve, problem.A, problem.b, options)
+            spent, (*_, iterations) = timed(comm, cg_solve, problem.A, problem.b, options)
             seconds.setdefault(amg, []).append(spent if iterations < math.inf else math.inf)
         seconds.setdefault("contact", []).append(timed(comm, problem.solve)[0])
         result = problem.result

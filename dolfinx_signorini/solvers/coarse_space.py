@@ -22,7 +22,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.solvers.linear.solver import has_few_dofs
 from dolfinx_signorini.solvers.patch import solve_small
-from dolfinx_signorini.solvers.prediction import settled
+from dolfinx_signorini.solvers.prediction import presses, settled
 from dolfinx_signorini.solvers.system import System
 
 # Between the widths of the meshes, by dimension: a larger one misplaces the ends of contact by more
@@ -150,11 +150,11 @@ def _predicted(
         contact: The vertices on the contact boundary.
         forces: The contact forces on the vertices.
     """
-    dofs, weights = system.contact_dofs, system.layout.weights
+    dofs = system.contact_dofs
     on_boundary = P[dofs]
-    sizes = system.comm.allreduce(on_boundary.T @ weights)
+    sizes = system.comm.allreduce(on_boundary.T @ system.layout.weights)
     density = np.divide(forces, sizes, out=np.zeros_like(forces), where=sizes > 0.0)
     # The density is one of the boundary: vertices inside have no part in its interpolation.
     shares = on_boundary @ contact.astype(float)
-    pressure = np.divide(on_boundary @ density, shares, out=np.zeros_like(shares), where=shares > 0)
-    return weights * pressure - system.scaled_gap(x.array_r[dofs]) > 0.0
+    density = np.divide(on_boundary @ density, shares, out=np.zeros_like(shares), where=shares > 0)
+    return presses(system, density, x.array_r[dofs])

@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
@@ -34,9 +34,19 @@ def predict(system: System, coarse: ContactState) -> Mask:
     carry = Carrier(coarse.u.function_space, system.space)
     u, density = fem.Function(system.space), fem.Function(system.space)
     carry([(coarse.u, u), (coarse.density, density)], dofs)
-    pressure = system.layout.weights * density.x.array[dofs]
-    held = pressure - system.scaled_gap(u.x.array[dofs]) > 0.0
+    held = presses(system, density.x.array[dofs], u.x.array[dofs])
     return _settled(system, carry, coarse.u, u, held)
+
+
+def presses(system: System, density: Array, values: Array) -> Mask:
+    """Return the active set by the sign of pressure minus gap.
+
+    Args:
+        system: The system; the first call is collective.
+        density: The density of the contact pressure at the contact dofs of this rank.
+        values: The values there.
+    """
+    return np.asarray(system.layout.weights * density - system.scaled_gap(values) > 0.0)
 
 
 def _settled(
