@@ -1,4 +1,4 @@
-"""Changed values of the data in a form, since they were looked at last."""
+"""Changes of the values of the data in a form since the last comparison."""
 
 import hashlib
 

@@ -25,12 +25,19 @@ def interpolation_points(element: Any) -> Array:
     return np.asarray(points() if callable(points) else points)
 
 
+def owners_of_points(data: Any) -> LocalIndices:
+    """Return the ranks that own the points of interpolation data, -1 where no cell has a point.
+
+    The attribute is a method in 0.9, later an array.
+    """
+    owners = data.src_owner
+    return np.asarray(owners() if callable(owners) else owners, dtype=np.int32)
+
+
 def exterior_facet_pairs(topology: mesh.Topology, facets: LocalIndices) -> LocalIndices:
     """Return boundary facets as (cell, local facet) pairs, flat; 0.11 takes no dimension.
 
-    Args:
-        topology: The topology, with the connectivities between cells and facets.
-        facets: Boundary facets.
+    The topology must have the connectivities between cells and facets.
     """
     arguments: list[Any] = [fem.IntegralType.exterior_facet, topology, facets, topology.dim - 1]
     try:
@@ -41,15 +48,10 @@ def exterior_facet_pairs(topology: mesh.Topology, facets: LocalIndices) -> Local
 
 
 def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any]:
-    """Return the mesh of a gmsh model that rank 0 holds, with its facet tags.
+    """Return the mesh of `gmsh.model` on rank 0, shared by a communicator, with its facet tags.
 
     dolfinx 0.9 has the module gmshio and returns a tuple; 0.10 has the module gmsh and returns an
     object.
-
-    Args:
-        model: `gmsh.model`.
-        comm: The communicator that shares the mesh.
-        dimension: The dimension of space.
     """
     io: Any
     try:

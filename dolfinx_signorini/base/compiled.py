@@ -3,6 +3,8 @@
 DOLFINx looks up the code of each new form in a folder that holds all code compiled so far: the
 folder is listed, and the code loaded, again each time. On a mesh of some thousand cells this takes
 longer than everything else. Forms with the same signature have the same code, whatever their mesh.
+The numbers in a form become components of a constant first, so that a sweep over a number compiles
+one code.
 
 A process that is killed while it compiles leaves a file in the folder which makes DOLFINx wait for
 code that never comes. The file is removed when it is old.
@@ -16,12 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import ffcx.naming
+import numpy as np
 import ufl
-from dolfinx import fem, jit
+from dolfinx import default_scalar_type, fem, jit
 from mpi4py import MPI
 from ufl.algorithms.check_arities import ArityMismatch
 from ufl.algorithms.compute_form_data import compute_form_data
+from ufl.algorithms.map_integrands import map_integrand_dags
+from ufl.classes import BesselFunction, Power, RealValue
 from ufl.core.expr import Expr
+from ufl.corealg.multifunction import MultiFunction
+from ufl.corealg.traversal import unique_pre_traversal
+from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
@@ -48,7 +56,7 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
     if subject:
         _check_subdomains(item, subject)
     with _remembered(subject):
-        return fem.form(item, **options)
+        return fem.form(_without_numbers(item), **options)
 
 
 def form_on(
@@ -82,18 +90,14 @@ def expression(item: Expr, points: Array, comm: MPI.Comm) -> fem.Expression:
         comm: The communicator of the mesh.
     """
     with _remembered():
-        return fem.Expression(item, points, comm=comm)
+        return fem.Expression(_without_numbers(item), points, comm=comm)
 
 
 def check_linear(item: ufl.Form, subject: str) -> None:
-    """Refuse a form that is not linear in its arguments: DOLFINx lets other ranks wait for ever.
-
-    Args:
-        item: The form.
-        subject: What the form is called in messages.
+    """Refuse a form that is not linear in each argument: DOLFINx lets other ranks wait for ever.
 
     Raises:
-        InputError: The form is not linear in each of its arguments.
+        InputError: With the subject that is given.
     """
     try:
         compute_form_data(item, complex_mode=False)
@@ -114,22 +118,61 @@ def _check_subdomains(item: ufl.Form, subject: str) -> None:
                 raise InputError(message, subject)
 
 
+class _Components(MultiFunction):
+    """Replaces numbers by components of a constant; exponents and orders belong to the code."""
+
+    def __init__(self, constant: Expr, places: dict[float, int]) -> None:
+        super().__init__()
+        self._constant, self._places = constant, places
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def real_value(self, o: Expr) -> Expr:
+        return self._constant[self._places[float(o)]] if float(o) in self._places else o
+
+    def power(self, o: Expr, base: Expr, exponent: Expr) -> Expr:
+        kept = o.ufl_operands[1]
+        return self.expr(o, base, kept if isinstance(kept, RealValue) else exponent)
+
+    def bessel_function(self, o: Expr, _: Expr, x: Expr) -> Expr:
+        return self.expr(o, o.ufl_operands[0], x)
+
+
+def _without_numbers(item: Any) -> Any:
+    """Return a form or an expression whose numbers are components of one constant.
+
+    One constant, because UFL sorts operands: components by their place, constants by a name that
+    depends on what the process has made before.
+    """
+    integrals = item.integrals() if isinstance(item, ufl.Form) else []
+    integrands = [integral.integrand() for integral in integrals] or [item]
+    places: dict[float, int] = {}
+    for node in (node for integrand in integrands for node in unique_pre_traversal(integrand)):
+        code = {Power: 1}.get(type(node), 0 if isinstance(node, BesselFunction) else None)
+        for k, operand in enumerate(node.ufl_operands):
+            if k != code and isinstance(operand, RealValue):
+                places.setdefault(float(operand), len(places))
+    domain = integrals[0].ufl_domain() if integrals else extract_unique_domain(item)
+    if not places or domain is None:
+        return item
+    constant = fem.Constant(domain, np.array(list(places), dtype=default_scalar_type))
+    return map_integrand_dags(_Components(constant, places), item)
+
+
 @contextmanager
 def _remembered(subject: str = "") -> Iterator[None]:
-    """Let DOLFINx find the codes that this module has seen.
-
-    Args:
-        subject: What a form that users gave is called in messages.
-    """
+    """Let DOLFINx find the codes that this module has seen; forms of users have a subject."""
     look_up = jit.ffcx_jit
 
-    def remember(comm: MPI.Comm, item: Any, **options: Any) -> Any:
+    def remember(comm: MPI.Comm, item: Any, *given: Any, **options: Any) -> Any:
         def found() -> Any:
             if subject:
                 check_linear(item, subject)
-            return look_up(comm, item, **options)
+            return look_up(comm, item, *given, **options)
 
-        return _once(comm, (_signature(item), repr(options)), found)
+        compute = ffcx.naming.compute_signature
+        signature = item.signature() if isinstance(item, ufl.Form) else compute([item], "")
+        return _once(comm, (str(signature), repr((given, options))), found)
 
     jit.ffcx_jit = remember
     try:
@@ -169,11 +212,3 @@ def _may_come(message: str) -> bool:
     if file.exists() and abs(time.time() - file.stat().st_mtime) > LONGEST:
         file.unlink(missing_ok=True)
     return True
-
-
-def _signature(item: Any) -> str:
-    return str(
-        item.signature()
-        if isinstance(item, ufl.Form)
-        else ffcx.naming.compute_signature([item], "")
-    )

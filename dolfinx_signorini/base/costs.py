@@ -1,15 +1,15 @@
-"""Costs of a problem: the forms, matrices, vectors and arrays made for it, in bytes and seconds.
+"""Costs of a problem: the forms, matrices, vectors and arrays that it holds, and its seconds.
 
-Every problem keeps a ledger. To note an entry takes a few numbers and no communication; the ranks
-are added up, and the terms of the forms put into words, when somebody reads the ledger.
+Nothing is noted while a problem is solved: the objects are looked for when somebody asks.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 import ufl
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms import extract_arguments, extract_type
@@ -18,23 +18,22 @@ from ufl.differentiation import Derivative
 from dolfinx_signorini.base.sums_of_squares import summands
 from dolfinx_signorini.base.tables import text_table
 
-Item: TypeAlias = "PETSc.Mat | PETSc.Vec | ufl.Form | int | None"
-
 PLACES = {"cell": "cells", "exterior_facet": "the boundary", "interior_facet": "inner facets"}
 
 
 @dataclass(frozen=True)
 class Cost:
-    """The cost of one object of a problem, or of one phase of its solution:
+    """The cost of the objects of one name that a problem holds, or of one phase of its solution:
 
         largest = max(problem.costs(), key=lambda cost: cost.bytes)
 
     Attributes:
         kind: "form", "matrix", "vector", "array" or "phase".
-        name: The name of the object or phase; for a form its terms as well.
-        count: How often the object was made.
-        bytes: The size of one such object, all ranks together; 0 for forms and phases.
-        seconds: Wall-clock seconds of all times together, on the slowest rank.
+        name: The attribute that holds the objects; the name of a phase, or of a form with its
+            terms.
+        count: The number of these objects.
+        bytes: Their size, all ranks together; 0 for forms and phases.
+        seconds: Wall-clock seconds of a phase, on the slowest rank; 0 for objects.
     """
 
     kind: str
@@ -44,59 +43,71 @@ class Cost:
     seconds: float
 
 
-class Ledger:
-    """The objects made so far: the same entries on all ranks, each rank with its own numbers:
+def costs_of(
+    comm: MPI.Comm, owner: object, forms: Mapping[str, ufl.Form], seconds: Mapping[str, float]
+) -> list[Cost]:
+    """Return the costs of forms, of the objects that an owner holds, and of phases; collective.
 
-    ledger = Ledger()
-    ledger.add("matrix", "A", A, seconds=0.2)
+    Args:
+        comm: The communicator of the owner.
+        owner: An object of this package, which is searched with its attributes and theirs.
+        forms: Forms by name.
+        seconds: The seconds of phases by name, on this rank.
     """
+    own = {("form", f"{name}: {describe(form)}"): (1, 0, 0.0) for name, form in forms.items()}
+    for kind, name, size in _held(owner):
+        count, total, _ = own.get((kind, name), (0, 0, 0.0))
+        own[kind, name] = count + 1, total + size, 0.0
+    own |= {("phase", name): (1, 0, value) for name, value in seconds.items()}
+    of_ranks = comm.allgather(own)
+    costs = []
+    for kind, name in dict.fromkeys(key for part in of_ranks for key in part):
+        parts = (part[kind, name] for part in of_ranks if (kind, name) in part)
+        counts, sizes, times = zip(*parts, strict=True)
+        if kind in ("form", "phase") or any(sizes):
+            costs.append(Cost(kind, name, max(counts), sum(sizes), max(times)))
+    return costs
 
-    def __init__(self) -> None:
-        self._own: dict[tuple[str, str], Cost] = {}  # of this rank
-        self._forms: dict[str, ufl.Form] = {}
 
-    def add(self, kind: str, name: str, item: Item = None, seconds: float = 0.0) -> None:
-        """Note that an object was made, or that a phase has ended.
-
-        Args:
-            kind: See `Cost`.
-            name: See `Cost`; objects of the same kind and name share one entry.
-            item: The object, its size in bytes on this rank, or the form to describe.
-            seconds: The wall-clock seconds on this rank.
-        """
-        old = self._own.get((kind, name), Cost(kind, name, 0, 0, 0.0))
-        if isinstance(item, ufl.Form):
-            self._forms[name], item = item, None
-        size = item if isinstance(item, int) else 0 if item is None else _bytes(item)
-        new = Cost(kind, name, old.count + 1, max(old.bytes, size), old.seconds + seconds)
-        self._own[kind, name] = new
-
-    def read(self, comm: MPI.Comm) -> list[Cost]:
-        """Return the costs, all ranks together; the call is collective."""
-        costs = []
-        for of_ranks in zip(*comm.allgather(list(self._own.values())), strict=True):
-            own, form = of_ranks[0], self._forms.get(of_ranks[0].name)
-            name = own.name if form is None else f"{own.name}: {describe(form)}"
-            size = sum(cost.bytes for cost in of_ranks)
-            seconds = max(cost.seconds for cost in of_ranks)
-            costs.append(Cost(own.kind, name, own.count, size, seconds))
-        return costs
+def _held(owner: object) -> Iterator[tuple[str, str, int]]:
+    """The kind, the attribute and the bytes on this rank of each object that an owner holds."""
+    number, index = np.dtype(PETSc.ScalarType).itemsize, np.dtype(PETSc.IntType).itemsize
+    queue: list[tuple[str, Any]] = [("", owner)]
+    seen = set()
+    for name, item in queue:  # which grows
+        key = item.handle if isinstance(item, PETSc.Object) else id(item)
+        if key in seen:
+            continue
+        seen.add(key)
+        if isinstance(item, PETSc.Mat) and item and item.getType() != PETSc.Mat.Type.PYTHON:
+            # The entries, their columns and the row starts.
+            entries = int(item.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_allocated"])
+            rows = item.getLocalSize()[0]
+            yield "matrix", name, entries * (number + index) + (rows + 1) * index
+        elif isinstance(item, PETSc.Vec) and item:
+            yield "vector", name, item.getLocalSize() * number
+        elif isinstance(item, np.ndarray | fem.Function):
+            yield "array", name, (item.x.array if isinstance(item, fem.Function) else item).nbytes
+        elif isinstance(item, list | tuple):
+            queue += [(name, part) for part in item]
+        elif isinstance(item, dict):
+            queue += [(name, part) for part in item.values()]
+        elif type(item).__module__.startswith(__name__.partition(".")[0]):
+            # What others share with the system is named after the system.
+            parts = sorted(vars(item).items(), key=lambda pair: pair[0] != "_system")
+            queue += [(f"{name} {key.lstrip('_')}".lstrip(), part) for key, part in parts]
 
 
 def cost_text(costs: Iterable[Cost]) -> str:
     """Return costs as a table for a terminal, with the sum of their bytes in its last row."""
-    costs = list(costs)
-    rows = [
-        (
-            f"{cost.kind} {cost.name}",
-            f"{cost.bytes / 1e6:.3f}" if cost.bytes else "-",
-            f"{cost.seconds:.3f}" if cost.seconds else "-",
-            str(cost.count),
-        )
-        for cost in costs
-    ]
-    total = ("all", f"{sum(cost.bytes for cost in costs) / 1e6:.3f}", "", "")
-    return text_table(("cost", "MB", "seconds", "times"), [*rows, total])
+    rows, total = [], 0
+    for cost in costs:
+        total += cost.bytes
+        size = f"{cost.bytes / 1e6:.3f}" if cost.bytes else "-"
+        seconds = f"{cost.seconds:.3f}" if cost.seconds else "-"
+        rows.append((f"{cost.kind} {cost.name}", size, seconds, cost.count if cost.bytes else ""))
+    rows.append(("all", f"{total / 1e6:.3f}", "", ""))
+    return text_table(("cost", "MB", "seconds", "objects"), rows)
 
 
 def describe(form: ufl.Form) -> str:
@@ -115,12 +126,3 @@ def describe(form: ufl.Form) -> str:
                 word = "diffusion" if any(map(extract_arguments, slopes)) else "reaction"
             words.add(f"{word} on {PLACES.get(kind, kind)}")
     return ", ".join(sorted(words)) or "no term"
-
-
-def _bytes(item: PETSc.Mat | PETSc.Vec) -> int:
-    """The bytes on this rank: the entries, and for a matrix their columns and the row starts."""
-    number, index = np.dtype(PETSc.ScalarType).itemsize, np.dtype(PETSc.IntType).itemsize
-    if isinstance(item, PETSc.Vec):
-        return int(item.getLocalSize() * number)
-    entries = item.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_allocated"]
-    return int(entries * (number + index) + (item.getLocalSize()[0] + 1) * index)

@@ -90,25 +90,21 @@ def together(comm: MPI.Comm, subject: str) -> Iterator[None]:
         InputError: The block raised an exception on another rank.
     """
     failure: Exception | None = None
+    told: tuple[str, str] | None = None
     try:
         yield
+    except InputError as error:
+        failure, told = error, (error.message, error.subject)
     except Exception as error:
-        failure = error
+        failure, told = error, (f"raised {type(error).__name__}: {error}", subject)
     timer = Timer(PATIENCE, traceback.print_exception, [failure])
     timer.daemon = True
     if failure is not None:
         timer.start()
-    found = comm.allgather(None if failure is None else _told(failure, subject))
+    found = comm.allgather(told)
     timer.cancel()
     if failure is not None:
         raise failure
     for message in found:
         if message is not None:
             raise InputError(*message)
-
-
-def _told(failure: Exception, subject: str) -> tuple[str, str]:
-    """The message and the subject of the InputError that stands for an exception."""
-    if isinstance(failure, InputError):
-        return failure.message, failure.subject
-    return f"raised {type(failure).__name__}: {failure}", subject

@@ -1,5 +1,6 @@
 """Kinds of arguments that public functions take: what is of another kind is refused by name."""
 
+import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
@@ -37,14 +38,19 @@ def check(**arguments: tuple[Any, Kind]) -> None:
             raise InputError(message, name)
 
 
-def instance(kinds: type | tuple[type, ...], words: str) -> Kind:
-    """Return the kind of objects of a class.
+def known_by(words: str, holds: Callable[[Any], bool]) -> Kind:
+    """Return the kind of values for which a condition holds.
 
     Args:
-        kinds: The class, or several.
         words: The name of the kind with an article, for messages.
+        holds: Whether a value is of the kind.
     """
-    return lambda value: "" if isinstance(value, kinds) else _not(words, value)
+    return lambda value: "" if holds(value) else _not(words, value)
+
+
+def instance(kinds: type | tuple[type, ...], words: str) -> Kind:
+    """Return the kind of objects of a class, or of several; for the words see `known_by`."""
+    return known_by(words, lambda value: isinstance(value, kinds))
 
 
 def optional(kind: Kind) -> Kind:
@@ -53,29 +59,18 @@ def optional(kind: Kind) -> Kind:
 
 
 def integer(low: int, high: int | None = None) -> Kind:
-    """Return the kind of whole numbers between two others, both included.
-
-    Args:
-        low: The smallest.
-        high: The largest; None for no limit.
-    """
+    """Return the kind of whole numbers between two others, both included; None is no limit."""
     words = f"an integer of at least {low}" + ("" if high is None else f" and at most {high}")
 
-    def kind(value: Any) -> str:
+    def holds(value: Any) -> bool:
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        fits = whole and low <= value and (high is None or value <= high)
-        return "" if fits else _not(words, value)
+        return bool(whole and low <= value and (high is None or value <= high))
 
-    return kind
+    return known_by(words, holds)
 
 
 def sequence(kind: Kind, words: str) -> Kind:
-    """Return the kind of lists and other collections whose items are of a kind.
-
-    Args:
-        kind: The kind of the items.
-        words: What the collection is, with an article.
-    """
+    """Return the kind of lists and other collections whose items are of a kind."""
 
     def found(value: Any) -> str:
         if isinstance(value, str | bytes) or not isinstance(value, Collection):
@@ -121,7 +116,7 @@ def on_mesh(
     """
     shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
     home = domain.ufl_domain()
-    seen: set[Expr] = set()  # what one value has in common with another is looked at once
+    seen: set[Expr] = set()  # what one value has in common with another is checked once
 
     def kind(value: Any) -> str:
         if isinstance(value, Expr):
@@ -143,37 +138,21 @@ def on_mesh(
 def choice(*choices: str) -> Kind:
     """Return the kind of some texts."""
     words = " or ".join(map(repr, choices))
-    return lambda value: "" if isinstance(value, str) and value in choices else _not(words, value)
-
-
-def data(value: Any) -> str:
-    """The kind of finite numbers, UFL expressions and callables of the coordinates."""
-    if isinstance(value, Expr) or _is_number(value) or callable(value):
-        return ""
-    return _not("a finite number, a UFL expression or a callable", value)
+    return known_by(words, lambda value: isinstance(value, str) and value in choices)
 
 
 def coordinates(dimension: int) -> Kind:
-    """Return the kind of points in the plane or in space.
+    """Return the kind of points in the plane or in space, with so many coordinates."""
 
-    Args:
-        dimension: The number of coordinates.
-    """
+    def holds(value: Any) -> bool:
+        point = isinstance(value, tuple | list | np.ndarray) and len(value) == dimension
+        return point and all(map(_is_number, value))
 
-    def kind(value: Any) -> str:
-        good = isinstance(value, tuple | list | np.ndarray) and len(value) == dimension
-        good = good and all(_is_number(coordinate) for coordinate in value)
-        return "" if good else _not(f"{dimension} finite coordinates", value)
-
-    return kind
+    return known_by(f"{dimension} finite coordinates", holds)
 
 
 def ball(dimension: int) -> Kind:
-    """Return the kind of pairs of a centre and a radius.
-
-    Args:
-        dimension: The number of coordinates.
-    """
+    """Return the kind of pairs of a centre, with so many coordinates, and a radius."""
 
     def kind(value: Any) -> str:
         if not (isinstance(value, tuple | list) and len(value) == 2):
@@ -183,14 +162,13 @@ def ball(dimension: int) -> Kind:
     return kind
 
 
-def indices(value: Any) -> str:
-    """The kind of arrays of indices."""
-    try:
+def indices(value: Any, what: str = "facets") -> str:
+    """The kind of arrays of indices of facets, or of what else is named."""
+    integers = False
+    with contextlib.suppress(ValueError):  # rows of different lengths
         array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        return "facets are given by an array of their indices"
-    integers = array.ndim == 1 and (not array.size or np.issubdtype(array.dtype, np.integer))
-    return "" if integers else "facets are given by an array of their indices"
+        integers = array.ndim == 1 and (not array.size or np.issubdtype(array.dtype, np.integer))
+    return "" if integers else f"{what} are given by an array of their indices"
 
 
 def by_text(value: Any) -> str:
@@ -200,19 +178,9 @@ def by_text(value: Any) -> str:
     return next(filter(None, map(TEXT, value)), "")
 
 
-def positive(value: Any) -> str:
-    """The kind of finite positive numbers."""
-    return "" if _is_number(value) and value > 0.0 else _not("a positive number", value)
-
-
 def gmsh_model(value: Any) -> str:
     """The kind of models of gmsh, which is not loaded for that."""
     return "" if hasattr(value, "mesh") else f"must be gmsh.model, not {type(value).__name__}"
-
-
-def callable_(value: Any) -> str:
-    """The kind of functions of Python."""
-    return "" if callable(value) else _not("a function", value)
 
 
 def _mesh(value: Any) -> str:
@@ -232,8 +200,12 @@ def _not(words: str, value: Any) -> str:
     return f"must be {words}, not {repr(value) if plain else type(value).__name__}"
 
 
-# Degrees beyond these are of no use, and their tables fill the memory.
-LARGEST_DEGREE = 8
+positive = known_by("a positive number", lambda value: _is_number(value) and value > 0.0)
+callable_ = known_by("a function", callable)
+data = known_by(
+    "a finite number, a UFL expression or a callable",
+    lambda value: isinstance(value, Expr) or _is_number(value) or callable(value),
+)
 MESH = _mesh
 FUNCTION = instance(fem.Function, "a function")
 COMMUNICATOR = instance(MPI.Comm, "a communicator")

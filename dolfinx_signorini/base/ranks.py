@@ -32,11 +32,7 @@ def summed(
 def largest(
     index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike
 ) -> Array:
-    """Return for each place the largest value that some rank has for the place, at least 0.
-
-    Args:
-        index_map, places, values: See `summed`; the call is collective.
-    """
+    """Return for each place the largest value, at least 0, that some rank has; see `summed`."""
     ghosts = index_map.ghosts.astype(PETSc.IntType)
     sizes = index_map.size_local, index_map.size_global
     vector = PETSc.Vec().createGhost(ghosts, sizes, comm=index_map.comm)
@@ -52,20 +48,10 @@ def largest(
 
 
 def highest(comm: MPI.Comm, values: npt.NDArray[np.floating[Any]]) -> float:
-    """Return the largest value of all ranks, at least 0.
-
-    Args:
-        comm: The communicator; the call is collective.
-        values: The values of this rank, of any shape; none is no value.
-    """
+    """Return the largest value of all ranks, at least 0, of arrays of any shape; collective."""
     return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> Mask:
-    """Return which dofs of this rank, ghosts included, some rank names; the call is collective.
-
-    Args:
-        space: A scalar function space.
-        dofs: Dofs that this rank names, ghosts included.
-    """
+    """Return which dofs of this rank, ghosts included, some rank names; the call is collective."""
     return summed(space.dofmap.index_map, dofs) > 0.0

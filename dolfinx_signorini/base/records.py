@@ -17,18 +17,34 @@ import uuid
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, cast
+from typing import Any, BinaryIO, NamedTuple, TypeVar, cast
 
 import dolfinx
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import Progress, log
 
 T = TypeVar("T")
 
 ROWS = "rows.jsonl"  # the records file of a job
+
+
+class Wanted(NamedTuple):
+    """A row of a table that is computed where the file has no such row.
+
+    Attributes:
+        title: What the row is called where it is told that the row is there already.
+        key: The entries by which the row is known.
+        compute: Returns the other entries.
+        work: How much there is to compute, in any unit.
+    """
+
+    title: str
+    key: Mapping[str, Any]
+    compute: Callable[[], Mapping[str, Any]]
+    work: float
 
 
 class Records:
@@ -68,12 +84,31 @@ class Records:
             key: The entries.
             compute: Returns the other entries.
         """
-        for row in self.rows:
-            if key.items() <= row.items():
-                log.info("%s: already done", title)
-                return row
+        row = self._finished(key)
+        if row is not None:
+            log.info("%s: already done", title)
+            return row
         self.append({**key, **compute()})
         return self.rows[-1]
+
+    def table(self, task: str, wanted: Sequence[Wanted]) -> list[dict[str, Any]]:
+        """Return rows in their order, and tell how far those are that have to be computed.
+
+        Args:
+            task: What the rows are, in words.
+            wanted: The rows.
+        """
+        work = [each.work if self._finished(each.key) is None else 0.0 for each in wanted]
+        rows = []
+        with Progress(task, sum(work)) as progress:
+            for each, done in zip(wanted, work, strict=True):
+                rows.append(self.row(each.title, each.key, each.compute))
+                progress.advance(done)
+        return rows
+
+    def _finished(self, key: Mapping[str, Any]) -> dict[str, Any] | None:
+        """The row that has some entries, if the row is finished."""
+        return next((row for row in self.rows if key.items() <= row.items()), None)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add the finished row of rank 0; the row is on disk when the call returns.
@@ -173,12 +208,7 @@ def versions() -> dict[str, str]:
 
 
 def write_file(path: Path, content: str) -> None:
-    """Write a text file under another name, then rename it: no reader sees half of the file.
-
-    Args:
-        path: The file.
-        content: The whole text of the file.
-    """
+    """Write a text file under another name, then rename it: no reader sees half of the file."""
     with whole_file(path) as file:
         file.write(content.encode("utf-8"))
 
@@ -187,8 +217,7 @@ def write_file(path: Path, content: str) -> None:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Give a binary file to write, which takes the place of a file when it is complete.
 
-    Args:
-        path: The file to be replaced; the new one is discarded where its writer fails.
+    The new file is discarded where its writer fails.
     """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     with in_use(path.parent, f".{glob.escape(path.name)}.{32 * '?'}.part"):
@@ -203,14 +232,10 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def in_use(folder: Path, leftovers: str) -> Iterator[None]:
-    """Hold a folder while a block writes to the folder; first remove what killed runs left there.
+    """Hold a folder while a block writes there; first remove what killed runs left, by a pattern.
 
-    All who write share a lock of the folder, which ends with their process: who gets the lock
-    alone knows that nobody writes, and that unfinished files are of runs that were killed.
-
-    Args:
-        folder: The folder.
-        leftovers: The pattern of the names that unfinished files and folders have.
+    All who write share a lock of the folder, which ends with their process: who gets the lock alone
+    knows that nobody writes, and that unfinished files are of runs that were killed.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:

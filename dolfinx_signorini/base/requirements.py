@@ -1,4 +1,4 @@
-"""Requirements that pip cannot install: dolfinx is there before modules are loaded, or is named.
+"""dolfinx is there and loads before the modules that need it, or the ways to install it are named.
 
 The modules take seconds to load: who interrupts the command line meanwhile sees no traceback.
 """
@@ -6,9 +6,11 @@ The modules take seconds to load: who interrupts the command line meanwhile sees
 import os
 import signal
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 
-MESSAGE = """dolfinx_signorini needs dolfinx, version 0.9 or newer, which pip cannot install:
+MESSAGE = """dolfinx_signorini needs dolfinx, version 0.9 or newer:
+    pip:        pip install "dolfinx-signorini[dolfinx]"    (Linux on x86_64, Python 3.12 or newer)
     Debian 13:  apt install python3-dolfinx-real python3-petsc4py-real
     conda:      conda install -c conda-forge fenics-dolfinx
 A virtual environment beside Debian's dolfinx needs the option --system-site-packages."""
@@ -23,3 +25,5 @@ if find_spec("dolfinx") is None:
     if of_the_command_line:
         sys.exit(f"error: {MESSAGE}")
     raise ModuleNotFoundError(MESSAGE, name="dolfinx")
+if find_spec("dolfinx_solver") is not None:  # the dolfinx of PyPI needs its MPI loaded first
+    import_module("dolfinx_solver")

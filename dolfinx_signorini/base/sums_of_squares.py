@@ -1,6 +1,6 @@
 """Forms that are sums of squares: symmetric and positive semidefinite as they are written."""
 
-from collections.abc import Iterator
+from typing import Any
 
 import ufl
 from ufl.classes import Argument, Conj, Dot, Grad, Inner, Product, RealValue, Sum
@@ -18,29 +18,24 @@ def is_sum_of_squares(form: ufl.Form) -> bool:
     )
 
 
-def summands(term: Expr) -> Iterator[Expr]:
-    """Yield the summands of an integrand, sums of sums taken apart."""
-    if isinstance(term, Sum):
-        for operand in term.ufl_operands:
-            yield from summands(operand)
-    else:
-        yield term
+def summands(term: Expr) -> list[Expr]:
+    """Return the summands of an integrand, sums of sums taken apart."""
+    return _operands(term, Sum)
 
 
 def _is_square(term: Expr) -> bool:
-    factors = list(_factors(term))
+    factors = _operands(term, Product | Inner | Dot | Conj)
     numbers = [float(factor) for factor in factors if isinstance(factor, RealValue)]
     others = [_argument(factor) for factor in factors if not isinstance(factor, RealValue)]
     # Of equal shape, for their product is a number: the same gradients of both arguments.
     return min(numbers, default=1.0) > 0.0 and sorted(others) == [0, 1]
 
 
-def _factors(term: Expr) -> Iterator[Expr]:
-    if isinstance(term, Product | Inner | Dot | Conj):
-        for operand in term.ufl_operands:
-            yield from _factors(operand)
-    else:
-        yield term
+def _operands(term: Expr, kinds: Any) -> list[Expr]:
+    """The operands of nested operations of some kinds."""
+    if not isinstance(term, kinds):
+        return [term]
+    return [part for operand in term.ufl_operands for part in _operands(operand, kinds)]
 
 
 def _argument(factor: Expr) -> int:

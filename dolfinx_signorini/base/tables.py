@@ -5,6 +5,14 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+LISTED = 8  # items of a list in a line: two lines of a terminal
+
+
+def listed(texts: Sequence[str], separator: str = ", ") -> str:
+    """Return the first of some texts in one line, and how many more there are."""
+    more = len(texts) - LISTED
+    return separator.join(texts[:LISTED]) + (f" and {more} more" if more > 0 else "")
+
 
 def text_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: str = "") -> str:
     """Return a table for a terminal: the first column to the left, the others to the right.
@@ -22,12 +30,7 @@ def text_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: str
 
 
 def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table in Markdown, aligned so that the source reads well, too.
-
-    Args:
-        columns: The heads of the columns.
-        rows: The cells of each row; a float that is no text yet is shown with three digits.
-    """
+    """Return the same in Markdown, without a title, aligned so that the source reads well, too."""
     lines = _cells(columns, rows)
     widths = [max(width, 3) for width in _widths(lines)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
@@ -36,12 +39,7 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str
 
 
 def csv_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table as CSV, with all digits of its numbers.
-
-    Args:
-        columns: The heads of the columns.
-        rows: The cells of each row.
-    """
+    """Return the same as CSV, with all digits of its numbers."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([columns, *rows])
     return text.getvalue()

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from mpi4py import MPI
 
-from dolfinx_signorini.base.logs import log, tell_duration
+from dolfinx_signorini.base.logs import log
 
 
 class Phases:
@@ -38,29 +38,25 @@ class Phases:
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """End a phase that began at the lap before, or when the stopwatch was made; collective.
-
-        A phase that took long is told.
-        """
-        now = self._now()
-        seconds = self.comm.bcast(now - self._last)
-        self._last = now
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-        tell_duration(seconds, "  %s %.2f s", name, seconds)
+        """End a phase that began at the lap before, or when the stopwatch was made; collective."""
+        began, self._last = self._last, self._now()
+        self._add(name, self.comm.bcast(self._last - began))
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         """Time a block; the entry of the block and its end are collective."""
         start = self._now()
         yield
-        seconds = self._now() - start
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-        log.debug("  %s %.2f s", name, seconds)
+        self._add(name, self._now() - start)
 
     @property
     def total(self) -> float:
         """The seconds of all phases together."""
         return sum(self.seconds.values())
+
+    def _add(self, name: str, seconds: float) -> None:
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        log.debug("  %s %.2f s", name, seconds)
 
     def _now(self) -> float:
         """The time on rank 0 when all ranks have come here."""

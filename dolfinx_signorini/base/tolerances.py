@@ -15,7 +15,9 @@ SOLVED = 2.0**22 * PRECISION
 HALF_OF_THE_DIGITS = PRECISION**0.5
 # Halvings after which nothing is left of a double: what gains a bit in each step needs no more.
 HALVINGS = int(np.finfo(np.float64).nmant)
-TINY = 1e-300  # in place of 0 where a quotient or a logarithm follows
+# The least number of which a product with PRECISION keeps all digits, 1e-292: in place of 0 where
+# a quotient or a logarithm follows. Beyond TINY and 1 / TINY products lose digits or overflow.
+TINY = float(np.finfo(np.float64).tiny) / PRECISION
 # One operation, or one function of a library, which is at most 4 units in the last place off.
 UNIT = 8.0 * PRECISION
 UPWARDS = 1.0 + SOLVED  # times a bound that has been calculated: more than the bound

@@ -4,7 +4,6 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
@@ -13,9 +12,10 @@ from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
-from dolfinx_signorini.bounds.frames import Frames, on_frames, values_at
+from dolfinx_signorini.bounds.frames import Frames, datum, on_frames
 from dolfinx_signorini.bounds.reference_flux import (
     PARTS,
+    barycentric,
     others,
     polynomials,
     positive_on_parts,
@@ -24,9 +24,11 @@ from dolfinx_signorini.bounds.reference_flux import (
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.assembly import Data, called, dofs_on_facets
+from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_vertices
+from dolfinx_signorini.problem.assembly import dofs_on_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.values import Data, called
 
 
 @dataclass(frozen=True)
@@ -51,15 +53,37 @@ class FacetPoints:
     reference: Array
     weights: Array
 
+    def some(self, used: Mask, frames: Frames, cells: Indices) -> "FacetPoints":
+        """Return the points of some facets, whose cells are all among some cells.
+
+        Args:
+            used: The facets, shape (n,).
+            frames: Some of the frames.
+            cells: The numbers of these frames in order.
+        """
+        own = np.searchsorted(cells, self.cells[used])
+        return FacetPoints(frames, own, self.facets[used], self.reference, self.weights)
+
+    @functools.cached_property
+    def owners(self) -> Frames:
+        """The cell of each facet."""
+        return self.frames.some(self.cells)
+
     @property
     def sizes(self) -> Array:
         """The sizes of the facets."""
-        return self.frames.facet_sizes[self.cells, self.facets]
+        return self.owners.facet_sizes[np.arange(len(self.facets)), self.facets]
 
     @property
     def pairs(self) -> Indices:
         """The facets as (cell, local facet) pairs of the mesh."""
-        return np.column_stack((self.cells, self.frames.order[self.cells, self.facets]))
+        local = self.owners.order[np.arange(len(self.facets)), self.facets]
+        return np.column_stack((self.owners.cells, local))
+
+    @functools.cached_property
+    def points(self) -> Points:
+        """The points of the facets of the mesh."""
+        return Points(self.frames.domain, self.pairs.astype(np.int32), self.reference)
 
     def values(self, data: "Data | FacetPolynomials") -> Array:
         """Return data at the points, shape (n, points)."""
@@ -71,22 +95,25 @@ class FacetPoints:
             x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
             values = called(self.frames.domain.comm, data, x)
             return values.reshape(len(self.cells), len(self.weights))
-        return values_at(self.frames.domain, [data], self.reference, self.pairs)[:, :, 0]
+        values = datum(self.frames.domain, data)(self.points)
+        return np.broadcast_to(values, (len(self.cells), len(self.weights)))
 
     @functools.cached_property
     def places(self) -> Array:
         """The coordinates of the points, shape (n, points, d), where UFL has them."""
-        x = ufl.SpatialCoordinate(self.frames.domain)
-        return values_at(self.frames.domain, list(x), self.reference, self.pairs)
+        return np.stack(self.points.x, axis=2)
+
+    @functools.cached_property
+    def _inside(self) -> Array:
+        """The points of each facet of a cell of the mesh, as barycentric coordinates there."""
+        corners = np.eye(self.frames.dimension + 1)[facet_vertices(self.frames.domain)]
+        return np.asarray(barycentric(self.reference) @ corners)
 
     @functools.cached_property
     def coordinates(self) -> Array:
         """The barycentric coordinates in the frames, shape (n, points, d + 1)."""
-        first = self.frames.corners[self.cells, 0]
-        inner = np.einsum(
-            "nab,nqb->nqa", self.frames.inverses[self.cells], self.places - first[:, None]
-        )
-        return np.concatenate((1.0 - inner.sum(axis=2, keepdims=True), inner), axis=2)
+        inside = self._inside[self.pairs[:, 1]]
+        return np.take_along_axis(inside, self.owners.order[:, None, :], axis=2)
 
     @property
     def along(self) -> Array:
@@ -113,13 +140,11 @@ class FacetPoints:
             space: A scalar space.
             dofs: The values of the function at the dofs of this rank.
         """
-        d = self.frames.dimension
-        order = np.argsort(self.frames.order[self.cells], axis=1)
-        places = np.take_along_axis(self.coordinates, order[:, None, :], axis=2)[:, :, 1:]
-        places = np.vstack((places.reshape(-1, d), np.zeros((1, d))))  # Basix needs a point
-        table = space.element.basix_element.tabulate(0, places)[0, :-1, :, 0]
-        table = table.reshape(len(self.cells), len(self.weights), table.shape[1])
-        return np.einsum("nqi,ni->nq", table, dofs[space.dofmap.list[self.cells]])
+        inside = self._inside[:, :, 1:]
+        table = space.element.basix_element.tabulate(0, inside.reshape(-1, inside.shape[2]))
+        table = table[0, :, :, 0].reshape(*inside.shape[:2], -1)[self.pairs[:, 1]]
+        nodal = dofs[space.dofmap.list[self.owners.cells]]
+        return np.asarray((table @ nodal[..., None])[..., 0])
 
 
 def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:

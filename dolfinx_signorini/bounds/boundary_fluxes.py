@@ -10,7 +10,7 @@ from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, polynomial_degree
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.assembly import Data
+from dolfinx_signorini.problem.values import Data
 
 
 def given_fluxes(solved: Solved) -> tuple[Array, Array, list[str]]:

@@ -1,15 +1,24 @@
 """A discrete solution with the coefficients of its equation at points of cells."""
 
+import functools
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.bounds.cell_scales import (
+    CellScales,
+    Diffusion,
+    diffusion_at,
+    means,
+    stacked,
+)
 from dolfinx_signorini.bounds.condensation import CellData
-from dolfinx_signorini.bounds.frames import Frames, values_at
+from dolfinx_signorini.bounds.frames import Frames, datum
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
@@ -17,8 +26,9 @@ from dolfinx_signorini.bounds.reference_flux import (
     polynomials,
     rule,
 )
-from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
+from dolfinx_signorini.meshes.points import Points
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.
@@ -27,111 +37,130 @@ BEST = {2: 30, 3: 20}
 
 
 @dataclass(frozen=True)
-class _Diffusion:
-    """The diffusion A at points of cells: a multiple of the identity, or a symmetric matrix."""
-
-    values: Array  # shape (cells, points, 1), or (cells, points, d, d) for matrices
-    inverses: Array  # of the values, with the same shape
-    lowest: Array  # the smallest eigenvalue at the points of each cell
-    upper: Array  # what A at the points of each cell does not exceed, shape (cells, d, d)
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether A is symmetric at all points, up to rounding."""
-        if self.values.ndim == 3:
-            return True
-        apart = np.abs(self.values - self.values.swapaxes(2, 3)).max(axis=(2, 3))
-        return bool((apart <= SOLVED * np.abs(self.values).max(axis=(2, 3))).all())
-
-    def times(self, vectors: Array) -> Array:
-        """Return the products of A with vectors, shape (cells, points, d)."""
-        return _product(self.values, vectors)
-
-    def divided(self, vectors: Array) -> Array:
-        """Return the products of the inverse of A with vectors, shape (cells, points, d)."""
-        return _product(self.inverses, vectors)
-
-    def mean_inverse(self, weights: Array, dimension: int) -> Array:
-        """The mean of the inverse of A over each cell, shape (cells, d, d)."""
-        mean = np.asarray(np.tensordot(self.inverses, weights, (1, 0)), dtype=np.float64)
-        return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
-
-
-def _diffusion_at(entries: Array, dimension: int) -> _Diffusion:
-    """The diffusion with given entries."""
-    if entries.shape[2] == 1:
-        lowest = entries.min(axis=(1, 2), initial=np.inf)
-        upper = entries.max(axis=(1, 2), initial=-np.inf)[:, None, None] * np.eye(dimension)
-        with np.errstate(divide="ignore"):
-            return _Diffusion(entries, np.asarray(1.0 / entries, dtype=np.float64), lowest, upper)
-    values = entries.reshape(*entries.shape[:2], dimension, dimension)
-    spectrum = np.linalg.eigvalsh(values)
-    lowest = spectrum.min(axis=(1, 2), initial=np.inf)
-    largest = spectrum.max(axis=(1, 2), initial=-np.inf)[:, None, None]
-    same = (values == values[:, :1]).all(axis=(1, 2, 3))[:, None, None]
-    upper = np.where(same, values[:, 0], largest * np.eye(dimension))
-    usable = bool((lowest > 0.0).all())
-    inverses: Array = np.asarray(np.linalg.inv(values), dtype=np.float64) if usable else values
-    return _Diffusion(values, inverses, lowest, upper)
-
-
-def _product(matrices: Array, vectors: Array) -> Array:
-    if matrices.ndim == 3:
-        return np.asarray(matrices * vectors)
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-@dataclass(frozen=True)
 class CellValues:
     """A solution with the coefficients of its equation, with the signs of a lower obstacle.
 
-    The integral of f over each cell:
+    What is asked for is computed once, by calls that are collective. The integral of f over each
+    cell:
 
         (values.load @ values.weights) * values.frames.volumes
 
     Attributes:
-        frames: The cells.
+        solved: The problem, or what concerns some of its cells.
         points, weights: The rule on the reference cell of the mesh; the weights add up to 1.
-        u: The solution, shape (cells, points).
-        gradient: The gradient of the solution, shape (cells, points, d).
-        diffusion: The diffusion A.
-        reaction, load: c and f, shape (cells, points).
-        least_reaction: The smallest value of c in each cell, as far as that is known.
+        formulas: By the names of coefficients, functions with the values of their entries.
     """
 
-    frames: Frames
+    solved: Solved
     points: Array
     weights: Array
-    u: Array
-    gradient: Array
-    diffusion: _Diffusion
-    reaction: Array
-    load: Array
-    least_reaction: Array
+    formulas: dict[str, list[Callable[[Points], Array]]]
+
+    @property
+    def frames(self) -> Frames:
+        """The cells."""
+        return self.solved.frames
+
+    @property
+    def rest(self) -> Remainders:
+        """What the data have beside polynomials."""
+        return self.solved.rest
+
+    def batches(self) -> Iterator[tuple[slice, "CellValues"]]:
+        """Yield cells and their values, so few that caches hold them; collective."""
+        cells, comm = len(self.frames.cells), self.solved.comm
+        count = comm.allreduce(1 + cells * len(self.weights) // BLOCK, op=MPI.MAX)
+        ends = np.linspace(0, cells, count + 1).astype(int)
+        for some in map(slice, ends[:-1], ends[1:]):
+            yield some, replace(self, solved=self.solved.some(some))
+
+    @functools.cached_property
+    def at(self) -> Points:
+        """The points in the cells of the mesh."""
+        return self.frames.points(self.points)
+
+    def _values(self, name: str) -> list[Array]:
+        """The values of the entries of a coefficient."""
+        found = [formula(self.at) for formula in self.formulas[name]]
+        finite = all(bool(np.isfinite(values).all()) for values in found)
+        require(self.solved.comm, finite, "some data are not finite", "load")
+        return found
+
+    @functools.cached_property
+    def u(self) -> Array:
+        """The solution, shape (cells, points)."""
+        return self.solved.problem.sign * self.at.values(self.solved.problem.u)[0]
+
+    @functools.cached_property
+    def gradient(self) -> Array:
+        """Its gradient, shape (cells, points, d), or (cells, 1, d) for a solution of degree 1."""
+        at = self.frames.points(self.points[:1]) if self.solved.degree == 1 else self.at
+        (gradient,) = at.gradients(self.solved.problem.u)
+        return np.asarray(self.solved.problem.sign * np.stack(gradient, axis=2))
+
+    @functools.cached_property
+    def diffusion(self) -> Diffusion:
+        """The diffusion A.
+
+        Raises:
+            InputError: The diffusion is not positive definite and symmetric at the points.
+        """
+        comm, rest, d = self.solved.comm, self.rest, self.solved.dimension
+        A = diffusion_at(stacked(self._values("diffusion"), d), d, len(self.frames.cells))
+        require(comm, A.symmetric, "not symmetric at some point", "diffusion")
+        definite = bool((A.lowest > 0.0).all())
+        require(comm, definite, "not positive definite at some point", "diffusion")
+        if not rest.inverse_entries:
+            return A
+        least, largest = rest.least_diffusion, rest.largest_diffusion
+        assert least is not None and largest is not None
+        inverse = stacked(self._values("inverse"), d)
+        return Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
+
+    @functools.cached_property
+    def reaction(self) -> Array:
+        """The reaction c, shape (cells, points), or (1, 1) for a number.
+
+        Raises:
+            InputError: The reaction is negative at a point.
+        """
+        (c,) = self._values("reaction")
+        fitted = np.asarray(self.rest.reaction)[..., None] > 0.0  # polynomials may be negative
+        good = bool(((c >= 0.0) | fitted).all())
+        require(self.solved.comm, good, "negative at some point", "reaction")
+        return c
+
+    @functools.cached_property
+    def load(self) -> Array:
+        """The load f, shape (cells, points), or (1, 1) for a number."""
+        return np.asarray(self.solved.problem.sign * self._values("load")[0])
+
+    @functools.cached_property
+    def residual(self) -> Array:
+        """The part f - c u of the residual, shape (cells, points)."""
+        return np.asarray(self.load - self.reaction * self.u)
+
+    @functools.cached_property
+    def scales(self) -> CellScales:
+        """What bounds functions in the cells."""
+        least, most = self.rest.least_reaction, self.rest.largest_reaction
+        return CellScales(
+            self.frames.volumes,
+            self.frames.diameters,
+            self.diffusion.lowest,
+            self.diffusion.upper,
+            self._extreme(np.min, np.inf) if least is None else least,
+            self._extreme(np.max, 0.0) if most is None else most,
+        )
+
+    def _extreme(self, of: Callable[..., Array], none: float) -> Array:
+        """The least or largest value of the reaction at the points of each cell."""
+        return np.broadcast_to(of(self.reaction, axis=1, initial=none), len(self.frames.cells))
 
     @property
     def current(self) -> Array:
-        """A grad u, shape (cells, points, d)."""
+        """A grad u, shape (cells, points, d), or (cells, 1, d) where it is constant."""
         return self.diffusion.times(self.gradient)
-
-    @property
-    def l2_weight(self) -> Array:
-        """The L2 norm of w on each cell is at most this times that of c^(1/2) w."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(1.0 / np.sqrt(self.least_reaction))
-
-    @property
-    def gradient_weight(self) -> Array:
-        """The L2 norm of w - mean(w) is at most this times that of A^(1/2) grad w.
-
-        Source: Payne and Weinberger, Arch. Rational Mech. Anal. 5 (1960) 286-292.
-        """
-        return self.frames.diameters / (math.pi * np.sqrt(self.diffusion.lowest))
-
-    @property
-    def weak(self) -> Mask:
-        """Whether the reaction is weak, so that functions are tested with gradients."""
-        return np.asarray(self.gradient_weight <= self.l2_weight)
 
     def moments(self, values: Array, degree: int) -> Array:
         """Return the means over cells of a function times polynomials, see `Frames.moments`.
@@ -154,16 +183,20 @@ class CellValues:
 
     def integrals(self, values: Array) -> Array:
         """Return the integrals over each cell of a function at the points."""
-        return np.asarray((values @ self.weights) * self.frames.volumes)
+        return means(values, self.weights) * self.frames.volumes
 
-    def rest(self, degree: int) -> Array:
-        """Return f - c u without its projection on polynomials of a degree on each cell."""
-        rest = self.load - self.reaction * self.u
-        means = self.moments(rest, degree)
-        for cells, order in self.frames.groups():
+    def unresolved(self, source: Array, degree: int) -> Array:
+        """Return the L2 norm of f - c u without its projection on polynomials on each cell.
+
+        Args:
+            source: The moments of f - c u, see `CellMoments`.
+            degree: The degree of the polynomials.
+        """
+        rest, mean = self.residual.copy(), source / self.frames.volumes[:, None]
+        for cells, order in self.frames.groups:
             own = barycentric(self.points)[:, order][:, 1:]
-            rest[cells] -= means[cells] @ polynomials(self.frames.dimension, degree, own)
-        return rest
+            rest[cells] -= mean[cells] @ polynomials(self.frames.dimension, degree, own)
+        return np.sqrt(self.integrals(rest**2))
 
 
 def cell_values(solved: Solved, quadrature: int) -> CellValues:
@@ -172,83 +205,80 @@ def cell_values(solved: Solved, quadrature: int) -> CellValues:
     Args:
         solved: The problem; the call is collective.
         quadrature: The degree of the rule.
-
-    Raises:
-        InputError: The reaction is negative, the diffusion is not positive definite, or data are
-            not finite.
     """
-    problem, terms, rest, d = solved.problem, solved.terms, solved.rest, solved.dimension
-    points, weights = rule(d, quadrature)
-    entries, inverses = terms.entries(d), rest.inverse_entries
-    data = [terms.reaction or 0.0, terms.load or 0.0, *entries, *inverses]
-    at = values_at(solved.frames.domain, data, points, solved.frames.cells)
-    require(problem.comm, bool(np.isfinite(at).all()), "some data are not finite", "load")
-    fitted = np.asarray(rest.reaction)[..., None] > 0.0  # polynomials that may be negative
-    good = bool(((at[:, :, 0] >= 0.0) | fitted).all())
-    require(problem.comm, good, "negative at some point", "reaction")
-    A = _diffusion_at(at[:, :, 2 : 2 + len(entries)], d)
-    require(problem.comm, A.symmetric, "not symmetric at some point", "diffusion")
-    definite = bool((A.lowest > 0.0).all())
-    require(problem.comm, definite, "not positive definite at some point", "diffusion")
-    if inverses:
-        inverse = at[:, :, 2 + len(entries) :]
-        inverse = inverse.reshape(A.inverses.shape)
-        least, largest = rest.least_diffusion, rest.largest_diffusion
-        assert least is not None and largest is not None
-        A = _Diffusion(A.values, inverse, least, largest[:, None, None] * np.eye(d))
-    places = solved.frames.points(points)
-    (u,), (gradient,) = places.values(problem.u), places.gradients(problem.u)
-    c, least = at[:, :, 0], rest.least_reaction
-    return CellValues(
-        solved.frames,
-        points,
-        weights,
-        problem.sign * u,
-        problem.sign * np.stack(gradient, axis=2),
-        A,
-        c,
-        problem.sign * at[:, :, 1],
-        c.min(axis=1, initial=np.inf) if least is None else least,
-    )
+    terms, domain = solved.terms, solved.frames.domain
+    data = {
+        "reaction": [terms.reaction or 0.0],
+        "load": [terms.load or 0.0],
+        "diffusion": terms.entries(solved.dimension),
+        "inverse": list(solved.rest.inverse_entries),
+    }
+    formulas = {name: [datum(domain, item) for item in items] for name, items in data.items()}
+    return CellValues(solved, *rule(solved.dimension, quadrature), formulas)
 
 
-def cell_data(
-    values: CellValues,
-    kinds: Indices,
-    touching: Indices,
-    fluxes: Array,
-    gaps: Array,
-    reference: ReferenceFlux,
-) -> CellData:
-    """Return what patches need to know of the cells.
+@dataclass(frozen=True)
+class CellMoments:
+    """What the solution and its equation tell patches of cells, see `CellData`."""
+
+    sizes: Array
+    metric: Array
+    gradient: Array
+    current: Array
+    source: Array
+    strength: Array
+
+
+def cell_moments(values: CellValues, degree: int) -> CellMoments:
+    """Return what the solution and its equation tell patches of cells.
 
     Args:
         values: The solution and the coefficients.
-        kinds: The kinds of the facets, shape (cells, d + 1).
-        touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
-        fluxes: The moments of given fluxes on facets.
-        gaps: The means of gap times polynomial on contact facets.
-        reference: The fields.
+        degree: The degree of the flux.
     """
-    frames, degree, J = values.frames, reference.degree, values.frames.jacobians
+    frames, scales, J = values.frames, values.scales, values.frames.jacobians
     inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
     det = frames.volumes * math.factorial(frames.dimension)
-    source = values.load - values.reaction * values.u
     current = values.moments(values.current, degree)
-    return CellData(
-        vertices=frames.vertices,
-        facets=frames.facets,
-        kinds=kinds,
-        touching=touching,
+    return CellMoments(
         sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
         metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
         # The energy of the distance to A grad u, measured with the mean of the inverse of A.
         gradient=J.transpose(0, 2, 1) @ inverse @ current,
         current=frames.inverses @ current * frames.volumes[:, None, None],
-        source=values.moments(source, degree) * frames.volumes[:, None],
+        source=values.moments(values.residual, degree) * frames.volumes[:, None],
+        strength=np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0),
+    )
+
+
+def cell_data(
+    frames: Frames,
+    kinds: Indices,
+    touching: Indices,
+    fluxes: Array,
+    gaps: Array,
+    moments: CellMoments,
+) -> CellData:
+    """Return what patches need to know of cells.
+
+    Args:
+        frames: The cells.
+        kinds: The kinds of the facets, shape (cells, d + 1).
+        touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
+        fluxes: The moments of given fluxes on facets.
+        gaps: The means of gap times polynomial on contact facets.
+        moments: What the solution and its equation tell.
+    """
+    return CellData(
+        vertices=frames.vertices,
+        facets=frames.facets,
+        kinds=kinds,
+        touching=touching,
         fluxes=fluxes,
         gaps=gaps,
-        strength=np.where(values.l2_weight < values.gradient_weight, values.least_reaction, 0.0),
+        places=frames.places,
+        edges=frames.jacobians,
+        **vars(moments),
     )
 
 
@@ -262,7 +292,7 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     """
     frames = values.frames
     result = np.zeros((len(coefficients), len(values.weights), frames.dimension))
-    for cells, order in frames.groups():
+    for cells, order in frames.groups:
         own = barycentric(values.points)[:, order][:, 1:]
         result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
     det = frames.volumes * math.factorial(frames.dimension)

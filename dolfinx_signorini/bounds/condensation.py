@@ -9,12 +9,14 @@ Source: Smears and Vohralik, ESAIM Math. Model. Numer. Anal. 54 (2020) 1951-1973
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
+from dolfinx_signorini.bounds.congruence import alike
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     barycentric,
@@ -23,19 +25,21 @@ from dolfinx_signorini.bounds.reference_flux import (
     rule,
 )
 
+Rows = TypeVar("Rows")
+
 # Kinds of facets.
 INTERIOR, DIRICHLET, NEUMANN, OPEN, PARTLY, CLOSED = range(6)
 
 
 @dataclass(frozen=True)
 class CellData:
-    """What patches need to know of cells, whose vertices are in the order of their numbers.
+    """What patches need to know of cells, whose vertices are in the order of the frames.
 
     Arrays have one row for each cell; facet k lies opposite vertex k. Cell data of several ranks
     are put together by rows:
 
-        packed = np.concatenate((mine.packed(), received))
-        everything = CellData.unpacked(packed, reference)
+        rows = np.concatenate(comm.allgather(mine.packed()))
+        everything = mine.some(np.arange(0)).with_rows(rows)
 
     Attributes:
         vertices, facets: Global numbers, shape (cells, d + 1).
@@ -43,6 +47,7 @@ class CellData:
             `CLOSED`: the facet touches the obstacle nowhere, in part, or all over.
         touching: Whether a vertex touches the obstacle, shape (cells, d + 1).
         sizes: The size of the cell in the first column, then the sizes of the facets.
+        edges: The Jacobian J, whose columns are the edges at the first vertex, shape (cells, d, d).
         metric: J^T A^-1 J / |det J|, shape (cells, d, d).
         gradient: Coefficients of J^T B A grad u with the mean B of A^-1, shape
             (cells, d, polynomials).
@@ -52,6 +57,7 @@ class CellData:
         gaps: The means of gap times polynomial on contact facets, shape (cells, d + 1, moments).
         strength: c where the reaction is strong, so that the divergence of the flux is not given,
             but costs the energy of the reaction; 0 elsewhere.
+        places: Where the middle of the cell is along the direction of the frames.
     """
 
     vertices: Indices
@@ -59,6 +65,7 @@ class CellData:
     kinds: Indices
     touching: Indices
     sizes: Array
+    edges: Array
     metric: Array
     gradient: Array
     current: Array
@@ -66,28 +73,41 @@ class CellData:
     fluxes: Array
     gaps: Array
     strength: Array
+    places: Array
+
+    def some(self, cells: Indices | slice) -> "CellData":
+        """Return the data of some cells."""
+        return CellData(*(values[cells] for values in vars(self).values()))
 
     def packed(self) -> Array:
         """Return all data as one array with a row for each cell."""
         parts = [np.asarray(part, dtype=np.float64) for part in vars(self).values()]
         return np.concatenate([p.reshape(len(p), math.prod(p.shape[1:])) for p in parts], axis=1)
 
-    @classmethod
-    def unpacked(cls, rows: Array, reference: ReferenceFlux) -> "CellData":
-        """Return the cell data of an array of `packed`.
+    def with_rows(self, rows: Array) -> "CellData":
+        """Return these cell data with those of an array of `packed` below."""
+        if not len(rows):
+            return self
+        own = list(vars(self).values())
+        ends = np.cumsum([math.prod(values.shape[1:]) for values in own])[:-1]
+        parts = zip(np.split(rows, ends, axis=1), own, strict=True)
+        return joined(
+            [self, CellData(*(p.reshape(-1, *v.shape[1:]).astype(v.dtype) for p, v in parts))]
+        )
 
-        Args:
-            rows: The array.
-            reference: The fields that the data were made for.
-        """
-        d, n = reference.dimension, reference.products.shape[1]
-        flat: list[tuple[int, ...]] = [(d + 1,)] * 4 + [(d + 2,), (d, d), (d, n), (d, n), (n,)]
-        shapes = [*flat, *[(d + 1, reference.per_facet)] * 2, ()]
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
-        parts = np.split(rows, ends, axis=1)
-        parts = [p.reshape(len(p), *shape) for p, shape in zip(parts, shapes, strict=True)]
-        whole = (np.rint(part).astype(np.int64) for part in parts[:4])
-        return cls(*whole, *parts[4:])  # type: ignore[arg-type]
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Return arrays with a row for each cell, put together by rows."""
+    if len(parts) == 1:
+        return parts[0]
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*map(np.concatenate, columns))
+
+
+def blocks(rows: int, width: int) -> list[slice]:
+    """Return slices of rows of some numbers, each so short that caches hold the rows."""
+    ends = np.linspace(0, rows, 2 + rows * width // BLOCK).astype(int)
+    return list(map(slice, ends[:-1], ends[1:]))
 
 
 def hats(reference: ReferenceFlux) -> Array:
@@ -135,38 +155,102 @@ def divergences(data: CellData, reference: ReferenceFlux) -> Array:
         data: The cells.
         reference: The fields.
     """
-    shape = reference.products.shape
-    source = (data.source @ reference.products.transpose(1, 0, 2).reshape(shape[1], -1)).reshape(
-        -1, shape[0], shape[2]
-    )
-    return np.asarray(reference.gradients @ data.current - source)
+    (vertices, n, _), d = reference.products.shape, reference.dimension
+    current = np.einsum("va,jk->ajvk", reference.gradients, np.eye(n)).reshape(d * n, -1)
+    moments = data.current.reshape(-1, d * n) @ current
+    moments -= data.source @ reference.products.transpose(1, 0, 2).reshape(n, -1)
+    return np.asarray(moments.reshape(-1, vertices, n))
 
 
-def condensed(data: CellData, reference: ReferenceFlux) -> tuple[Array, Array]:
-    """Return the energies of fields of least energy with given fluxes through facets.
+@dataclass(frozen=True)
+class Shapes:
+    """Cells of the same shape, which share the energies of the fields in them.
+
+    A field is given by its fluxes x through facets, and by what drives the other coefficients, z:
+    moments of the divergence, or forces where the coefficients are free. The field of least energy
+    and the energy of the fluxes, up to a number:
+
+        shapes.products(np.concatenate((x, z), axis=2), shapes.inner)
+        x @ shapes.matrices[shapes.number[cell]] @ x / 2 - force @ x
+
+    Attributes:
+        number: The number of the shape of each cell.
+        matrices: The energies of fluxes, shape (shapes, fluxes, fluxes).
+        inner: The other coefficients by x and z, shape (shapes, fields, fields - fluxes).
+        through: The forces on x by z, shape (shapes, fields - fluxes, fluxes).
+    """
+
+    number: Indices
+    matrices: Array
+    inner: Array
+    through: Array
+
+    def products(self, rows: Array, matrices: Array, cells: slice = slice(None)) -> Array:
+        """Return products of rows of some cells, shape (cells, n, k), with matrices of the shapes.
+
+        Shapes that more cells have than there are shapes are taken one by one: few steps in any
+        case.
+        """
+        shape, result = self.number[cells], np.empty((*rows.shape[:2], matrices.shape[2]))
+        count = np.bincount(shape, minlength=len(matrices))
+        rare = count[shape] <= len(matrices)
+        result[rare] = rows[rare] @ matrices[shape[rare]]
+        for k in np.flatnonzero(count > len(matrices)):
+            of = np.flatnonzero(shape == k)
+            flat = rows[of].reshape(-1, rows.shape[2]) @ matrices[k]
+            result[of] = flat.reshape(len(of), *result.shape[1:])
+        return result
+
+
+def shapes_of(data: CellData, reference: ReferenceFlux) -> Shapes:
+    """Return the shapes of cells.
 
     Args:
         data: The cells.
         reference: The fields.
+    """
+    n, given, resistance = reference.fluxes, reference.given, _resistance(data)
+    size, length = np.einsum("naa->n", data.metric), data.sizes[:, 0] ** (1.0 / reference.dimension)
+    above = data.metric[:, *np.triu_indices(reference.dimension)] / size[:, None]
+    edges = (data.edges / length[:, None, None]).reshape(len(size), reference.dimension**2)
+    numbers = (edges, np.log2(length), above, np.log2(size), np.log2(1.0 + resistance / size))
+    first, number = alike(np.column_stack(numbers))
+    mass = np.asarray(np.tensordot(data.metric[first], reference.mass, 2), dtype=np.float64)
+    own = np.arange(n, given)
+    mass[:, own, own] += resistance[first, None]
+    inner = np.zeros((*mass.shape[:2], mass.shape[2] - n))
+    for strong in (False, True):
+        of = (data.strength[first] > 0.0) == strong
+        free = n if strong else given
+        inverse = np.linalg.inv(mass[of, free:, free:])
+        inner[of, free:, free - n :] = inverse
+        inner[of, :free, free - n :] = -mass[of, :free, free:] @ inverse
+        inner[np.ix_(of, own[: free - n], own[: free - n] - n)] = np.eye(free - n)
+    matrices = mass[:, :n, :n] + mass[:, :n, n:] @ inner[:, :n].transpose(0, 2, 1)
+    return Shapes(number, matrices, inner, -inner[:, n:] @ mass[:, n:, :n])
+
+
+def forces_of(
+    data: CellData, reference: ReferenceFlux, shapes: Shapes, cells: slice = slice(None)
+) -> tuple[Array, Array]:
+    """Return the forces on fluxes for the hat functions of the vertices, and total fluxes.
+
+    Args:
+        data: The cells.
+        reference: The fields.
+        shapes: The shapes of the cells.
+        cells: The cells that are wanted.
 
     Returns:
-        The matrices, shape (cells, fluxes, fluxes), and the forces for the hat functions of the
-        vertices, shape (cells, d + 1, fluxes): the energy of x is x.matrix x / 2 - force.x.
+        The forces, shape (cells, d + 1, fluxes), and the total fluxes, shape (cells, d + 1).
     """
-    n, moments = reference.fluxes, divergences(data, reference)
-    matrices = np.zeros((len(data.source), n, n))
-    forces = np.zeros((len(matrices), reference.dimension + 1, n))
-    for cells, given in _groups(data, reference):
-        mass, b = _systems(data, reference, moments, cells)
-        inner = -np.linalg.solve(mass[:, given:, given:], mass[:, given:, :given])
-        b = b[:, :, :given] + b[:, :, given:] @ inner
-        mass = mass[:, :given, :given] + mass[:, :given, given:] @ inner
-        known = moments[cells][:, :, 1 : 1 + given - n]
-        matrices[cells] = mass[:, :n, :n]
-        forces[cells] = b[:, :, :n] - known @ mass[:, n:, :n]
+    some, n, targets = data.some(cells), reference.fluxes, reference.targets
+    divergence = divergences(some, reference)
+    forces = _forces(some.gradient, targets[..., :n])
     # A contact flux costs its product with the gap.
-    forces -= data.gaps.reshape(len(forces), 1, n)
-    return matrices, forces
+    forces -= some.gaps.reshape(len(forces), 1, n)
+    forces += shapes.products(_drive(some, reference, targets, divergence), shapes.through, cells)
+    return forces, divergence[:, :, 0]
 
 
 def coefficients(data: CellData, reference: ReferenceFlux, fluxes: Array) -> Array:
@@ -177,41 +261,34 @@ def coefficients(data: CellData, reference: ReferenceFlux, fluxes: Array) -> Arr
         reference: The fields.
         fluxes: The moments of the sum on facets, shape (cells, d + 1, moments).
     """
-    n, moments = reference.fluxes, divergences(data, reference)
-    result = np.zeros((len(fluxes), reference.mass.shape[2]))
-    result[:, :n] = fluxes.reshape(len(fluxes), n)
-    for cells, given in _groups(data, reference):
-        mass, b = _systems(data, reference, moments, cells)
-        result[cells, n:given] = -data.source[cells, 1 : 1 + given - n]
-        b = b[:, :, given:].sum(axis=1) - (
-            mass[:, given:, :given] @ result[cells, :given, None]
-        ).squeeze(2)
-        result[cells, given:] = np.linalg.solve(mass[:, given:, given:], b[..., None])[..., 0]
-    return result
+    targets, shapes = reference.targets.sum(axis=0, keepdims=True), shapes_of(data, reference)
+    # The divergences for all vertices add up to minus the source.
+    drive = _drive(data, reference, targets, -data.source[:, None])
+    x = fluxes.reshape(len(fluxes), 1, reference.fluxes)
+    inner = shapes.products(np.concatenate((x, drive), axis=2), shapes.inner)
+    return np.concatenate((x, inner), axis=2)[:, 0]
 
 
-def _groups(data: CellData, reference: ReferenceFlux) -> Iterator[tuple[Indices, int]]:
-    """Yield cells with the number of given moments in each cell and on the facets of the cell."""
-    for strong in (False, True):
-        cells = np.flatnonzero((data.strength > 0.0) == strong)
-        if len(cells):
-            yield cells, reference.fluxes if strong else reference.given
+def _drive(data: CellData, reference: ReferenceFlux, targets: Array, divergence: Array) -> Array:
+    """What drives the coefficients that are no fluxes, see `Shapes`."""
+    n, given, known = reference.fluxes, reference.given, divergence[:, :, 1:]
+    drive = np.concatenate((known, _forces(data.gradient, targets[..., given:])), axis=2)
+    strong = np.flatnonzero(data.strength)
+    costly = _resistance(data)[strong, None, None] * known[strong]
+    costly += _forces(data.gradient[strong], targets[..., n:given])
+    drive[strong, :, : given - n] = costly
+    return drive
 
 
-def _systems(
-    data: CellData, reference: ReferenceFlux, moments: Array, cells: Indices
-) -> tuple[Array, Array]:
-    """The matrices and forces of the energies of all fields in some cells."""
-    d, count = reference.dimension, len(cells)
-    mass = data.metric[cells].reshape(count, d * d) @ reference.mass.reshape(d * d, -1)
-    mass = mass.reshape(count, *reference.mass.shape[2:])
-    inner = d * reference.products.shape[1]
-    flat = reference.targets.transpose(1, 2, 0, 3).reshape(inner, -1)
-    b = (data.gradient[cells].reshape(count, inner) @ flat).reshape(count, d + 1, mass.shape[1])
-    # The energy of the reaction, in terms of the moments of the divergence.
-    c = data.strength[cells]
-    weight = np.where(c > 0.0, 1.0 / np.where(c > 0.0, c, 1.0), 0.0) / data.sizes[cells, 0]
-    own = np.arange(reference.fluxes, reference.given)
-    mass[:, own, own] += weight[:, None]
-    b[:, :, own] += weight[:, None, None] * moments[cells][:, :, 1:]
-    return mass, b
+def _resistance(data: CellData) -> Array:
+    """What a moment of the divergence costs where the reaction is strong; 0 elsewhere."""
+    strong = data.strength > 0.0
+    return np.where(strong, 1.0 / np.where(strong, data.strength, 1.0), 0.0) / data.sizes[:, 0]
+
+
+def _forces(gradient: Array, targets: Array) -> Array:
+    """The products of A grad u with fields times hat functions, shape (cells, vertices, fields)."""
+    vertices, d, n, fields = targets.shape
+    flat = targets.transpose(1, 2, 0, 3).reshape(d * n, -1)
+    products = gradient.reshape(-1, d * n) @ flat
+    return np.asarray(products).reshape(len(gradient), vertices, fields)

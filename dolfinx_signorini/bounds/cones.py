@@ -17,6 +17,7 @@ from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import (
     CELLS,
+    PARTS,
     highest_on_parts,
     largest,
     lowest,
@@ -24,8 +25,6 @@ from dolfinx_signorini.bounds.reference_flux import (
     rule,
 )
 from dolfinx_signorini.bounds.remainders import MORE, Solved
-
-PARTS = 32  # of a facet, each with its own answer to whether a function may be positive
 
 
 @dataclass(frozen=True)
@@ -77,9 +76,10 @@ class Cones:
         kept = ~self.positive[:, None] | (self._highest() > self.tiny)
         weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
         ends = others(d)[self.facets]
-        own = np.take_along_axis(self.frames.gradients[self.cells], ends[:, :, None], axis=1)
+        frames = self.frames.some(self.cells)
+        own = np.take_along_axis(frames.gradients, ends[:, :, None], axis=1)
         both = own.sum(axis=1)[:, None]
-        A, c, size = diffusion[self.cells], reaction[self.cells], self.frames.volumes[self.cells]
+        A, c, size = diffusion[self.cells], reaction[self.cells], frames.volumes
         down = both * w[..., None]
         across = slope[..., None] * (own[:, 1][:, None] - t[:, None] * both)
 

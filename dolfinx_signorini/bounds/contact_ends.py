@@ -18,7 +18,14 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, PARTLY, CellData, condensed
+from dolfinx_signorini.bounds.condensation import (
+    DIRICHLET,
+    OPEN,
+    PARTLY,
+    CellData,
+    forces_of,
+    shapes_of,
+)
 from dolfinx_signorini.bounds.reference_flux import (
     MOST_NUMBERS,
     PARTS,
@@ -55,12 +62,12 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
         reference: The fields.
     """
     rows, moments = comm.allgather(data.packed()), comm.allgather(start)
-    everything = CellData.unpacked(np.concatenate(rows), reference)
+    everything = data.some(np.arange(0)).with_rows(np.concatenate(rows))
     found = np.concatenate(moments)
     for members in _clusters(everything.facets):
         size = len(members) * reference.fluxes  # about twice the number of unknowns
         if size**2 <= MOST_NUMBERS and (everything.kinds[members] >= OPEN).any():
-            part = CellData(*(values[members] for values in vars(everything).values()))
+            part = everything.some(members)
             found[members] += _change(part, found[members], reference)
     first = sum(map(len, moments[: comm.rank]))
     return np.asarray(found[first : first + len(start)])
@@ -112,9 +119,12 @@ def _change(data: CellData, start: Array, reference: ReferenceFlux) -> Array:
     per, cells = reference.per_facet, np.arange(len(start))
     unknowns = _Unknowns(data, per)
     places, signs, size = unknowns.places, unknowns.signs, unknowns.count
-    energies, forces = condensed(data, reference)
+    shapes = shapes_of(data, reference)
+    energies = shapes.matrices[shapes.number]
     # The force of each vertex has the gap.
-    forces = forces.sum(axis=1) + reference.dimension * data.gaps.reshape(places.shape)
+    forces = forces_of(data, reference, shapes)[0].sum(
+        axis=1
+    ) + reference.dimension * data.gaps.reshape(places.shape)
     forces -= np.einsum("nij,nj->ni", energies, start.reshape(places.shape))
     K, b = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     scaled = energies * signs[:, :, None] * signs[:, None, :]

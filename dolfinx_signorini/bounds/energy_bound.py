@@ -1,6 +1,6 @@
 """A proven bound of the energy error of a solved problem, from an equilibrated flux.
 
-The proof is in docs/accuracy.md.
+The proof is in docs/method/energy_bound.md.
 """
 
 import math
@@ -11,29 +11,32 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds, facet_points
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
+from dolfinx_signorini.bounds.cell_scales import CellScales, dots
 from dolfinx_signorini.bounds.cell_values import (
+    CellMoments,
     CellValues,
     cell_data,
+    cell_moments,
     cell_values,
     quadrature_degree,
 )
-from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
+from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, joined
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.lifting import Feasible, feasible, gap_means, gaps
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, reference_flux
+from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.meshes.sided_meshes import longest_side
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
@@ -96,7 +99,7 @@ def energy_bound(
         InputError: The terms contradict each other, or the mesh has curved or other cells.
     """
     check(
-        problem=(problem, instance(SignoriniProblem, "a solved problem")),
+        problem=(problem, one_sided),
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
         rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
@@ -107,27 +110,46 @@ def energy_bound(
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
     quadrature, notes = quadrature_degree(solved, degree)
-    values = cell_values(solved, quadrature)
     fluxes, missed, more = given_fluxes(solved)
     near = feasible(solved, kinds)
     points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
-    data = cell_data(values, kinds, touching, fluxes, means, reference)
+    found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
+    data = cell_data(solved.frames, kinds, touching, fluxes, means, found)
     moments = equilibrated(domain, data, reference)
-    ends = _ends(domain.comm, values, kinds == DIRICHLET)
-    moments, reason = _without_defects(domain.comm, data, moments, ends)
-    field = coefficients(data, reference, moments)
-    flux, contact = flux_parts(solved, values, data, field, reference, (points, gap))
+    ends = _ends(solved, scales, kinds == DIRICHLET)
+    moments, reason = _without_defects(solved, scales, data, moments, ends)
+    flux, left, contact = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
     parts = _Parts(
         flux=flux,
-        data=oscillation(values, missed, rest, degree),
-        mean=_residual(values, data, field, reference, ends),
-        lifting=_lifted(solved, values, near),
+        data=beside,
+        mean=np.where(ends, scales.l2_weight, 0.0) * left,  # rounding alone outside of ends
+        lifting=_lifting(solved, scales, near, lifted),
         contact=contact,
     )
-    constant, doubt = _mean_constant(domain.comm, values, data, parts.data.stray, ends)
+    constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
-    return _bound(domain.comm, parts, values, ends, constant, near.missing or reason, notes)
+    return _bound(domain.comm, parts, scales, ends, constant, near.missing or reason, notes)
+
+
+def _on_cells(
+    solved: Solved, quadrature: int, missed: Array, change: fem.Function
+) -> tuple[CellMoments, CellScales, Oscillation, Array]:
+    """What cells tell before there is a flux, batch by batch.
+
+    Args:
+        solved: The problem.
+        quadrature: The degree of the rule.
+        missed: What polynomials miss of the fluxes on facets.
+        change: What makes the solution feasible.
+    """
+    found = []
+    for cells, values in cell_values(solved, quadrature).batches():
+        moments = cell_moments(values, solved.degree)
+        beside = oscillation(values, missed[cells], moments.source, solved.degree)
+        found.append((moments, values.scales, beside, _lifted_energy(values, change)))
+    every, scales, beside_all, lifted = zip(*found, strict=True)
+    return joined(every), joined(scales), joined(beside_all), np.concatenate(lifted)
 
 
 def _check_mesh(problem: SignoriniProblem) -> None:
@@ -146,31 +168,22 @@ def _defects(data: CellData, moments: Array) -> Array:
     return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
 
 
-def _residual(
-    values: CellValues, data: CellData, field: Array, reference: ReferenceFlux, ends: Mask
-) -> Array:
-    """What is left of the polynomial f - c u + div y as a bound; rounding alone outside of ends."""
-    inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
-    first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
-    size = np.sqrt((np.square(inner).sum(axis=1) + first**2) / values.frames.volumes)
-    return np.asarray(np.where(ends, values.l2_weight, 0.0) * size)
-
-
-def _ends(comm: MPI.Comm, values: CellValues, exits: Mask) -> Mask:
+def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
-    corners = values.frames.corners.reshape(-1, values.frames.dimension)
-    least = longest_side(comm, corners) / np.sqrt(values.diffusion.lowest)
-    ends = np.asarray(values.l2_weight <= least)
-    if comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+    corners = solved.frames.corners.reshape(-1, solved.dimension)
+    least = longest_side(solved.comm, corners) / np.sqrt(scales.lowest)
+    ends = np.asarray(scales.l2_weight <= least)
+    if solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
         return ends
-    return np.asarray(values.least_reaction > 0.0)
+    return np.asarray(scales.least_reaction > 0.0)
 
 
 def _without_defects(
-    comm: MPI.Comm, data: CellData, moments: Array, ends: Mask
+    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
 ) -> tuple[Array, str]:
     """Carry away what is left in cells without much reaction; also return why not, or ""."""
-    exits, moments, ends = data.kinds == DIRICHLET, moments.copy(), ends.copy()
+    comm, exits = solved.comm, data.kinds == DIRICHLET
+    moments, ends = moments.copy(), ends.copy()
     wanted = np.where(ends, 0.0, -_defects(data, moments))
     if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
         return moments, ""
@@ -183,41 +196,50 @@ def _without_defects(
         moments[contact] *= factor
         wanted, first = -_defects(data, moments), np.flatnonzero(comm.allgather(len(ends)))[0]
         ends[:1] = comm.rank == first  # the sum is 0 now
-    change, found = transported(comm, data.facets, wanted, exits, ends)
+    change, found = transported(comm, solved.frames, scales.lowest, wanted, exits, ends)
     moments[:, :, 0] += change
     return moments, "" if found else "a residual has no way out of a part without a reaction"
 
 
 def _mean_constant(
-    comm: MPI.Comm, values: CellValues, data: CellData, stray: Array, ends: Mask
+    solved: Solved, scales: CellScales, kinds: Indices, stray: Array, ends: Mask
 ) -> tuple[float, list[str]]:
     """The constant of Friedrichs where unknown means matter, and why none is found."""
-    if not comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
+    if not solved.comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
         return 0.0, []
-    lowest, reaction = values.diffusion.lowest, values.least_reaction
-    constant = friedrichs(comm, values.frames, data.kinds, ends, lowest, reaction)
+    lowest, reaction = scales.lowest, scales.least_reaction
+    constant = friedrichs(solved.comm, solved.frames, kinds, ends, lowest, reaction)
     return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
 
 
-def _lifted(solved: Solved, values: CellValues, near: Feasible) -> Array:
-    """The energy norm of v - u_h on each cell."""
-    rest = solved.rest
-    points = values.frames.points(values.points)
-    (w,), (slopes,) = points.values(near.change), points.gradients(near.change)
+def _lifted_energy(values: CellValues, change: fem.Function) -> Array:
+    """The energy of v - u_h in each cell, without cones and Robin conditions."""
+    space, frames, rest = change.function_space, values.frames, values.rest
+    if not change.x.array[space.dofmap.list[frames.cells]].any():
+        return np.zeros(len(frames.cells))
+    points = frames.points(values.points)
+    (w,), (slopes,) = points.values(change), points.gradients(change)
     gradient = np.stack(slopes, axis=2)
-    c = values.reaction.max(axis=1, initial=0.0)
-    c = c if rest.largest_reaction is None else rest.largest_reaction
-    energy = values.integrals((gradient * values.diffusion.times(gradient)).sum(axis=2))
-    energy += rest.diffusion * values.integrals(np.square(gradient).sum(axis=2))
-    energy += c * values.integrals(w**2)
-    strip = 0.0 * c
+    energy = values.integrals(dots(gradient, values.diffusion.times(gradient)))
+    energy += rest.diffusion * values.integrals(dots(gradient, gradient))
+    energy += values.scales.largest_reaction * values.integrals(w**2)
     if rest.thin is not None:
-        strip = rest.thin[0] * rest.thin[2]
-        degree = near.change.function_space.element.basix_element.degree
-        energy += strip * values.frames.volumes * values.largest(gradient, degree) ** 2
+        degree = space.element.basix_element.degree
+        energy += _strip(rest) * values.scales.volumes * values.largest(gradient, degree) ** 2
+    return energy
+
+
+def _strip(rest: Remainders) -> Array | float:
+    """The share of each cell where A may be larger, times the largest eigenvalue of A."""
+    return 0.0 if rest.thin is None else rest.thin[0] * rest.thin[2]
+
+
+def _lifting(solved: Solved, scales: CellScales, near: Feasible, energy: Array) -> Array:
+    """The energy norm of v - u_h on each cell, from the energy of a part."""
     norms = np.sqrt(energy + _robin_energy(solved, near.change))
     if near.cones is not None:
-        norms += near.cones.norms(values.diffusion.upper, c, strip)
+        strip = np.broadcast_to(_strip(solved.rest), norms.shape)
+        norms += near.cones.norms(scales.upper, scales.largest_reaction, strip)
     return np.asarray(norms)
 
 
@@ -237,20 +259,20 @@ def _robin_energy(solved: Solved, w: fem.Function) -> Array:
 def _bound(
     comm: MPI.Comm,
     parts: _Parts,
-    values: CellValues,
+    scales: CellScales,
     ends: Mask,
     constant: float,
     missing: str,
     notes: list[str],
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
-    data, weak = parts.data, values.weak
+    data, weak = parts.data, scales.weak
     by_gradient = parts.flux + data.on_facets
     by_gradient += np.where(weak, data.projected + data.missed, 0.0)
     # What is left of the polynomial part is orthogonal to the rest.
     by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
-    taken = np.where(ends, values.l2_weight, 0.0) * data.stray
+    taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
     square = by_gradient**2 + by_reaction**2
 

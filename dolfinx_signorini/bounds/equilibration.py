@@ -12,8 +12,9 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
-from dolfinx_signorini.bounds.patches import FREE, HALF, SPREAD, patch_fluxes
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
+from dolfinx_signorini.bounds.patch_groups import FREE, HALF, SPREAD
+from dolfinx_signorini.bounds.patches import patch_fluxes
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest, others
 
 
 def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) -> Array:
@@ -31,15 +32,16 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
         Outward fluxes, shape (cells, d + 1, moments).
     """
     patches, d = _SharedPatches(domain, data, reference), reference.dimension
-    moments = patches.sum(None)
+    moments = patches.solve(np.zeros_like(patches.modes))
     while True:  # a vertex has more given in each round, or the search ends
-        pulls = lowest(d - 1, reference.degree, moments) < 0.0
+        pulls = data.kinds >= PARTLY
+        pulls[pulls] = lowest(d - 1, reference.degree, moments[pulls]) < 0.0
         half = patches.marked(_at_vertices(pulls & (data.kinds == PARTLY)))
         spread = patches.marked(_at_vertices(pulls & (data.kinds == CLOSED)))
         modes = np.maximum(patches.modes, np.where(spread, SPREAD, np.where(half, HALF, FREE)))
         if not domain.comm.allreduce(bool((modes > patches.modes).any()), op=MPI.LOR):
             return moments
-        moments += patches.sum(modes)
+        moments = patches.solve(modes)
 
 
 def _at_vertices(facets: Mask) -> Mask:
@@ -62,33 +64,37 @@ class _SharedPatches:
         self.there = [
             np.flatnonzero((owners == r).any(axis=1) & (r != rank)) for r in range(self.comm.size)
         ]
-        rows = data.packed()
-        received = self.comm.alltoall([rows[cells] for cells in self.there])
+        received = self.comm.alltoall([data.some(cells).packed() for cells in self.there])
         self.ends = np.cumsum([self.count, *map(len, received)])
-        self.rows = np.concatenate((rows, *received))
-        self.vertices = CellData.unpacked(self.rows, reference).vertices
+        self.data = data.with_rows(np.concatenate(received))
         first, last = self.index_map.local_range
-        self.here = (self.vertices >= first) & (self.vertices < last)
-        self.modes: Indices = np.zeros(len(owner), dtype=np.int64)
+        self.here = (self.data.vertices >= first) & (self.data.vertices < last)
+        self.modes: Indices = np.full(len(owner), -1)
 
-    def sum(self, modes: Indices | None) -> Array:
-        """Return the sum of the fields of all patches, with all contact fluxes free.
+    def solve(self, modes: Indices) -> Array:
+        """Return the sum of the fields of all patches.
 
         Args:
-            modes: For a change of the sum, the modes of all vertices that this rank knows from now
-                on, see `patch_fluxes`.
+            modes: The modes of all vertices that this rank knows, see `patch_fluxes`, which are
+                `FREE` the first time; patches whose modes are as before stay as they are.
         """
-        chosen, moments = self.here, np.zeros((len(self.rows), *self._shape))
-        local = np.where(self.here, self.vertices - self.index_map.local_range[0], 0)
-        if modes is not None:
-            chosen = self.here & (modes > self.modes)[local]
-        cells = np.flatnonzero(chosen.any(axis=1))
-        part, here = CellData.unpacked(self.rows[cells], self.reference), chosen[cells]
-        moments[cells] = patch_fluxes(part, self.reference, here, self.modes[local][cells])
-        if modes is not None:
-            new = patch_fluxes(part, self.reference, here, modes[local][cells])
-            moments[cells] = new - moments[cells]
-            self.modes = modes
+        reference, (rows, vertices) = self.reference, self.here.shape
+        local = np.where(self.here, self.data.vertices - self.index_map.local_range[0], 0)
+        changed = self.here & (modes > self.modes)[local]
+        if (self.modes < FREE).all():
+            guess = np.zeros((rows, vertices, reference.dimension))
+            self.fields = patch_fluxes(self.data, reference, changed, modes[local], guess)
+            self.free = self.fields[..., 0].copy()
+        else:
+            cells = np.flatnonzero(changed.any(axis=1))
+            here, own = changed[cells], modes[local[cells]]
+            new = patch_fluxes(self.data.some(cells), reference, here, own, self.free[cells])
+            self.fields[cells] = np.where(here[..., None, None], new, self.fields[cells])
+        self.modes = modes
+        at = others(reference.dimension)[..., None] == np.arange(vertices)
+        at = np.kron(at.reshape(-1, vertices), np.eye(reference.per_facet))
+        moments = self.fields.reshape(rows, len(at)) @ at
+        moments = moments.reshape(rows, vertices, reference.per_facet)
         back = self.comm.alltoall(np.split(moments, self.ends[:-1])[1:])
         result = moments[: self.count]
         for there, more in zip(self.there, back, strict=True):
@@ -98,10 +104,6 @@ class _SharedPatches:
     def marked(self, vertices: Mask) -> Mask:
         """Return marks of vertices of cells for all vertices that this rank knows."""
         return np.asarray(summed(self.index_map, self.own[vertices]) > 0.0)
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        return self.reference.dimension + 1, self.reference.per_facet
 
     def _local(self, numbers: Indices) -> Indices:
         return np.asarray(self.index_map.global_to_local(numbers.ravel())).reshape(numbers.shape)

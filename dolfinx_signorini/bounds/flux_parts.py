@@ -7,9 +7,11 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
+from dolfinx_signorini.bounds.cell_scales import dots
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
     cell_data,
+    cell_moments,
     cell_values,
     flux_values,
     quadrature_degree,
@@ -18,55 +20,76 @@ from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
 from dolfinx_signorini.bounds.lifting import gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, reference_flux
-from dolfinx_signorini.bounds.remainders import Remainders, Solved
+from dolfinx_signorini.bounds.remainders import Solved
 
 
 def flux_parts(
     solved: Solved,
-    values: CellValues,
+    quadrature: int,
     data: CellData,
-    coefficients_: Array,
+    moments: Array,
     reference: ReferenceFlux,
     contact: tuple[FacetPoints, Array],
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Return the distance of a flux from the one of the solution, and the contact energy.
 
     In the plane, the flux is a better one in the cells around the ends of contact sets.
 
     Args:
         solved: The problem; the call is collective.
-        values: The solution and the coefficients.
+        quadrature: The degree of the rule for cells.
         data: The cells.
-        coefficients_: The coefficients of the flux, shape (cells, fields).
+        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
         reference: The fields.
         contact: Points of contact facets with the gap, see `gaps`.
 
     Returns:
-        The norms on cells, and the integrals of contact flux times gap.
+        The norms on cells, what is left of the polynomial f - c u + div y, as L2 norms, and the
+        integrals of contact flux times gap.
     """
-    degree, frames, rest, comm = reference.degree, values.frames, solved.rest, solved.comm
-    shape = *frames.order.shape, reference.per_facet
-    moments = coefficients_[:, : reference.fluxes].reshape(shape)
-    flux = _distance(values, flux_values(values, coefficients_, reference), rest, degree)
+    degree, count = reference.degree, len(moments)
+    flux, left = np.empty(count), np.empty(count)
+    for batch, values in cell_values(solved, quadrature).batches():
+        inside = data.some(batch)
+        field = coefficients(inside, reference, moments[batch])
+        flux[batch] = _distance(values, flux_values(values, field, reference), degree)
+        left[batch] = _left(inside, field, reference)
     energy = _contact_energy(*contact, moments, degree)
-    cells = near_ends(comm, data) if frames.dimension == 2 else np.empty(0, dtype=np.int64)
-    if not any(comm.allgather(len(cells))):
-        return flux, energy
-    finer = reference_flux(2, degree + RAISED)
-    some = replace(solved, frames=frames.some(cells), rest=rest.some(cells))
-    own = cell_values(some, quadrature_degree(solved, finer.degree)[0])
-    start = np.zeros((*shape[:2], finer.per_facet))  # where the basis goes on
-    start[..., : shape[2]] = moments
-    means = gap_means(*contact, finer.degree)[cells]
-    near = cell_data(own, data.kinds[cells], data.touching[cells], 0.0 * start[cells], means, finer)
-    source = np.zeros_like(near.source)
-    source[:, : data.source.shape[1]] = data.source[cells]
-    near = replace(near, source=source)
-    start[cells] = better_fluxes(comm, near, start[cells], finer)
-    y = flux_values(own, coefficients(near, finer, start[cells]), finer)
-    flux[cells] = _distance(own, y, some.rest, finer.degree)
-    energy[cells] = _contact_energy(*contact, start, finer.degree)[cells]
-    return flux, energy
+    if solved.dimension == 2:
+        cells = near_ends(solved.comm, data)
+        if any(solved.comm.allgather(len(cells))):
+            points, gap = contact
+            used = np.isin(points.cells, cells)
+            some = solved.some(cells)
+            near = points.some(used, some.frames, cells), gap[used]
+            better = _better_parts(some, data.some(cells), moments[cells], degree + RAISED, near)
+            flux[cells], energy[cells] = better
+    return flux, left, energy
+
+
+def _better_parts(
+    solved: Solved, data: CellData, moments: Array, degree: int, contact: tuple[FacetPoints, Array]
+) -> tuple[Array, Array]:
+    """The norms and integrals of better fluxes of a degree, in cells around the ends of contact."""
+    finer = reference_flux(2, degree)
+    values = cell_values(solved, quadrature_degree(solved, degree)[0])
+    start = np.zeros((*moments.shape[:2], finer.per_facet))  # where the basis goes on
+    start[..., : moments.shape[2]] = moments
+    means, found = gap_means(*contact, degree), cell_moments(values, degree)
+    source = np.zeros_like(found.source)
+    source[:, : data.source.shape[1]] = data.source
+    found = replace(found, source=source)
+    near = cell_data(solved.frames, data.kinds, data.touching, 0.0 * start, means, found)
+    start = better_fluxes(solved.comm, near, start, finer)
+    y = flux_values(values, coefficients(near, finer, start), finer)
+    return _distance(values, y, degree), _contact_energy(*contact, start, degree)
+
+
+def _left(data: CellData, field: Array, reference: ReferenceFlux) -> Array:
+    """The L2 norm of the polynomial f - c u + div y on each cell."""
+    inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
+    first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
+    return np.asarray(np.sqrt((np.square(inner).sum(axis=1) + first**2) / data.sizes[:, 0]))
 
 
 def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
@@ -77,17 +100,17 @@ def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int
     return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
 
 
-def _distance(values: CellValues, y: Array, rest: Remainders, degree: int) -> Array:
+def _distance(values: CellValues, y: Array, degree: int) -> Array:
     """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell; u_h is of a degree, y of one more."""
-    apart = values.current - y
-    square = values.integrals((apart * values.diffusion.divided(apart)).sum(axis=2))
-    square += rest.inverse * values.integrals(np.square(apart).sum(axis=2))
+    apart, rest = values.current - y, values.rest
+    square = values.integrals(dots(apart, values.diffusion.divided(apart)))
+    square += rest.inverse * values.integrals(dots(apart, apart))
     if rest.thin is not None:
         share, least, largest = rest.thin
         most = np.sqrt(largest) * values.largest(values.gradient, degree)
         most += values.largest(y, degree + 1) / np.sqrt(least)
         square += share * values.frames.volumes * most**2
-    slope = np.sqrt(values.integrals(np.square(values.gradient).sum(axis=2)))
+    slope = np.sqrt(values.integrals(dots(values.gradient, values.gradient)))
     missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
 
@@ -113,27 +136,27 @@ class Oscillation:
     stray: Array
 
 
-def oscillation(values: CellValues, fluxes: Array, rest: Remainders, degree: int) -> Oscillation:
+def oscillation(values: CellValues, fluxes: Array, source: Array, degree: int) -> Oscillation:
     """Return what data have beside polynomials.
 
     Args:
         values: The solution and the coefficients.
         fluxes: The L2 norms on facets of the rest of the given fluxes beside their projections,
             shape (cells, d + 1).
-        rest: What data have beside the polynomials that stand for them.
+        source: The moments of f - c u, see `CellMoments`.
         degree: The degree of the polynomials.
     """
-    frames, d, a = values.frames, values.frames.dimension, values.diffusion.lowest
-    root, sizes = np.sqrt(frames.volumes), frames.facet_sizes
-    weight = np.minimum(values.gradient_weight, values.l2_weight)
-    projected = weight * np.sqrt(values.integrals(values.rest(degree) ** 2))
+    frames, rest, scales, a = values.frames, values.rest, values.scales, values.scales.lowest
+    d, root, sizes = frames.dimension, np.sqrt(scales.volumes), frames.facet_sizes
+    weight = np.minimum(scales.gradient_weight, scales.l2_weight)
+    projected = weight * values.unresolved(source, degree)
     u = largest(d, degree, values.moments(values.u, degree))
     missed = weight * (rest.load + rest.reaction * u)
-    square = sizes / frames.volumes[:, None] * frames.diameters[:, None] ** 2
+    square = sizes / scales.volumes[:, None] * scales.diameters[:, None] ** 2
     square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
     on_facets = (np.sqrt(square) * (fluxes + rest.flux)).sum(axis=1)
     # The mean of a flux over a facet goes to the cell, by a field linear in the cell.
     moved = (sizes * rest.flux_mean).sum(axis=1) / root
-    on_facets += moved * frames.diameters / (d * np.sqrt(a))
-    stray = np.where(values.weak, (rest.load_mean + rest.reaction_mean * u) * root, 0.0) + moved
+    on_facets += moved * scales.diameters / (d * np.sqrt(a))
+    stray = np.where(scales.weak, (rest.load_mean + rest.reaction_mean * u) * root, 0.0) + moved
     return Oscillation(projected, missed, on_facets, stray)

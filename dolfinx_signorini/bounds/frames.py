@@ -1,21 +1,30 @@
-"""Cells with their vertices in the order of global numbers, and functions at points of cells."""
+"""Cells with their vertices in an order along one direction, and functions at points of cells.
+
+Cells that are translated copies of each other have their vertices in the same order, whatever the
+numbers of the vertices are. So they share what depends on their shape.
+"""
 
 import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from dolfinx import mesh
-from ufl import SpatialCoordinate, as_ufl, as_vector
+from dolfinx import la, mesh
+from ufl import Coefficient, FacetNormal, SpatialCoordinate, as_vector
+from ufl.algorithms.analysis import extract_type
+from ufl.classes import GeometricQuantity
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
-from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+
+DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
 
 @dataclass(frozen=True)
@@ -29,10 +38,12 @@ class Frames:
 
     Attributes:
         cells: The numbers of the cells in the mesh.
-        order: The local vertices by global number, shape (cells, d + 1).
+        order: The local vertices along a direction of space, the same one for all cells, shape
+            (cells, d + 1).
         corners: The coordinates of the vertices in this order, shape (cells, d + 1, d).
         vertices, facets: The global numbers of vertices and facets, shape (cells, d + 1).
         local_facets: The numbers of the facets on this rank.
+        places: Where the middles of the cells are along the direction.
         domain: The mesh.
     """
 
@@ -42,6 +53,7 @@ class Frames:
     vertices: Indices
     facets: Indices
     local_facets: Indices
+    places: Array
     domain: mesh.Mesh
 
     @property
@@ -49,7 +61,7 @@ class Frames:
         """The dimension d of the cells."""
         return self.corners.shape[2]
 
-    def some(self, rows: Indices) -> "Frames":
+    def some(self, rows: Indices | slice) -> "Frames":
         """Return some of the frames, by the rows of the arrays."""
         names = [field.name for field in fields(self) if field.name != "domain"]
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -62,18 +74,21 @@ class Frames:
     @functools.cached_property
     def inverses(self) -> Array:
         """The inverse matrices of the Jacobians."""
-        return np.asarray(np.linalg.inv(self.jacobians), dtype=np.float64)
+        return inverses(self.jacobians)
 
     @functools.cached_property
     def volumes(self) -> Array:
         """The sizes of the cells."""
-        return 1.0 / math.factorial(self.dimension) * np.abs(np.linalg.det(self.jacobians))
+        return 1.0 / math.factorial(self.dimension) * np.abs(determinants(self.jacobians))
 
     @functools.cached_property
     def diameters(self) -> Array:
         """The lengths of the longest edges."""
-        edges = self.corners[:, :, None] - self.corners[:, None]
-        return np.sqrt(np.square(edges).sum(axis=3).max(axis=(1, 2), initial=0.0))
+        longest = np.zeros(len(self.corners))
+        for a, b in zip(*np.triu_indices(self.dimension + 1, 1), strict=True):
+            edges = self.corners[:, a] - self.corners[:, b]
+            np.maximum(longest, np.einsum("ni,ni->n", edges, edges), out=longest)
+        return np.sqrt(longest)
 
     @functools.cached_property
     def gradients(self) -> Array:
@@ -90,20 +105,19 @@ class Frames:
         """Return points of the cells, from those of the reference cell of the mesh."""
         return Points(self.domain, self.cells.astype(np.int32), reference)
 
-    def groups(self) -> Iterator[tuple[Indices, Indices]]:
-        """Yield the cells whose vertices have one order, with this order."""
-        if not len(self.order):
-            return
+    @functools.cached_property
+    def groups(self) -> list[tuple[Indices, Indices]]:
+        """The cells whose vertices have one order, with this order."""
         code = self.order @ (self.order.shape[1] ** np.arange(self.order.shape[1]))
-        for value in np.unique(code):
-            cells = np.flatnonzero(code == value)
-            yield cells, self.order[cells[0]]
+        groups = (np.flatnonzero(code == value) for value in np.flatnonzero(np.bincount(code)))
+        return [(cells, self.order[cells[0]]) for cells in groups]
 
     def moments(self, values: Array, points: Array, weights: Array, degree: int) -> Array:
         """Return the means of functions times polynomials of `reference_flux.polynomials`.
 
         Args:
-            values: The functions at points of the cells of the mesh, shape (cells, points, ...).
+            values: The functions at points of the cells of the mesh, shape (cells, points, ...), or
+                (cells, 1, ...) for functions that are constant in each cell.
             points, weights: The rule on the reference cell.
             degree: The degree of the polynomials.
 
@@ -112,9 +126,12 @@ class Frames:
         """
         first = polynomials(self.dimension, degree, points)
         result = np.zeros((len(values), *values.shape[2:], len(first)))
-        for cells, order in self.groups():
+        for cells, order in self.groups:
             own = polynomials(self.dimension, degree, barycentric(points)[:, order][:, 1:])
-            result[cells] = np.tensordot(values[cells], own * weights, (1, 1))
+            table = own * weights
+            if values.shape[1] == 1:
+                table = table.sum(axis=1, keepdims=True)
+            result[cells] = np.tensordot(values[cells], table, (1, 1))
         return result
 
 
@@ -125,14 +142,17 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
         topology.create_connectivity(d, dimension)
     cells = owned_cells(domain)
     vertices, local_facets = (
-        topology.connectivity(d, dimension).array.reshape(-1, d + 1)[: len(cells)]
-        for dimension in (0, d - 1)
+        topology.connectivity(d, dimension).array.reshape(-1, d + 1) for dimension in (0, d - 1)
     )
-    numbers = _global(topology.index_map(0), vertices)
-    order = np.argsort(numbers, axis=1)
     x: Array = np.asarray(domain.geometry.x, dtype=np.float64)
-    corners = x[domain.geometry.dofmap[: len(cells)], :d]
-    facets = np.take_along_axis(local_facets, order, axis=1)
+    corners = x[domain.geometry.dofmap, :d]
+    along = la.vector(topology.index_map(0))
+    along.array[vertices] = corners @ DIRECTION[:d]
+    along.scatter_forward()  # all ranks have the numbers of the owner
+    places, corners = along.array[vertices[: len(cells)]], corners[: len(cells)]
+    numbers = _global(topology.index_map(0), vertices[: len(cells)])
+    order = np.lexsort((numbers, places), axis=1)
+    facets = np.take_along_axis(local_facets[: len(cells)], order, axis=1)
     return Frames(
         np.asarray(cells, dtype=np.int64),
         order,
@@ -140,6 +160,7 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
         np.take_along_axis(numbers, order, axis=1),
         _global(topology.index_map(d - 1), facets),
         facets.astype(np.int64),
+        places.mean(axis=1),
         domain,
     )
 
@@ -156,34 +177,31 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
 
 
-def values_at(
-    domain: mesh.Mesh, data: Sequence[Expr | float], points: Array, entities: Indices
-) -> Array:
-    """Return data at points of cells or of facets.
+def datum(domain: mesh.Mesh, item: Expr | float) -> Callable[[Points], Array]:
+    """Return a function with the values of a datum at points of cells or of facets.
+
+    The values have the shape (places, points), or (1, 1) for a number; making the function is
+    collective.
 
     Args:
         domain: The mesh.
-        data: Numbers and scalar UFL expressions.
-        points: Points of the reference cell, or of the reference facet.
-        entities: Cells, or (cell, local facet) pairs.
-
-    Returns:
-        The values, shape (entities, points, data).
+        item: A number or a scalar UFL expression.
     """
-    result = np.zeros((len(entities), len(points), len(data)))
-    rest = []
-    for k, item in enumerate(data):
-        if isinstance(item, int | float | np.number):
-            result[:, :, k] = item
-        else:
-            rest.append(k)
-    if rest:
+    x = SpatialCoordinate(domain)
+    if isinstance(item, int | float | np.number):
+        value = np.full((1, 1), float(item))
+        return lambda points: value
+    if extract_type(item, (Coefficient, GeometricQuantity)) <= {x, FacetNormal(domain)}:
+        formula = FormulaAtPoints(domain, [item])
+        return lambda points: formula(points)[0]
+
+    def compiled_at(points: Points) -> Array:
         # The coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
-        terms = [*(as_ufl(data[k]) for k in rest), SpatialCoordinate(domain)[0]]
-        expression = compiled.expression(as_vector(terms), points, domain.comm)
-        values = compat.evaluate(expression, domain, entities.astype(np.int32))
-        result[:, :, rest] = values.reshape(len(entities), len(points), len(terms))[:, :, :-1]
-    return result
+        expression = compiled.expression(as_vector([item, x[0]]), points.at, domain.comm)
+        values = compat.evaluate(expression, domain, points.places)
+        return np.array(values.reshape(len(points.places), len(points.at), 2)[:, :, 0])
+
+    return compiled_at
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

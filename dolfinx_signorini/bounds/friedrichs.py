@@ -23,7 +23,7 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.transport import spread, transported
+from dolfinx_signorini.bounds.transport import transported
 
 ANGLES = 48  # of directions in the plane that are tried
 
@@ -77,12 +77,9 @@ def _by_a_field(
 ) -> float:
     """The constant by a field of divergence 1, but on the ends, where e^2 div y is left."""
     wanted = np.where(ends, 0.0, frames.volumes)
-    fluxes = spread(comm, frames, wanted, exits, ends)
-    left = np.where(ends, 0.0, wanted - fluxes.sum(axis=1))
-    more, found = transported(comm, frames.facets, left, exits, ends)
+    fluxes, found = transported(comm, frames, lowest, wanted, exits, ends)
     if not found:
         return math.inf
-    fluxes += more
     sums = fluxes.sum(axis=1)
     # The field is linear in a cell, so that its largest values are at the vertices.
     at = frames.corners * sums[:, None, None]

@@ -43,8 +43,9 @@ from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
-from dolfinx_signorini.problem.assembly import dofs_on_facets, evaluator
+from dolfinx_signorini.problem.assembly import dofs_on_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.values import evaluator
 
 OBSTACLE = "the obstacle is known at points of facets only"
 BELOW = "what is below the obstacle is known at points of facets only"

@@ -12,34 +12,29 @@ Source: Braess and Schoeberl, Math. Comp. 77 (2008) 651-672; Ern and Vohralik, S
 53 (2015) 1058-1081.
 """
 
-import functools
-import math
-from collections.abc import Iterator
-
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.condensation import (
     CLOSED,
-    DIRICHLET,
     NEUMANN,
     OPEN,
     PARTLY,
     CellData,
-    condensed,
+    blocks,
     contact_shapes,
-    divergences,
+    forces_of,
     hats,
+    shapes_of,
 )
-from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS, ReferenceFlux, others
-
-# What is free on contact facets, see `patch_fluxes`.
-FREE, HALF, SPREAD = range(3)
+from dolfinx_signorini.bounds.patch_groups import FREE, SPREAD, Group, Patches
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, others
 
 
-def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices) -> Array:
-    """Return the moments of the sum of the fields of patches on the facets of each cell.
+def patch_fluxes(
+    data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices, guess: Array
+) -> Array:
+    """Return the moments of the fields of patches on the facets at the vertices of each cell.
 
     Args:
         data: The cells around the vertices, all of them.
@@ -48,175 +43,69 @@ def patch_fluxes(data: CellData, reference: ReferenceFlux, here: Mask, modes: In
         modes: The contact facets at a vertex where the flux is the one that costs the least energy,
             of any sign, and not given: closed and partly closed facets for `FREE`, closed ones for
             `HALF`, none for `SPREAD`.
+        guess: Total fluxes where any flux is balanced, shape (cells, d + 1, d).
 
     Returns:
-        The moments of the outward fluxes, shape (cells, d + 1, moments).
+        The moments of the outward fluxes, shape (cells, vertices d + 1, facets d, moments), in the
+        order of `others`.
     """
+    d, n, at = reference.dimension, reference.fluxes, others(reference.dimension)
+    result = np.zeros((*here.shape, d, reference.per_facet))
     if not here.any():
-        return np.zeros((*here.shape, reference.per_facet))
-    guess = np.zeros((*here.shape, reference.dimension + 1))
-    if (here & (modes > FREE)).any():
-        free = _fields(data, reference, here, np.zeros_like(modes), guess)
-        guess = free.reshape(*guess.shape, reference.per_facet)[..., 0]
-    sums = _fields(data, reference, here, modes, guess).sum(axis=1)
-    return sums.reshape(*here.shape, reference.per_facet)
+        return result
+    patches, shapes = Patches(data, here, modes), shapes_of(data, reference)
+    forces, total = np.empty_like(result), np.empty(here.shape)
+    for cells in blocks(len(here), n * (d + 1)):
+        force, total[cells] = forces_of(data, reference, shapes, cells)
+        forces[cells] = _at_vertices(force.reshape(*force.shape[:2], d + 1, -1))
+    rim = np.flatnonzero((data.kinds == NEUMANN).any(axis=1) | (data.kinds >= OPEN).any(axis=1))
+    known = _known(data, reference, patches, total, modes, guess, rim)
+    total[rim] -= known[..., 0].sum(axis=2)
+    flat = known.reshape(len(rim), d + 1, n)
+    more = flat @ shapes.matrices[shapes.number[rim]]
+    forces[rim] -= _at_vertices(more.reshape(known.shape))
+    result[rim] = _at_vertices(known)
+    balanced = patches.balanced(total, data.sizes[:, 0])
+    slack = (data.strength * data.sizes[:, 0])[patches.cells]
+    own = (at[..., None] * reference.per_facet + np.arange(reference.per_facet)).reshape(d + 1, -1)
+    right, fluxes = (values.reshape(here.size, -1) for values in (forces, result))
+    for group in patches.groups(data.facets, shapes.number, right.shape[1]):
+        corners, first = group.corners, group.corners[group.first]
+        moments, shape = own[patches.local[first]], shapes.number[patches.cells[first]]
+        K = shapes.matrices[shape[..., None, None], moments[..., :, None], moments[..., None, :]]
+        b = right[patches.corners[corners]]
+        fluxes[patches.corners[corners]] += _solved(K, b, balanced[corners], slack[first], group)
+    return result
 
 
-def _fields(
-    data: CellData, reference: ReferenceFlux, here: Mask, modes: Indices, guess: Array
-) -> Array:
-    """The moments on facets for each cell and vertex, shape (cells, d + 1, fluxes).
-
-    The guess has total fluxes for each cell, vertex and facet, where any flux is balanced.
-    """
-    d = reference.dimension
-    patches = _Patches(data, here, modes)
-    (energies, forces), divergence = condensed(data, reference), divergences(data, reference)
-    known = _known(data, reference, patches, divergence, modes, guess)
-    total = divergence[:, :, 0] - known[..., 0].sum(axis=2)
-    total = patches.balanced(total, data.sizes[:, :1])
-    flat = known.reshape(*here.shape, reference.fluxes)
-    forces = forces - flat @ energies
-    slack = data.strength * data.sizes[:, 0]
-    for cells, vertices, unknowns, signs, count, closed in patches.groups(reference):
-        at_vertex = others(d)[vertices]
-        moments = at_vertex[..., None] * reference.per_facet + np.arange(reference.per_facet)
-        moments = moments.reshape(*vertices.shape, -1)
-        rows, columns = moments[..., :, None], moments[..., None, :]
-        K = energies[cells[..., None, None], rows, columns]
-        b = forces[cells[..., None], vertices[..., None], moments]
-        x = _solved(K, b, total[cells, vertices], slack[cells], unknowns, signs, count, closed)
-        flat[cells[..., None], vertices[..., None], moments] += x
-    return flat
-
-
-class _Patches:
-    """Which cells form the patch of which vertex."""
-
-    def __init__(self, data: CellData, here: Mask, modes: Indices):
-        self.shape = here.shape
-        self.slack = (data.strength > 0.0)[:, None] & here
-        corners = np.flatnonzero(here)  # pairs of a cell and one of its vertices
-        self.names, vertex = np.unique(data.vertices.ravel()[corners], return_inverse=True)
-        order = np.argsort(vertex, kind="stable")
-        self.corners, self.vertex = corners[order], vertex[order].ravel()
-        self.number = np.zeros(here.size, dtype=np.int64)
-        self.number[self.corners] = self.vertex
-        self.here = here
-        at = others(here.shape[1] - 1)[self.corners % here.shape[1]]
-        cells = self.corners // here.shape[1]
-        self.facets, self.kind = data.facets[cells[:, None], at], data.kinds[cells[:, None], at]
-        mode = modes.ravel()[self.corners][:, None]
-        free = ((self.kind == CLOSED) & (mode < SPREAD)) | ((self.kind == PARTLY) & (mode == FREE))
-        self.kind[free] = DIRICHLET  # any flux is balanced on both
-
-    def sums(self, values: Array) -> Array:
-        """The sums over patches of values for cells and vertices, as such values again."""
-        weights = values.ravel()[self.corners]
-        total = np.bincount(self.vertex, weights, len(self.names))
-        return np.where(self.here, total[self.number].reshape(self.shape), 0.0)
-
-    @functools.cached_property
-    def held(self) -> Mask:
-        """Whether the patch of a cell and vertex has a facet at the vertex with any flux."""
-        count = np.zeros(self.shape)
-        count.ravel()[self.corners] = (self.kind == DIRICHLET).sum(axis=1)
-        return np.asarray(self.sums(count) > 0.0)
-
-    def _at_vertex(self, values: npt.NDArray[np.generic]) -> Array:
-        """For each vertex of a cell the sum of values of facets over the facets with the vertex."""
-        sums = values.sum(axis=1, dtype=np.float64)[:, None] - values
-        return np.asarray(sums)
-
-    def at_vertex(self, values: Array) -> Array:
-        """The sums over the facets at a vertex, in the whole patch."""
-        return self.sums(self._at_vertex(values))
-
-    def balanced(self, total: Array, sizes: Array) -> Array:
-        """Return total outward fluxes of cells that add up to zero where no facet is free.
-
-        Args:
-            total: The total flux of each cell for each vertex, shape (cells, d + 1).
-            sizes: The sizes of the cells, which share what is left over, shape (cells, 1).
-        """
-        defect = np.where(self.held, 0.0, self.sums(total))
-        shares = np.broadcast_to(sizes, self.shape)
-        area = np.where(self.here, self.sums(shares), 1.0)
-        return np.asarray(total - defect * shares / area)
-
-    def groups(
-        self, reference: ReferenceFlux
-    ) -> Iterator[tuple[Indices, Indices, Indices, Indices, int, bool]]:
-        """Yield patches with the same numbers of cells and facets.
-
-        Yields:
-            Cells and vertices, shape (patches, cells), for each facet at the vertex its number in
-            the patch and its sign, shape (patches, cells, d), the number of such facets in a patch,
-            and whether the sum of the total fluxes of the cells in a patch is given.
-        """
-        unknown = self.kind <= DIRICHLET
-        keys = np.where(unknown, self.vertex[:, None] * (self.facets.max(initial=0) + 1), -1)
-        keys = np.where(unknown, keys + self.facets, -1)
-        names, first, inverse = np.unique(keys.ravel(), return_index=True, return_inverse=True)
-        inverse = inverse.reshape(keys.shape)
-        signs = np.where(first[inverse] == np.arange(keys.size).reshape(keys.shape), 1, -1)
-        signs[~unknown] = 0
-        owner = np.zeros(len(names), dtype=np.int64)
-        owner[inverse] = self.vertex[:, None]
-        count = np.bincount(owner[names >= 0], minlength=len(self.names))
-        start = np.searchsorted(owner[names >= 0], np.arange(len(self.names)))
-        start = start + np.count_nonzero(names < 0)
-        local = np.where(unknown, inverse - start[self.vertex][:, None], -1)
-        cells = np.bincount(self.vertex, minlength=len(self.names))
-        begin = np.cumsum(cells) - cells
-        free = np.bincount(
-            self.vertex, (self.kind == DIRICHLET).sum(axis=1), minlength=len(self.names)
-        )
-        slack = np.bincount(
-            self.vertex, self.slack.ravel()[self.corners], minlength=len(self.names)
-        )
-        table = np.stack((cells, count, free + slack > 0), axis=1)
-        kinds, group = np.unique(table, axis=0, return_inverse=True)
-        for k, (n, m, open_) in enumerate(kinds):
-            size = int(m) * reference.per_facet + int(n)
-            members = np.flatnonzero(group.ravel() == k)
-            for part in np.array_split(members, 1 + len(members) * size**2 // MOST_NUMBERS):
-                rows = begin[part][:, None] + np.arange(n)
-                corner = self.corners[rows]
-                yield (
-                    corner // self.shape[1],
-                    corner % self.shape[1],
-                    local[rows],
-                    signs[rows],
-                    int(m),
-                    not open_,
-                )
+def _at_vertices(values: Array) -> Array:
+    """What belongs to the facets at each vertex, of arrays of (cells, vertices, facets, ...)."""
+    at = others(values.shape[1] - 1)
+    return values[:, np.arange(len(at))[:, None], at]
 
 
 def _known(
     data: CellData,
     reference: ReferenceFlux,
-    patches: _Patches,
-    divergence: Array,
+    patches: Patches,
+    total: Array,
     modes: Indices,
     guess: Array,
+    rim: Indices,
 ) -> Array:
-    """The given moments on facets, shape (cells, vertices d + 1, facets d + 1, moments)."""
-    d = reference.dimension
-    known = np.zeros((len(data.kinds), d + 1, d + 1, reference.per_facet))
-    given = np.flatnonzero((data.kinds == NEUMANN).any(axis=1))
-    known[given] = np.einsum("ckj,akjl->cakl", data.fluxes[given], hats(reference))
-    force = patches.sums(divergence[:, :, 0] - known[..., 0].sum(axis=2))
-    cells = np.flatnonzero((data.kinds >= OPEN).any(axis=1))
-    known[cells] += _pressing(data, reference, patches, force, modes, guess, cells)
-    known[~patches.here] = 0.0
+    """The given moments on facets of cells at the rim, shape (cells, d + 1, d + 1, moments)."""
+    known = np.einsum("ckj,akjl->cakl", data.fluxes[rim], hats(reference))
+    force = total.copy()
+    force[rim] -= known[..., 0].sum(axis=2)
+    known += _pressing(data, reference, patches, patches.sums(force, rim), modes, guess[rim], rim)
+    known[~patches.here[rim]] = 0.0
     return known
 
 
 def _pressing(
     data: CellData,
     reference: ReferenceFlux,
-    patches: _Patches,
+    patches: Patches,
     force: Array,
     modes: Indices,
     guess: Array,
@@ -228,77 +117,100 @@ def _pressing(
     closed ones, or else all contact facets.
     """
     d, kinds, sizes = reference.dimension, data.kinds[cells], data.sizes[cells, 1:]
-    shapes, held = contact_shapes(data, reference, cells), patches.held[cells]
-    partly, closed = (
-        patches.at_vertex((data.kinds == kind).astype(np.float64))[cells] > 0.0
-        for kind in (PARTLY, CLOSED)
-    )
-    level = np.where(closed, CLOSED, np.where(partly, PARTLY, OPEN))
+    shapes = contact_shapes(data, reference, cells)
+    held = patches.held[patches.number[cells]] & patches.here[cells]
+
+    def in_patch(values: Array) -> Array:
+        """The sums over patches of values of the cells and vertices."""
+        every = np.zeros(data.kinds.shape)
+        every[cells] = values
+        return patches.sums(every, cells)
+
     at_vertex = ~np.eye(d + 1, dtype=bool)
+    partly, closed = (in_patch((kinds == kind) @ at_vertex) > 0.0 for kind in (PARTLY, CLOSED))
+    level = np.where(closed, CLOSED, np.where(partly, PARTLY, OPEN))
     chosen = (kinds[:, None, :] == level[:, :, None]) & at_vertex
-    area = np.zeros(data.kinds.shape)
-    area[cells] = (chosen * sizes[:, None, :] * shapes[..., 0]).sum(axis=2)
-    area = patches.sums(area)[cells]
-    density = np.maximum(force[cells], 0.0) / np.where(area > 0.0, area, np.inf)
+    area = in_patch((chosen * sizes[:, None, :] * shapes[..., 0]).sum(axis=2))
+    # A force at a vertex above the obstacle is an algebraic error, and would pay for a large gap.
+    pressed = (area > 0.0) & ((level > OPEN) | (data.touching[cells] > 0))
+    density = np.maximum(force, 0.0) / np.where(pressed, area, np.inf)
     amount = np.where(held, 0.0, density)[:, :, None] * chosen
     # Where some facet is free any other flux is balanced.
     last = (modes[cells] == SPREAD)[:, :, None] & (kinds[:, None, :] == CLOSED)
     last |= (modes[cells] > FREE)[:, :, None] & (kinds[:, None, :] == PARTLY)
     last &= held[:, :, None] & at_vertex
     means = np.where(last, sizes[:, None, :] * shapes[..., 0], 1.0)
-    amount += np.where(last, np.maximum(guess[cells], 0.0) / means, 0.0)
+    total = np.zeros(means.shape)
+    total[:, np.arange(d + 1)[:, None], others(d)] = guess
+    amount += np.where(last, np.maximum(total, 0.0) / means, 0.0)
     return np.asarray(amount[..., None] * sizes[:, None, :, None] * shapes)
 
 
-def _solved(
-    K: Array,
-    b: Array,
-    total: Array,
-    slack: Array,
-    unknowns: Indices,
-    signs: Indices,
-    count: int,
-    closed: bool,
-) -> Array:
+def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Array:
     """The fluxes of least energy for given total fluxes of the cells of patches.
 
     Where a cell has slack, other total fluxes are allowed, and cost energy.
 
     Args:
-        K, b: Matrices and forces of the cells, shape (patches, cells, d moments, ...).
+        K: The matrices of the cells, for the first patch of each class.
+        b: The forces of the cells, shape (patches, cells, d moments).
         total: The total outward fluxes of the cells.
-        slack: The slack of the cells.
-        unknowns, signs, count, closed: See `_Patches.groups`.
+        slack: The slack of the cells of the first patches.
+        group: The patches.
 
     Returns:
         The moments on the facets at the vertex, shape (patches, cells, d * moments).
     """
     patches, cells, width = b.shape
-    if not patches or not count:
+    if not group.count:
         return np.zeros_like(b)
-    moments = width // signs.shape[2]
-    size, rows = count * moments, cells - closed
+    moments = width // group.signs.shape[2]
+    size, rows = group.count * moments, cells - group.closed
     last = size + rows  # takes up what is given
-    place = np.where(unknowns[..., None] >= 0, unknowns[..., None] * moments, last)
-    place = np.where(place < last, place + np.arange(moments), last).reshape(b.shape)
-    sign = np.repeat(signs, moments, axis=-1).astype(np.float64)
+    place = np.where(group.unknowns[..., None] >= 0, group.unknowns[..., None] * moments, last)
+    place = np.where(place < last, place + np.arange(moments), last).reshape(K.shape[:3])
+    sign = np.repeat(group.signs, moments, axis=-1).astype(np.float64)
     scale = np.einsum("pcii,pci->p", K, sign**2) / size
-    patch, shape = np.arange(patches)[:, None, None], (patches, last + 1, last + 1)
-    at = (patch[..., None] * shape[1] + place[..., :, None]) * shape[1] + place[..., None, :]
-    entries = K * (sign / scale[:, None, None])[..., :, None] * sign[..., None, :]
-    whole = np.bincount(at.ravel(), entries.ravel(), math.prod(shape)).reshape(shape)
-    cell = size + np.arange(rows)[:, None]
+    K = K / scale[:, None, None, None] * sign[..., :, None] * sign[..., None, :]
+    pairs = place[..., :, None] * (last + 1) + place[..., None, :]
+    system = _summed(K, pairs, (last + 1) ** 2).reshape(-1, last + 1, last + 1)
+    one, cell = np.arange(len(K))[:, None, None], size + np.arange(rows)[:, None]
     facet, inward = place[:, :rows, ::moments], sign[:, :rows, ::moments]
-    whole[patch, cell, facet] = whole[patch, facet, cell] = inward
-    whole[:, cell[:, 0], cell[:, 0]] = -slack[:, :rows] * scale[:, None]
-    load = b * sign / scale[:, None, None]
-    right = np.bincount((patch * shape[1] + place).ravel(), load.ravel(), patches * shape[1])
-    right = right.reshape(shape[:2])
+    system[one, cell, facet] = system[one, facet, cell] = inward
+    system[:, cell[:, 0], cell[:, 0]] = -slack[:, :rows] * scale[:, None]
+    inside = system[:, :last, :last]
+
+    members = np.diff(np.append(group.first, patches))
+    of = np.repeat(np.arange(len(K)), members)
+    # The two sides of each unknown, as places in b; what has no other side finds 0.
+    sides = np.full((2, len(K), last + 1), b[0].size)
+    flat = np.broadcast_to(np.arange(b[0].size), (len(K), b[0].size))
+    for side, own in zip(sides, (sign > 0.0, sign < 0.0), strict=True):
+        np.put_along_axis(side, np.where(own, place, last).reshape(flat.shape), flat, axis=1)
+    forces = np.concatenate((b.reshape(patches, -1), np.zeros((patches, 1))), axis=1)
+    one_side, other = (np.take_along_axis(forces, s[of, :size], axis=1) for s in sides)
+    right = np.zeros((patches, last + 1))
+    right[:, :size] = (one_side - other) / scale[of, None]
     right[:, size:last] = total[:, :rows]
-    system, right = whole[:, :last, :last], right[:, :last]
+    alone = group.first[members == 1]
+    right[alone, :last] = _solution(inside[members == 1], right[alone, :last, None])[..., 0]
+    for k in np.flatnonzero(members > 1):
+        same = slice(group.first[k], group.first[k] + members[k])
+        right[same, :last] = _solution(inside[k], right[same, :last].T).T
+    flat = place.reshape(flat.shape)[of]
+    x = np.take_along_axis(right, flat, axis=1).reshape(patches, cells, width)
+    return np.asarray(x * sign[of])
+
+
+def _summed(values: Array, places: Indices, count: int) -> Array:
+    """The sums of values at places below a number, one row for each patch."""
+    rows = np.arange(len(places)).reshape(-1, *(1,) * (places.ndim - 1)) * count
+    sums = np.bincount((rows + places).ravel(), values.ravel(), len(places) * count)
+    return np.asarray(sums.reshape(len(places), count))
+
+
+def _solution(system: Array, right: Array) -> Array:
     try:
-        x = np.linalg.solve(system, right[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(system, right), dtype=np.float64)
     except np.linalg.LinAlgError:  # the cells at a vertex where the domain touches itself
-        x = (np.linalg.pinv(system, hermitian=True) @ right[..., None])[..., 0]
-    x = np.concatenate((x, np.zeros((patches, 1))), axis=1)
-    return np.asarray(np.take_along_axis(x[:, None, :], place, axis=2) * sign)
+        return np.asarray(np.linalg.pinv(system, hermitian=True) @ right, dtype=np.float64)

@@ -1,6 +1,6 @@
 """Remainders: how far data are from the polynomials in place of the data in a bound.
 
-The proof is in docs/accuracy.md.
+The proof is in docs/method/bound_in_practice.md.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,14 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 # solution. In space they belong to elements, in the plane to facets alone.
 MORE = {2: 6, 3: 3}
 
-# What is known on cells of diffusion and reaction.
-ON_CELLS = (
-    *("reaction", "least_reaction", "largest_reaction"),
-    *("diffusion", "inverse", "least_diffusion", "largest_diffusion", "thin"),
-)
+# What is known on cells, by the axis of the cells.
+ON_CELLS = {
+    0: (
+        *("load", "load_mean", "reaction", "reaction_mean", "least_reaction", "largest_reaction"),
+        *("diffusion", "inverse", "least_diffusion", "largest_diffusion", "flux", "flux_mean"),
+    ),
+    1: ("thin",),
+}
 
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
@@ -78,12 +81,13 @@ class Remainders:
     obstacle_in_space: tuple[FacetPolynomials, Array] | None = None
     sampled: tuple[str, ...] = ()
 
-    def some(self, cells: Indices) -> "Remainders":
-        """Return what is known of diffusion and reaction on some cells."""
-        known = {name: getattr(self, name) for name in ON_CELLS}
-        parts: dict[str, Any] = {
-            n: v[..., cells] for n, v in known.items() if isinstance(v, np.ndarray)
-        }
+    def some(self, cells: Indices | slice) -> "Remainders":
+        """Return what is known in some cells, beside obstacle and Dirichlet data."""
+        parts: dict[str, Any] = {}
+        for axis, names in ON_CELLS.items():
+            known = {name: getattr(self, name) for name in names}
+            at = (slice(None),) * axis + (cells,)
+            parts |= {n: v[at] for n, v in known.items() if isinstance(v, np.ndarray)}
         return replace(self, **parts)
 
 
@@ -107,6 +111,10 @@ class Solved:
     terms: EnergyTerms
     frames: Frames
     rest: Remainders = NOTHING
+
+    def some(self, cells: Indices | slice) -> "Solved":
+        """Return what concerns some of the cells."""
+        return replace(self, frames=self.frames.some(cells), rest=self.rest.some(cells))
 
     @property
     def comm(self) -> MPI.Comm:

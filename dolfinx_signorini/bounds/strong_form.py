@@ -29,7 +29,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, data, indices, on_mesh, optional, sequence
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
-from dolfinx_signorini.problem.assembly import Data
+from dolfinx_signorini.problem.values import Data
 
 Scalar: TypeAlias = Expr | float
 

@@ -1,1 +1,1 @@
-"""What is known about formulas: values on whole cells, derivatives, jumps and narrow features."""
+"""Knowledge about formulas: values on whole cells, derivatives, jumps and narrow peaks."""

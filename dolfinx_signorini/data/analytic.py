@@ -13,18 +13,36 @@ cell without its outermost part of relative width `SOLVED`: jumps along sides of
 Source: Ahlfors, Complex Analysis (1979), Sections 4.2 and 4.3.
 """
 
+from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.discs import Disc
 from dolfinx_signorini.data.formulas import Formula, Node, Values
-from dolfinx_signorini.data.interfaces.roughness import factors
+from dolfinx_signorini.data.interfaces.singular_sets import factors
 from dolfinx_signorini.data.intervals import Interval
 
-REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried, in this order
+REACHES = (20.0, 8.0, 4.0, 2.5)  # of the neighbourhoods that are tried
+
+
+def missed_by_discs(
+    formula: Formula, corners: Array, missed: Callable[[float], npt.ArrayLike]
+) -> Array:
+    """Return the best bound of what polynomials miss that neighbourhoods of simplices tell.
+
+    Args:
+        formula, corners: See `discs`.
+        missed: Returns by R what polynomials miss at most where M = 1, a number or several.
+
+    Returns:
+        The bounds, shape (numbers, simplices) or (simplices,).
+    """
+    radii = [(reach, discs(formula, corners, reach)[1]) for reach in REACHES]
+    return np.min([np.multiply.outer(missed(reach), radius) for reach, radius in radii], axis=0)
 
 
 def discs(formula: Formula, corners: Array, reach: float) -> tuple[Array, Array]:
@@ -48,12 +66,7 @@ def discs(formula: Formula, corners: Array, reach: float) -> tuple[Array, Array]
 
 
 class _Discs(Values[Disc]):
-    """Discs around the values of the nodes of a formula.
-
-    Args:
-        centres, widths: Of boxes around the simplices, shape (dimension, simplices).
-        reach: See `discs`.
-    """
+    """Discs around the values of the nodes of a formula, by boxes around the simplices."""
 
     def __init__(self, centres: Array, widths: Array, reach: float):
         coordinates = [Disc(centres[k], reach * widths[k]) for k in range(len(centres))]

@@ -95,9 +95,7 @@ def wave(
 ) -> Callable[[Disc], Disc]:
     """Return what encloses f(c + w) = f(c) cos w + f'(c) sin w, or the same with cosh and sinh.
 
-    Args:
-        function: f.
-        slope: f', up to its sign.
+    The derivative of f is given up to its sign.
     """
 
     def enclosure(a: Disc) -> Disc:

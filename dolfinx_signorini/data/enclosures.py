@@ -10,9 +10,9 @@ Source: Moore, Kearfott and Cloud, Introduction to Interval Analysis (2009), Cha
 
 from functools import reduce
 from operator import add
+from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
@@ -27,17 +27,13 @@ Pair = tuple[Interval, Interval | None]
 
 
 def enclosed_on_boxes(formula: Formula, low: Array, high: Array) -> Array:
-    """Return the natural enclosures of a formula on boxes.
+    """Return the natural enclosures of a formula on boxes: lower and upper ends, shape (2, boxes).
 
     Args:
         formula: The formula.
         low, high: The least and the largest coordinates of each box, shape (boxes, dimension).
-
-    Returns:
-        The lower and the upper ends, shape (2, boxes).
     """
-    value, _ = _enclosed(formula, low, high, False)
-    return np.broadcast_to(value.ends[:, 0], (2, len(low)))
+    return np.broadcast_to(_values(formula, low, high).ends[:, 0], (2, len(low)))
 
 
 def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
@@ -57,24 +53,18 @@ def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
 def enclosed_both_ways(formula: Formula, corners: Array) -> tuple[Array, Array]:
     """Return enclosures of a formula on simplices, and linear functions below and above it.
 
-    Args:
-        formula, corners: See `enclosed_on_simplices`.
-
     Returns:
-        The enclosures, shape (2, simplices), and the values of the linear functions at the
+        The enclosures, see `enclosed_on_simplices`, and the values of the linear functions at the
         vertices, shape (2, vertices, simplices).
     """
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    centres = np.clip(corners.mean(axis=1), low, high)
-    value, slopes = _enclosed(formula, low, high, True)
-    assert slopes is not None
-    middle, _ = _enclosed(formula, centres, centres, False)
+    centres = np.clip(corners.mean(axis=1), corners.min(axis=1), corners.max(axis=1))
+    value, slopes = _values_and_slopes(formula, corners)
+    middle = _values(formula, centres, centres)
     with np.errstate(all="ignore"):
-        means = []
-        for vertex in np.moveaxis(corners, 1, 0):
-            mean = middle + _change(slopes, vertex - centres)
-            means.append(np.broadcast_to(mean.ends[:, 0], (2, len(corners))))
-    linear = np.stack(means, axis=1)
+        means = [middle + _change(slopes, v - centres) for v in np.moveaxis(corners, 1, 0)]
+    linear = np.stack(
+        [np.broadcast_to(mean.ends[:, 0], (2, len(corners))) for mean in means], axis=1
+    )
     low = np.maximum(value.low[0], linear[0].min(axis=0))
     high = np.minimum(value.high[0], linear[1].max(axis=0))
     return np.broadcast_to(np.stack((low, high)), (2, len(corners))), linear
@@ -103,56 +93,43 @@ def nowhere_negative(comm: MPI.Comm, formula: Formula, corners: Array, tiny: flo
     return not comm.allreduce(any([bool(left.any()) for *_, (left,) in levels]), op=MPI.LOR)
 
 
-def undefined(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
-    """Return whether a part of a formula may have no value somewhere in simplices.
-
-    Args:
-        formula, corners: See `enclosed_on_simplices`.
-    """
-    with np.errstate(all="ignore"):
-        boxes = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
-        found = boxes.undefined(formula.root)
-    return np.broadcast_to(found.ravel(), len(corners))
+@np.errstate(all="ignore")
+def undefined(formula: Formula, corners: Array) -> Mask:
+    """Return whether a part of a formula may have no value somewhere in simplices."""
+    boxes = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
+    return np.broadcast_to(boxes.undefined(formula.root).ravel(), len(corners))
 
 
 def enclosed_slopes(formula: Formula, corners: Array) -> Array:
     """Return enclosures of the derivatives of a formula from one end of a segment to the other.
 
-    Args:
-        formula: The formula.
-        corners: The ends of the segments, shape (segments, 2, dimension).
-
-    Returns:
-        The lower and the upper ends, shape (2, segments).
+    The segments have the shape (segments, 2, dimension), the enclosures (2, segments).
     """
-    slopes = _slopes_on(formula, corners)
+    _, slopes = _values_and_slopes(formula, corners)
     with np.errstate(all="ignore"):
         total = _change(slopes, corners[:, 1] - corners[:, 0])
     return np.broadcast_to(total.ends[:, 0], (2, len(corners)))
 
 
 def enclosed_gradients(formula: Formula, corners: Array) -> Array:
-    """Return enclosures of the partial derivatives of a formula on simplices.
+    """Return enclosures of the partial derivatives, shape (2, simplices, dimension).
 
-    Args:
-        formula, corners: See `enclosed_on_simplices`.
-
-    Returns:
-        The lower and the upper ends, shape (2, simplices, dimension).
+    See `enclosed_on_simplices`.
     """
-    slopes = _slopes_on(formula, corners).ends.transpose(0, 2, 1)
-    return np.broadcast_to(slopes, (2, len(corners), corners.shape[2]))
+    _, slopes = _values_and_slopes(formula, corners)
+    shape = 2, len(corners), corners.shape[2]
+    return np.broadcast_to(slopes.ends.transpose(0, 2, 1), shape)
 
 
-def _slopes_on(formula: Formula, corners: Array) -> Interval:
-    _, slopes = _enclosed(formula, corners.min(axis=1), corners.max(axis=1), True)
-    assert slopes is not None
-    return slopes
+@np.errstate(all="ignore")
+def _values(formula: Formula, low: Array, high: Array) -> Interval:
+    return Enclosures(low, high, False)(formula.root)[0]
 
 
-def _enclosed(formula: Formula, low: Array, high: Array, slopes: bool) -> Pair:
-    with np.errstate(all="ignore"):
-        return Enclosures(low, high, slopes)(formula.root)
+@np.errstate(all="ignore")
+def _values_and_slopes(formula: Formula, corners: Array) -> tuple[Interval, Interval]:
+    found = Enclosures(corners.min(axis=1), corners.max(axis=1), True)(formula.root)
+    return found[0], cast(Interval, found[1])
 
 
 class Enclosures(PerNode[Pair]):
@@ -190,7 +167,7 @@ class Enclosures(PerNode[Pair]):
     def _slope(self, value: Array) -> Interval | None:
         return Interval(np.stack((value, value))) if self.slopes else None
 
-    def undefined(self, root: Node) -> npt.NDArray[np.bool_]:
+    def undefined(self, root: Node) -> Mask:
         """Return whether a part of a formula may have no value at some points, shape (1, boxes)."""
         result = np.zeros(1, dtype=bool)
         for node in nodes(root):

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.arithmetic import Number
 from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, Operation
@@ -229,10 +229,8 @@ class Formula:
 
     def value(self, point: Sequence[float]) -> float:
         """Return the value at a point; NaN where there is none."""
-        try:
-            return float(_value(self.root, point))
-        except (ArithmeticError, ValueError):
-            return math.nan
+        value = float(evaluated(self.root, np.asarray(point, dtype=np.float64)))
+        return value if math.isfinite(value) else math.nan
 
     def ufl(self, x: Expr) -> Expr:
         """Return the formula as a UFL expression of the coordinates x, a UFL vector.
@@ -254,10 +252,6 @@ def number(value: float) -> Formula:
 def folded(op: str, *args: Node) -> Node:
     """Return an operation, or of numbers the number.
 
-    Args:
-        op: The name of the operation.
-        args: The operands.
-
     Raises:
         ArithmeticError: The operation has no finite value.
     """
@@ -272,29 +266,19 @@ def folded(op: str, *args: Node) -> Node:
     return Node("number", value=value)
 
 
-def evaluated(node: Node, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the values of a formula's tree at many points; NaN or infinity where there is none.
+def evaluated(root: Node, x: Array) -> Array:
+    """Return the values of a tree at points, shape (..., dimension); NaN or infinity for none."""
+    return together([root], x)[0]
 
-    Args:
-        node: The root of the tree.
-        x: The points, shape (..., dimension).
-    """
-    with np.errstate(all="ignore"):
-        coordinates = np.moveaxis(x, -1, 0)
-        values = Values[Any]("numpy", list(coordinates), np.float64)(node)
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape[:-1])
+
+@np.errstate(all="ignore")
+def together(roots: Sequence[Node], x: Array) -> list[Array]:
+    """Return the values of trees, whose common nodes are evaluated once; see `evaluated`."""
+    values = Values[Any]("numpy", list(np.moveaxis(x, -1, 0)), np.float64)
+    found = [np.asarray(values(root), dtype=np.float64) for root in roots]
+    return [np.broadcast_to(array, x.shape[:-1]) for array in found]
 
 
 def shortened(text: str) -> str:
     """Return a text for a message: in quotes, and cut to 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
-
-
-def _value(node: Node, point: Sequence[float]) -> Any:
-    if node.op == "number":
-        return node.value
-    if node.op == "coordinate":
-        return point[int(node.value)]
-    if node.op == "where":
-        return _value(node.args[1 if _value(node.args[0], point) else 2], point)
-    return node.operation.value(*(_value(a, point) for a in node.args))

@@ -12,24 +12,27 @@ that L is at most the root of n + 1. Source: Fejer, Bestimmung derjenigen Abszis
 Intervalles..., Ann. Scuola Norm. Sup. Pisa 1 (1932) 263.
 """
 
+import math
+
 import basix
 import numpy as np
-import numpy.typing as npt
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import SOLVED, UNIT, UPWARDS
 from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
-from dolfinx_signorini.data.analytic import REACHES, discs
+from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
 
 PARTS = 64  # of a segment where a formula is not smooth
-SMALL = 1e-6  # of the values: derivatives that need no parts
 LARGE = 16  # of these where interpolations may follow the formula
-JUMP = 1e-6  # of the values: more than continuous data change in `SOLVED` of a segment
+# Of the values: derivatives so small need no parts, and continuous data change so little in
+# `SOLVED` of a segment.
+NEGLIGIBLE = 1e-6
 
 
+@np.errstate(over="ignore", invalid="ignore")  # at a pole there is no value
 def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Array:
     """Return what the interpolation at Gauss-Lobatto points misses, shape (3, segments).
 
@@ -44,11 +47,10 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     """
     slope = _by_discs(formula, corners, degree)
     root, height = slope.copy(), np.abs(evaluated(formula.root, corners)).max(axis=1, initial=0.0)
-    rough = np.flatnonzero(~(slope <= SMALL * height))
-    with np.errstate(over="ignore", invalid="ignore"):  # at a pole there is no value
-        apart = _in_parts(formula, corners[rough], degree)
-        slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
-        root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
+    rough = np.flatnonzero(~(slope <= NEGLIGIBLE * height))
+    apart = _in_parts(formula, corners[rough], degree)
+    slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
+    root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
     broken = _jumps_at_ends(formula, corners)
     parts = _divided(corners[rough], LARGE)
     broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
@@ -57,31 +59,30 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     return np.stack((0.5 * root, slope, root)) * UPWARDS
 
 
-def _jumps_at_ends(formula: Formula, corners: Array) -> npt.NDArray[np.bool_]:
+@np.errstate(divide="ignore", invalid="ignore")
+def _jumps_at_ends(formula: Formula, corners: Array) -> Mask:
     """Whether the values at the ends of segments, or of parts, are not those next to them.
 
     Discs know of no jump within `SOLVED` of an end.
     """
     way = corners[:, 1] - corners[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
+    rounding = UNIT * np.abs(corners).max(axis=(1, 2)) / np.linalg.norm(way, axis=1)
     step = np.maximum(2.0 * SOLVED, rounding)[:, None] * way
     near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
     values = evaluated(formula.root, near)
-    with np.errstate(invalid="ignore"):
-        apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
-    return ~(apart <= JUMP * (np.abs(values).max(axis=0, initial=0.0) + JUMP))
+    apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
+    return ~(apart <= NEGLIGIBLE * (np.abs(values).max(axis=0, initial=0.0) + NEGLIGIBLE))
 
 
 def _by_discs(formula: Formula, corners: Array, n: int) -> Array:
     """What the interpolation of degree n misses of derivatives from end to end of segments."""
-    slope = np.full(len(corners), np.inf)
-    for reach in REACHES:
-        _, radii = discs(formula, corners, reach)
-        value = radii * reach**-n / (reach - 1.0)
-        change = radii * reach**-n * ((n + 1) * reach - n) / (reach - 1.0) ** 2
-        slope = np.minimum(slope, 2.0 * (change + n**2 * np.sqrt(n + 1.0) * value))
-    return slope
+
+    def missed(reach: float) -> float:
+        value = reach**-n / (reach - 1.0)
+        change = value * ((n + 1) * reach - n) / (reach - 1.0)
+        return 2.0 * (change + n**2 * math.sqrt(n + 1.0) * value)
+
+    return missed_by_discs(formula, corners, missed)
 
 
 def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
@@ -92,11 +93,10 @@ def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
     inverse = np.linalg.inv(polynomials(1, degree, nodes))
     series = evaluated(formula.root, inside(corners, nodes)).T @ inverse
     slopes = _derivatives(series)
-    largest_ = highest_on_parts(degree - 1, PARTS, slopes)
+    most = highest_on_parts(degree - 1, PARTS, slopes)
     least = -highest_on_parts(degree - 1, PARTS, -slopes)
     low, high = PARTS * enclosed_slopes(formula, _divided(corners, PARTS)).reshape(2, -1, PARTS)
-    with np.errstate(invalid="ignore", over="ignore"):
-        apart = np.maximum(high - least, largest_ - low)
+    apart = np.maximum(high - least, most - low)
     parts = _divided(corners, LARGE)
     places = ((np.arange(LARGE)[:, None] + nodes[:, 0]) / LARGE).reshape(-1, 1)
     there = (series @ polynomials(1, degree, places)).reshape(-1, len(nodes))

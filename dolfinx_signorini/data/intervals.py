@@ -136,12 +136,7 @@ def outward(low: Array, high: Array, least: float = SUBNORMAL) -> Interval:
 def increasing(
     function: Callable[[Array], Array], low: float = -math.inf, high: float = math.inf
 ) -> Callable[[Interval], Interval]:
-    """Return the interval form of an increasing function.
-
-    Args:
-        function: The function.
-        low, high: Where the domain of the function begins and ends.
-    """
+    """Return the interval form of a function that is increasing between two ends of its domain."""
 
     def enclosure(a: Interval) -> Interval:
         outside = (a.high < low) | (a.low > high)
@@ -191,12 +186,7 @@ def length(a: Interval, b: Interval) -> Interval:
 
 
 def choose(condition: Interval, a: Interval, b: Interval) -> Interval:
-    """Enclose a or b, as a condition says.
-
-    Args:
-        condition: Encloses 1 where the condition holds, and 0 where not.
-        a, b: The intervals for a condition that holds, and for one that does not.
-    """
+    """Enclose a where a condition, which encloses 1 or 0, holds, and b elsewhere."""
     both = np.stack((np.minimum(a.low, b.low), np.maximum(a.high, b.high)))
     known = np.where(condition.high == 0.0, b.ends, both)
     return Interval(np.where(condition.low == 1.0, a.ends, known))

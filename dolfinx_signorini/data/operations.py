@@ -95,13 +95,7 @@ def applied(name: str, *operands: Any) -> Any:
 def _function(
     name: str, slope: Function, interval: Function, disc: Function | None = None, **more: Any
 ) -> Operation:
-    """A function of one operand with the same name everywhere, but where named otherwise.
-
-    Args:
-        name: The name in `math`.
-        slope: The derivative, by the value and the operand.
-        interval, disc: The functions of intervals and discs.
-    """
+    """A function of one operand with the same name everywhere, but where named otherwise."""
     for module in (ufl, np):
         more.setdefault(module.__name__, getattr(module, name, None))
 

@@ -26,11 +26,9 @@ from dolfinx_signorini.data.formulas import (
 from dolfinx_signorini.data.operations import COMPARISONS, FUNCTIONS, OPERATIONS
 
 OPERATORS = {known.syntax: op for op, known in OPERATIONS.items() if known.syntax is not None}
-MAX_LENGTH = 2000  # characters
 MAX_DEPTH = 100  # levels of nesting; every operation of a chain is one
 MAX_SIZE = 3000  # operations and operands, with all definitions written out
 MAX_EXPONENT = 100.0
-MAX_DIGITS = 40  # characters of one number
 TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels"
 TOO_LARGE = (
     f"a formula of more than {MAX_SIZE} operations or {MAX_DEPTH} levels, its definitions written "
@@ -61,21 +59,12 @@ def parse(
     Raises:
         InputError: The text is not a formula, has no value, or is too large.
     """
-    if len(text) > MAX_LENGTH:
-        raise InputError(f"a formula of {len(text)} characters; at most {MAX_LENGTH} are read")
     return Formula(text, _Reader(text, dimension, definitions or {}).read())
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the end of a message about an unknown name.
-
-    Args:
-        name: The unknown name.
-        known: The names that are known.
-
-    Returns:
-        "; did you mean ...?" with the nearest name or, where none is near, the list of all.
-    """
+    """Return the end of a message about an unknown name: "; did you mean ...?" with the nearest
+    known name or, where none is near, the list of all."""
     known = list(known)
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     if near:
@@ -120,8 +109,8 @@ class _Reader:
             if match["wrong"]:
                 raise self._error(f"{part!r} does not belong in a formula")
             if match["number"]:
-                if len(part) > MAX_DIGITS or not math.isfinite(float(part)):
-                    raise self._error("a number that is too long or too large")
+                if not math.isfinite(float(part)):
+                    raise self._error("a number that is too large")
                 part = repr(float(part))
             elif match["name"]:
                 part += "_"
@@ -172,7 +161,7 @@ class _Reader:
         if name in COORDINATES:
             raise self._error(f"{name!r}: the domain has {self.dimension} dimensions only", start)
         known = (*self.definitions, *CONSTANTS, *FUNCTIONS, *COORDINATES[: self.dimension])
-        raise self._error(f"unknown name {name!r}{suggestion(name, known)}", start)
+        raise self._error(f"unknown name {shortened(name)}{suggestion(name, known)}", start)
 
     def _function(self, name: str, count: int, start: int) -> str:
         """Return the name of a function that takes so many arguments."""

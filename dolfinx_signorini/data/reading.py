@@ -37,7 +37,8 @@ def _class_of(op: str) -> Any:
     """The class of UFL's node for an operation."""
     known = OPERATIONS[op]
     first = [_X < 0.5] if op == "where" else [_X]
-    return type(known.of("ufl")(*first, *[2.0 * _X] * (known.arguments - 1)))
+    others = [k * _X for k in range(2, known.arguments + 1)]  # equal ones make no choice
+    return type(known.of("ufl")(*first, *others))
 
 
 # Distances have no node of their own, and UFL has differences as sums.
@@ -75,9 +76,7 @@ def lowered(expression: Any) -> Any:
 def read(expression: Expr, terminals: Terminals) -> Formula | None:
     """Return a lowered scalar expression as a formula; None where a part is not readable.
 
-    Args:
-        expression: The expression.
-        terminals: Numbers that stand for parts of the expression.
+    Numbers may stand for the terminals of the expression, and for other parts.
     """
     try:
         root = _Reader(terminals).node(expression, (), {})
@@ -85,28 +84,20 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
         return None
     if operations(root) > MAX_SIZE:
         return None
+    if root.op == "number":  # the text of a large expression takes longer than all else
+        return number(root.value)
     return Formula(shortened(str(expression))[1:-1], root)
 
 
 class _Reader:
-    """The nodes of the components of expressions, each of them once.
-
-    Args:
-        terminals: See `read`.
-    """
+    """The nodes of the components of expressions, each of them once; for terminals see `read`."""
 
     def __init__(self, terminals: Terminals):
         self.terminals = terminals
         self.known: dict[tuple[int, Component, Component], Node] = {}
 
     def node(self, expression: Expr, component: Component, indices: dict[int, int]) -> Node:
-        """Return a component of an expression.
-
-        Args:
-            expression: The expression.
-            component: The component.
-            indices: The values of the free indices, by their numbers.
-        """
+        """Return a component of an expression, with values of the free indices by their numbers."""
         free = () if isinstance(expression, classes.Condition) else expression.ufl_free_indices
         key = id(expression), component, tuple(indices[i] for i in free)
         if key not in self.known:

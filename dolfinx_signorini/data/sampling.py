@@ -1,4 +1,4 @@
-"""Adaptive sampling of data: so many samples that no narrow feature is between them.
+"""Adaptive sampling of data: so many samples that no narrow peak is between them.
 
 Cells or facets are divided into pieces. The values of a formula at points of a piece and an
 enclosure of all values on the piece tell what may be hidden between the points. The pieces that may
@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.data.enclosures import enclosed_on_simplices
+from dolfinx_signorini.data.enclosures import enclosed_on_boxes, enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import (
     FINE,
@@ -26,12 +26,13 @@ from dolfinx_signorini.data.interfaces.pieces import (
     inside,
     widths,
 )
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 Indices = npt.NDArray[np.signedinteger[Any]]
 
 # Of the polynomials that follow data which are integrated: about as many points as quadrature has.
-DEGREE = 4
+DEGREE = (CELL_RULE.degree + 1) // 2
 HIDDEN = {"mass": 1e-4, "height": 0.05}  # what a piece may hide, of the norm of the datum
 
 
@@ -61,7 +62,7 @@ class Datum:
 
 @dataclass
 class Samples:
-    """The values of a datum at points that no feature is between:
+    """The values of a datum at points that no narrow peak is between:
 
         samples = sample(datum, domain.comm, size=1.0)
 
@@ -81,7 +82,7 @@ class Samples:
     values: Array
     weights: Array
     owners: Indices
-    unclear: npt.NDArray[np.bool_]
+    unclear: Mask
     norm: float
     hidden: float
 
@@ -101,15 +102,7 @@ def sample(datum: Datum, comm: MPI.Comm, size: float) -> Samples:
 
 
 class _Search:
-    """The pieces of a datum.
-
-    Attributes:
-        pieces: The vertices of the pieces, shape (pieces, vertices, dimension).
-        owners: The cells around the pieces.
-        volumes: The volumes of the pieces.
-        values: The values at the points of the pieces, shape (pieces, points).
-        hidden: What the pieces may hide, in the measure of the datum.
-    """
+    """The pieces of a datum, with the values at their points, and what each piece may hide."""
 
     def __init__(self, datum: Datum, comm: MPI.Comm, size: float):
         self.datum, self.comm, self.size = datum, comm, size
@@ -119,19 +112,21 @@ class _Search:
         b = (1.0 - 1.0 / math.sqrt(self.dimension + 2.0)) / vertices  # exact for degree 2
         self.lattice = np.concatenate((unit, b + (1.0 - vertices * b) * unit))
         pieces, owners = datum.corners, datum.owners
-        count, parts = max(self._sum(len(pieces)), 1.0), 2**self.dimension
-        for _ in range(int(math.log(max(FINE / count, 1.0), parts))):
+        for _ in range(self._times(self._sum(len(pieces)))):
             pieces, owners = divided(pieces, owners)
         self.pieces, self.owners = pieces, owners
         self.volumes, self.values, self.hidden = self._sampled(pieces)
+        self.sharp = np.zeros(len(pieces), dtype=bool)  # whether mean value forms are known
         self.stopped = False
 
     def divide(self) -> bool:
         """Divide the pieces that may hide most; whether a piece was divided."""
-        threshold = HIDDEN[self.datum.measure] * self._reference()
-        divisible = widths(self.pieces) > SOLVED * self.size
-        parts = 2**self.dimension
-        room = (MOST_PIECES - self._sum(len(self.pieces))) / (parts - 1)
+        self._sharpen()
+        # Of the norm or, where that is finite and more, of what one piece may hide.
+        finite = np.where(np.isfinite(self.hidden), self.hidden, 0.0)
+        threshold = HIDDEN[self.datum.measure] * max(self._norm(), highest(self.comm, finite))
+        divisible = self._divisible()
+        room = (MOST_PIECES - self._sum(len(self.pieces))) / (2**self.dimension - 1)
         for _ in range(100):
             chosen = divisible & (self.hidden > threshold)
             count = self._sum(chosen.sum())
@@ -140,21 +135,39 @@ class _Search:
             self.stopped, threshold = True, 4.0 * threshold
         if count == 0 or count > room:
             return False
-        new, owners = divided(self.pieces[chosen], self.owners[chosen])
-        kept = self.pieces, self.owners, self.volumes, self.values, self.hidden
-        self.pieces, self.owners, self.volumes, self.values, self.hidden = (
-            np.concatenate((old[~chosen], more))
-            for old, more in zip(kept, (new, owners, *self._sampled(new)), strict=True)
+        new, owners = self.pieces[chosen], self.owners[chosen]
+        for _ in range(max(self._times(count), 1)):
+            new, owners = divided(new, owners)
+        kept = self.pieces, self.owners, self.volumes, self.values, self.hidden, self.sharp
+        found = new, owners, *self._sampled(new), np.zeros(len(new), dtype=bool)
+        self.pieces, self.owners, self.volumes, self.values, self.hidden, self.sharp = (
+            np.concatenate((old[~chosen], more)) for old, more in zip(kept, found, strict=True)
         )
         return True
+
+    def _sharpen(self) -> None:
+        """Use mean value forms where natural enclosures hide much.
+
+        Where the natural enclosure is infinite, so are the derivatives.
+        """
+        much = HIDDEN[self.datum.measure] * self._norm()
+        rows = np.flatnonzero((self.hidden > much) & np.isfinite(self.hidden) & ~self.sharp)
+        if len(rows):
+            enclosures = enclosed_on_simplices(self.datum.formula, self.pieces[rows])
+            self.hidden[rows] = self._hidden(enclosures, self.values[rows], self.volumes[rows])
+            self.sharp[rows] = True
+
+    def _times(self, count: float) -> int:
+        """How often pieces are divided at once: to look at few takes as long as at one."""
+        return int(math.log(max(FINE / max(count, 1.0), 1.0), 2**self.dimension))
 
     def samples(self) -> Samples:
         """Return the values at the points of the pieces."""
         points = inside(self.pieces, self.lattice).transpose(1, 0, 2)
-        count, known = len(self.lattice), np.isfinite(self.values)
-        norm, unclear = self._norm(), self.hidden > HIDDEN[self.datum.measure] * self._norm()
-        divisible = widths(self.pieces) > SOLVED * self.size
-        largest = highest(self.comm, np.where(divisible, self.hidden, 0.0)) if self.stopped else 0.0
+        count, known, norm = len(self.lattice), np.isfinite(self.values), self._norm()
+        unclear = self.hidden > HIDDEN[self.datum.measure] * norm
+        open_ = self._divisible() & self.stopped
+        largest = highest(self.comm, np.where(open_, self.hidden, 0.0))
         return Samples(
             points=points.reshape(-1, points.shape[2]),
             values=np.where(known, self.values, 0.0).ravel(),
@@ -169,28 +182,26 @@ class _Search:
         """Return volumes, values at the points of pieces, and what is hidden between the points."""
         formula, volumes = self.datum.formula, simplex_sizes(pieces)
         values = evaluated(formula.root, inside(pieces, self.lattice)).T
-        known = np.isfinite(values)
-        low, high = enclosed_on_simplices(formula, pieces)
-        above = high - np.where(known, values, -np.inf).max(axis=1, initial=-np.inf)
-        below = np.where(known, values, np.inf).min(axis=1, initial=np.inf) - low
+        enclosures = enclosed_on_boxes(formula, pieces.min(axis=1), pieces.max(axis=1))
+        return volumes, values, self._hidden(enclosures, values, volumes)
+
+    def _hidden(self, enclosures: Array, values: Array, volumes: Array) -> Array:
+        """What pieces hide between their points at most, by enclosures of all values on them."""
+        least, most = _extremes(values, 1)
+        above, below = enclosures[1] - most, least - enclosures[0]
         hidden = np.nan_to_num(np.maximum(np.maximum(above, below), 0.0), nan=np.inf, posinf=np.inf)
-        if self.datum.measure == "mass":
-            hidden = hidden * volumes
-        return volumes, values, hidden
+        return np.asarray(hidden * volumes if self.datum.measure == "mass" else hidden)
 
     def _norm(self) -> float:
-        known = np.isfinite(self.values)
         if self.datum.measure == "mass":
-            return self._sum((np.abs(np.where(known, self.values, 0.0)) * self._weights()).sum())
-        top = np.where(known, self.values, -np.inf).max(initial=-np.inf)
-        bottom = np.where(known, self.values, np.inf).min(initial=np.inf)
-        top, bottom = np.max(self.comm.allgather((top, -bottom)), axis=0)
-        return max(float(top + bottom), 0.0)
+            sizes = np.where(np.isfinite(self.values), np.abs(self.values), 0.0)
+            return self._sum((sizes * self._weights()).sum())
+        least, most = _extremes(self.values, None)
+        ends = np.max(self.comm.allgather((most, -least)), axis=0)
+        return max(float(ends.sum()), 0.0)
 
-    def _reference(self) -> float:
-        """The norm, or what a piece may hide, where that is finite and more."""
-        finite = np.where(np.isfinite(self.hidden), self.hidden, 0.0)
-        return max(self._norm(), highest(self.comm, finite))
+    def _divisible(self) -> Mask:
+        return np.asarray(widths(self.pieces) > SOLVED * self.size)
 
     def _weights(self) -> Array:
         vertices = self.dimension + 1
@@ -199,3 +210,10 @@ class _Search:
 
     def _sum(self, value: Any) -> float:
         return float(self.comm.allreduce(float(value)))
+
+
+def _extremes(values: Array, axis: int | None) -> tuple[Array, Array]:
+    """The least and the largest finite values."""
+    known = np.isfinite(values)
+    least = np.where(known, values, np.inf).min(axis=axis, initial=np.inf)
+    return least, np.where(known, values, -np.inf).max(axis=axis, initial=-np.inf)

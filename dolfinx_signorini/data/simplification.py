@@ -17,7 +17,6 @@ Product = frozenset[tuple[int, float]]  # names of atoms with exponents
 Sum = dict[Product, tuple[float, float]]  # coefficients, and the sizes of what was added for each
 
 MOST = 400  # products
-WHOLE = (2.0, 3.0, 4.0)  # powers of sums that are multiplied out
 LINE = Product()
 
 
@@ -26,11 +25,7 @@ class _TooLarge(Exception):
 
 
 def simplified(formula: Formula) -> Formula:
-    """Return a formula as a sum of products where that is shorter, with terms cancelled.
-
-    Args:
-        formula: The formula.
-    """
+    """Return a formula as a sum of products where that is shorter, with terms cancelled."""
     try:
         expansion = _Expansion(formula.root)
         root = expansion.node(expansion.reduced(expansion.sum_of(formula.root)))
@@ -137,17 +132,18 @@ class _Expansion:
         return {frozenset({(self.names[node], exponent)}): (1.0, 1.0)}
 
     def _power(self, base: Node, exponent: float) -> Sum:
-        terms = self.sum_of(base)
+        terms, whole = self.sum_of(base), exponent % 1.0 == 0.0
         if len(terms) == 1:
             ((term, (factor, _)),) = terms.items()
-            whole = exponent % 1.0 == 0.0
             known = all(self.atoms[n].op == "hypot" for n, _ in term)  # (a^2)^(1/2) is not a
             known |= [p for _, p in term] == [1.0]
             if whole or (factor > 0.0 and known):
                 value = factor**exponent
                 return {frozenset((n, p * exponent) for n, p in term): (value, abs(value))}
-        if exponent in WHOLE:
-            return reduce(self._product, [terms] * int(exponent))
+        times = int(exponent) if whole else 0
+        # A power of a sum has so many products at most: as many as its terms have multisets.
+        if times > 0 and math.comb(len(terms) + times - 1, times) <= MOST:
+            return reduce(self._product, [terms] * times)
         return self._atom(base, exponent)
 
     def _product(self, a: Sum, b: Sum) -> Sum:

@@ -16,13 +16,15 @@ import math
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_boxes
+from dolfinx_signorini.data.enclosures import enclosed_on_boxes
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import widths
-from dolfinx_signorini.data.interfaces.roughness import NEAR_POLE
+from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE
 from dolfinx_signorini.data.intervals import Interval, outward
+from dolfinx_signorini.data.matrices import least_stretch
 from dolfinx_signorini.data.names import Names
 from dolfinx_signorini.data.operations import applied
+from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 Scaled = tuple[float, Interval]  # n and t of r^n t
 
@@ -76,27 +78,14 @@ def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) 
     dimension = corners.shape[2]
     if n <= -2.0 or corners.shape[1] != dimension + 1:
         return np.full(len(corners), np.inf)
-    slopes = np.stack([enclosed_gradients(Formula("", node), corners) for node in pair], axis=2)
-    middle, radius = 0.5 * (slopes[0] + slopes[1]), 0.5 * (slopes[1] - slopes[0])
-    known = np.isfinite(radius).all(axis=(1, 2))
-    middle = np.where(known[:, None, None], middle, 0.0)
-    least = np.linalg.svd(middle, compute_uv=False)[:, -1] - np.linalg.norm(radius, axis=(1, 2))
-    edges = corners[:, 1:] - corners[:, :1]
-    volumes = np.abs(np.linalg.det(edges)) / math.factorial(dimension)
     length = 1.0 if dimension == 2 else widths(corners)
-    q = np.maximum(least, 0.0) * np.sqrt(volumes / (math.pi * length))
+    share = np.sqrt(simplex_sizes(corners) / (math.pi * length))
+    q = np.maximum(least_stretch(pair, corners), 0.0) * share
     return np.asarray(np.where(q > 0.0, q**n / (0.5 * n + 1.0), np.inf))
 
 
 class _ScaledNodes(PerNode[Scaled]):
-    """Enclosures of the nodes of a formula on boxes, as r^n t.
-
-    Args:
-        ends: The least and the largest coordinates, shape (2, dimension, boxes).
-        pair: The arguments of r.
-        most: The largest r in each box.
-        names: The names of nodes.
-    """
+    """Enclosures of the nodes of a formula on boxes, as r^n t, with the largest r in each box."""
 
     def __init__(self, ends: Array, pair: tuple[Node, Node], most: Array, names: Names):
         super().__init__()
@@ -145,8 +134,7 @@ class _ScaledNodes(PerNode[Scaled]):
         """log(r^n t) = n log r + log t; r^e |log r| is largest at r = e^(-1/e), or at the end."""
         e = LOGARITHM
         end = self.most**e * np.abs(np.log(self.most))
-        most = n * np.maximum(
-            end, np.where(self.most < math.exp(-1.0 / e), 0.0, 1.0 / (e * math.e))
-        )
+        top = np.where(self.most < math.exp(-1.0 / e), 0.0, 1.0 / (e * math.e))
+        most = n * np.maximum(end, top)
         own = applied("log", t) * outward(0.0 * self.most, self.most**e)
         return -e, outward(own.low - most, own.high + most)

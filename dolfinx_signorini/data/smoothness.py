@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.data.enclosures import Enclosures, enclosed_gradients
+from dolfinx_signorini.data.enclosures import Enclosures
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode
 from dolfinx_signorini.data.intervals import Interval
+from dolfinx_signorini.data.matrices import least_stretch
 
 ANY, CONTINUOUS, SMOOTH = range(3)  # what a formula is known to be: nothing, continuous, or C^1
 
@@ -30,11 +31,7 @@ def load_is_a_function(solution: Formula, diffusion: Sequence[Formula], corners:
 
 
 class _Smoothness(PerNode[int]):
-    """How smooth the nodes of a formula are known to be on all cells and across their sides.
-
-    Args:
-        corners: The vertices of the cells.
-    """
+    """How smooth the nodes of a formula are known to be on all cells and across their sides."""
 
     def __init__(self, corners: Array):
         super().__init__()
@@ -66,24 +63,15 @@ class _Smoothness(PerNode[int]):
         if node.operation.jumps(*(Interval(self.ends(a)) for a in node.operands)).any():
             return ANY
         if node.op == "hypot":
-            return SMOOTH if self._vanishes_at_points(node) else CONTINUOUS
+            # Both arguments vanish at points only, or on lines in space.
+            near = self.corners[self.ends(node)[0] <= 0.0]
+            return SMOOTH if (least_stretch(node.args, near) > 0.0).all() else CONTINUOUS
         if node.op == "^" and node.args[1].value > 1.0:
             return SMOOTH
         (first, last), (low, high) = node.limits, self.ends(node.args[0])
         inside = (low > first).all() and (high < last).all()
         root = node.op in ("sqrt", "^") and node.args[0].op == "hypot"
         return SMOOTH if inside or root or first == -np.inf else CONTINUOUS
-
-    def _vanishes_at_points(self, node: Node) -> bool:
-        """Whether both arguments of a distance vanish at points only, or on lines in space."""
-        near = self.corners[self.ends(node)[0] <= 0.0]
-        slopes = [enclosed_gradients(Formula("", a), near) for a in node.args]
-        low, high = np.stack(slopes, axis=3)
-        if not np.isfinite(high - low).all():
-            return False
-        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
-        least = np.linalg.svd(middle, compute_uv=False)[:, -1]
-        return bool((least > np.linalg.norm(radius, axis=(1, 2))).all())
 
 
 def _unfolded(base: Node) -> tuple[Node, ...]:

@@ -223,7 +223,7 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
 
     Args:
         sided: The mesh.
-        known: The names of sides that are not looked at; "all" for none.
+        known: The names of sides that are left out; "all" for none.
 
     Returns:
         By the name of each side, "all" for the boundary without a name, about how far from the

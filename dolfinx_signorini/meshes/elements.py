@@ -22,10 +22,12 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.kinds import LARGEST_DEGREE, check, integer, simplices
+from dolfinx_signorini.base.kinds import check, integer, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
 
 HIGHEST_DEGREE = 4  # that problems are tested with
+# Of references for these problems. Higher degrees are of no use, and their tables fill the memory.
+LARGEST_DEGREE = 2 * HIGHEST_DEGREE
 
 
 def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
@@ -91,9 +93,12 @@ def nodal_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     """
     if not is_bernstein(space):
         return space
-    degree = space.element.basix_element.degree
-    nodal = lagrange_space(space.mesh, degree, basix.LagrangeVariant.equispaced)
-    assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+    nodal: fem.FunctionSpace | None = getattr(space, "_nodal", None)  # each datum asks for it
+    if nodal is None:
+        degree = space.element.basix_element.degree
+        nodal = lagrange_space(space.mesh, degree, basix.LagrangeVariant.equispaced)
+        assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+        space._nodal = nodal  # type: ignore[attr-defined]
     return nodal
 
 
@@ -217,19 +222,19 @@ def facet_pieces(
     return np.concatenate(parts), np.tile(np.arange(len(pairs), dtype=np.int32), len(parts))
 
 
-def bernstein_at_nodes(space: fem.FunctionSpace) -> Array:
-    """Return the values of the Bernstein polynomials at the nodes of each facet of a cell.
+def bernstein_at_nodes(space: fem.FunctionSpace, dim: int) -> Array:
+    """Return the values of the Bernstein polynomials at the nodes of each facet, or of the cell.
 
     Args:
         space: A space with a nodal basis on triangles or tetrahedra.
+        dim: The dimension of facets or cells.
 
     Returns:
-        Shape (facets of a cell, nodes of a facet, polynomials of the facet).
+        Shape (entities of the dimension in a cell, nodes of an entity, polynomials of the entity).
     """
     element = space.element.basix_element
     values = _bernstein_at(element.cell_type, element.degree, element.points)
-    facets = element.entity_closure_dofs[space.mesh.topology.dim - 1]
-    return np.array([values[np.ix_(dofs, dofs)] for dofs in facets])
+    return np.array([values[np.ix_(dofs, dofs)] for dofs in element.entity_closure_dofs[dim]])
 
 
 @functools.cache

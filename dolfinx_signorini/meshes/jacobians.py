@@ -1,5 +1,7 @@
 """Determinants and inverses of many matrices of two or three rows, faster than LAPACK has them."""
 
+import itertools
+
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
@@ -10,8 +12,7 @@ def determinants(matrices: Array) -> Array:
     if matrices.shape[-1] == 2:
         (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
         return np.asarray(a * d - b * c)
-    first, second, third = np.moveaxis(matrices, -1, 0)
-    return np.asarray((first * np.cross(second, third)).sum(axis=-1))
+    return np.asarray(sum(matrices[..., 0, i] * _cofactor(matrices, 0, i) for i in range(3)))
 
 
 def inverses(matrices: Array) -> Array:
@@ -19,8 +20,15 @@ def inverses(matrices: Array) -> Array:
     if matrices.shape[-1] == 2:
         (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
         adjugates = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
-    else:
-        first, second, third = np.moveaxis(matrices, -1, 0)
-        rows = np.cross(second, third), np.cross(third, first), np.cross(first, second)
-        adjugates = np.stack(rows, axis=-2)
-    return np.asarray(adjugates / determinants(matrices)[..., None, None])
+        return np.asarray(adjugates / determinants(matrices)[..., None, None])
+    result, determinant = np.empty(matrices.shape), determinants(matrices)
+    for i, j in itertools.product(range(3), repeat=2):
+        np.divide(_cofactor(matrices, i, j), determinant, out=result[..., j, i])
+    return result
+
+
+def _cofactor(matrices: Array, i: int, j: int) -> Array:
+    """The cofactor of an entry of each 3 x 3 matrix."""
+    rows, columns = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
+    (a, b), (c, d) = ([matrices[..., row, column] for column in columns] for row in rows)
+    return np.asarray(a * d - b * c)

@@ -60,7 +60,7 @@ class Points:
             self.cells, self._axes = places[:, 0], axes[places[:, 1]]
             self._reference = origins[places[:, 1], None] + at @ self._axes
         self._element = domain.ufl_domain().ufl_coordinate_element().sub_elements[0].basix_element
-        nodes = domain.geometry.dofmap[self.cells]
+        nodes = np.take(domain.geometry.dofmap, self.cells, axis=0)
         x = np.asarray(domain.geometry.x, dtype=np.float64)
         self._nodes = [x[:, i][nodes] for i in range(domain.geometry.dim)]
 
@@ -115,6 +115,22 @@ class Points:
         return np.asarray(self.jacobian @ np.swapaxes(self._axes, 1, 2)[:, None])
 
     @property
+    def normals(self) -> list[Array]:
+        """The outward unit normals of facets: for each direction an array of shape (n, m).
+
+        Raises:
+            InputError: The places are cells.
+        """
+        if self.places.ndim == 1:
+            raise InputError("must not depend on a normal in cells", "u")
+        cell = basix.CellType[self.domain.topology.cell_name()]
+        outward = np.asarray(basix.cell.facet_outward_normals(cell))[self.places[:, 1]]
+        vectors = np.einsum("nt,nqti->inq", outward, _inverse(self.jacobian))
+        shape = len(self.places), self._reference.shape[-2]
+        units = vectors / np.linalg.norm(vectors, axis=0)
+        return [np.broadcast_to(component, shape) for component in units]
+
+    @property
     def scale(self) -> Array:
         """The ratio of sizes, of the cell or facet and the reference one: (n, m) or (n, 1)."""
         return _size(self.tangents)
@@ -123,6 +139,15 @@ class Points:
         """Return the values of each component of a Lagrange function, each of shape (n, m)."""
         (table,) = _tabulated(basix_element(function), 0, self._reference)
         return [_at_points(table, nodal) for nodal in self._nodal(function)]
+
+    def shares(self, space: fem.FunctionSpace) -> tuple[LocalIndices, Array]:
+        """Return the dofs of a scalar Lagrange space and their shares in the value at one point.
+
+        Returns:
+            Both of shape (n, dofs of a cell), where each place has one point.
+        """
+        (table,) = _tabulated(space.element.basix_element, 0, self._reference)
+        return np.take(space.dofmap.list, self.cells, axis=0), table[:, 0]
 
     def gradients(self, function: fem.Function) -> list[list[Array]]:
         """Return for each component its derivatives in each direction, each of shape (n, m)."""
@@ -154,7 +179,7 @@ class Points:
     def _nodal(self, function: fem.Function) -> list[Array]:
         """For each component the values of the dofs of every cell, shape (n, dofs)."""
         dofmap = function.function_space.dofmap
-        dofs = dofmap.list[self.cells]
+        dofs = np.take(dofmap.list, self.cells, axis=0)  # faster than an index
         return [function.x.array[dofmap.bs * dofs + i] for i in range(dofmap.bs)]
 
 
@@ -166,8 +191,8 @@ class FormulaAtPoints:
 
     Args:
         domain: The mesh of the expressions; the call is collective.
-        expressions: Scalar expressions of the coordinates, of constants and of Lagrange functions
-            with their first derivatives.
+        expressions: Scalar expressions of the coordinates, of constants, of the normals of facets
+            and of Lagrange functions with their first derivatives.
 
     Raises:
         InputError: An expression depends on something else, for example on the size of cells.
@@ -180,6 +205,10 @@ class FormulaAtPoints:
         space, at = _slots()
         self._x = [fem.Function(space) for _ in range(dim)]
         replaced: dict[Any, Any] = {ufl.SpatialCoordinate(domain): ufl.as_vector(self._x)}
+        self._normal = []
+        for normal in extract_type(formula, ufl.FacetNormal):
+            self._normal = [fem.Function(space) for _ in range(dim)]
+            replaced[normal] = ufl.as_vector(self._normal)
         for constant in extract_constants(formula):
             replaced[constant] = fem.Constant(space.mesh, constant.value)
         self._inputs = []  # of each discrete function: components, and their derivatives
@@ -217,6 +246,8 @@ class FormulaAtPoints:
     def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
         """The values at points for other coordinates that are nearly the same."""
         data = list(zip(self._x, x, strict=True))
+        if self._normal:
+            data += zip(self._normal, points.normals, strict=True)
         for function, values, slopes in self._inputs:
             gradients = [part for component in points.gradients(function) for part in component]
             data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)
@@ -228,7 +259,7 @@ class FormulaAtPoints:
         Args:
             x: For each direction of space the coordinates, shape (n,).
         """
-        assert not self._inputs
+        assert not self._inputs and not self._normal
         return list(self._evaluated(list(zip(self._x, x, strict=True))))
 
     def _evaluated(self, data: list[tuple[fem.Function, Array]]) -> Array:

@@ -7,7 +7,6 @@ to a cell of the parent mesh is found on the rank of the child cells.
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ from dolfinx_signorini.base.kinds import check, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
 from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.parents import Parent, remember_parent
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -27,9 +27,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     entity_nodes,
     facet_cells,
 )
-
-# The parent mesh of each refined mesh in use, with the parent cells of the owned cells.
-_parents: WeakKeyDictionary[mesh.Mesh, tuple[mesh.Mesh, LocalIndices]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -89,7 +86,7 @@ def refined(
             edges = np.union1d(edges, _longest_edges(domain, halved)).astype(np.int32)
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
-    _parents[fine] = domain, parents
+    remember_parent(fine, Parent(domain, parents))
     return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
 
 
@@ -138,39 +135,6 @@ def _edges(domain: mesh.Mesh, cells: LocalIndices) -> tuple[LocalIndices, Array]
     return edges, np.asarray(domain.geometry.x[ends])
 
 
-def parent_mesh(fine: mesh.Mesh) -> tuple[mesh.Mesh, LocalIndices] | None:
-    """Return the mesh that `refined` has made a mesh from, with the parents of the owned cells."""
-    return _parents.get(fine)
-
-
-def ends_of_edges(coarse: mesh.Mesh, fine: mesh.Mesh, parents: LocalIndices) -> LocalIndices:
-    """Return for each owned node of a refined mesh the edge of the parent mesh around the node.
-
-    Args:
-        coarse: The parent mesh.
-        fine: The refined mesh.
-        parents: The parent cells of its owned cells.
-
-    Returns:
-        The two ends of the edge as nodes of the parent mesh's geometry, ghosts included; twice the
-        same for a node that both meshes have. Shape (2, nodes).
-    """
-    cells = fine.geometry.dofmap[: len(parents)]
-    one = np.zeros(len(fine.geometry.x), dtype=np.int32)  # of the cells of each node
-    one[cells.ravel()] = np.repeat(np.arange(len(parents), dtype=np.int32), cells.shape[1])
-    owned, dim = fine.geometry.index_map().size_local, fine.topology.dim
-    x = fine.geometry.x[:owned, :dim]
-    corners = coarse.geometry.dofmap[parents[one[:owned]]].T
-    ends, best = np.empty((2, owned), dtype=np.int32), np.full(owned, np.inf)
-    for i, j in itertools.combinations_with_replacement(range(dim + 1), 2):
-        first, second = (coarse.geometry.x[corners[k], :dim] for k in (i, j))
-        distance = np.abs(0.5 * (first + second) - x).max(axis=1)
-        nearer = distance < best
-        best[nearer] = distance[nearer]
-        ends[0, nearer], ends[1, nearer] = corners[i, nearer], corners[j, nearer]
-    return ends
-
-
 def _sides(
     sided: SidedMesh, fine: mesh.Mesh, parents: LocalIndices, parent_facets: npt.NDArray[np.int8]
 ) -> Mapping[str, LocalIndices]:
@@ -186,6 +150,35 @@ def _sides(
     return {name: facets[np.isin(ancestors, on)] for name, on in sided.sides.items()}
 
 
+class Interpolation:
+    """Interpolates functions of one space in another one, whose nodes have known places:
+
+        restrict = Interpolation(fine, points, coarse, dofs)
+        restrict(u)
+
+    Args:
+        source: The Lagrange space of the functions.
+        points: A point of a cell of its mesh for each of the dofs.
+        target: The space of the interpolations.
+        dofs: Dofs of this rank, among them all that the rank owns.
+    """
+
+    def __init__(
+        self,
+        source: fem.FunctionSpace,
+        points: Points,
+        target: fem.FunctionSpace,
+        dofs: LocalIndices,
+    ):
+        self._target, self._dofs = target, dofs
+        self._sources, self._shares = points.shares(source)
+
+    def __call__(self, u: fem.Function) -> fem.Function:
+        """Return the interpolation of a function; the call is collective."""
+        values = np.einsum("pn,pn->p", self._shares, u.x.array[self._sources])
+        return _interpolant(self._target, self._dofs, values)
+
+
 class Transfer:
     """Carries functions between a mesh and its refinement.
 
@@ -198,20 +191,24 @@ class Transfer:
         coarse: A Lagrange space on the parent mesh.
         fine: A Lagrange space of the same degree, or of a higher one, on the refined mesh.
         parents: The parent cells of the owned cells.
+
+    Attributes:
+        prolong: Returns a function of the coarse space as a function of the fine space.
+        restrict: Returns the interpolation of a function of the fine space in the coarse space.
     """
 
     def __init__(self, coarse: fem.FunctionSpace, fine: fem.FunctionSpace, parents: LocalIndices):
         self.coarse, self.fine = coarse, fine
         dofs = fine.dofmap.list[: len(parents)]
         # One of the cells of each dof serves.
-        self._dofs, first = first_places(dofs.ravel())
+        wanted, first = first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
-        x = control_points(fine)[self._dofs, None, : fine.mesh.topology.dim]
+        x = control_points(fine)[wanted, None, : fine.mesh.topology.dim]
         places = _in_reference_cell(*_maps(coarse.mesh, cells), x)
-        self._fine_nodes = Points(coarse.mesh, cells, places)
-        self._restriction(parents)
+        self.prolong = Interpolation(coarse, Points(coarse.mesh, cells, places), fine, wanted)
+        self.restrict = self._restriction(parents)
 
-    def _restriction(self, parents: LocalIndices) -> None:
+    def _restriction(self, parents: LocalIndices) -> Interpolation:
         """Find for each coarse dof a fine cell with its node."""
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
@@ -223,40 +220,10 @@ class Transfer:
         least = np.full(int(flat.max(initial=-1)) + 1, np.inf)
         np.minimum.at(least, flat, outside)
         nearest = np.flatnonzero(outside == least[flat])
-        self._nodes, first = first_places(flat[nearest])
+        wanted, first = first_places(flat[nearest])
         child, node = np.divmod(nearest[first].astype(np.int32), dofs.shape[1])
-        self._coarse_nodes = Points(self.fine.mesh, child, points[child, node][:, None])
-
-    def prolong(self, u: fem.Function) -> fem.Function:
-        """Return a function of the coarse space as a function of the fine space."""
-        return _interpolant(self.fine, self._dofs, self._fine_nodes.values(u)[0][:, 0])
-
-    def restrict(self, u: fem.Function) -> fem.Function:
-        """Return the interpolation of a function of the fine space in the coarse space."""
-        return _interpolant(self.coarse, self._nodes, self._coarse_nodes.values(u)[0][:, 0])
-
-
-def carried_across(
-    u: fem.Function, parents: LocalIndices, space: fem.FunctionSpace, cells: LocalIndices
-) -> fem.Function:
-    """Interpolate a function on the division of a mesh in a space on another refinement of it.
-
-    Args:
-        u: A function on the mesh with every cell divided.
-        parents: For each owned cell of this mesh the cell of the undivided mesh.
-        space: The space on the other refinement.
-        cells: For each owned cell of this refinement the cell of the undivided mesh.
-    """
-    old, dofs = u.function_space.mesh, space.dofmap.list[: len(cells)]
-    dim = space.mesh.topology.dim
-    owned, first = first_places(dofs.ravel())
-    children = np.argsort(parents, kind="stable").astype(np.int32)
-    children = children.reshape(-1, 2**dim)[cells[first // dofs.shape[1]]]
-    x = control_points(space)[owned, None, :dim]
-    places = np.array([_in_reference_cell(*_maps(old, c), x)[:, 0] for c in children.T])
-    best, row = _outside(places).argmin(axis=0), np.arange(len(owned))
-    nodes = Points(old, children[row, best], places[best, row][:, None])
-    return _interpolant(space, owned, nodes.values(u)[0][:, 0])
+        places = Points(self.fine.mesh, child, points[child, node][:, None])
+        return Interpolation(self.fine, places, self.coarse, wanted)
 
 
 def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Function:

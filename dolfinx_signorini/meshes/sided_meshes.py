@@ -142,7 +142,9 @@ def cell_edges(domain: mesh.Mesh, cells: LocalIndices) -> Array:
         domain: A mesh of straight-sided triangles or tetrahedra that fill the space.
         cells: Cells of this rank.
     """
-    x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, : domain.topology.dim]
+    nodes = np.take(domain.geometry.dofmap, cells, axis=0)  # faster than an index
+    x: Array = np.asarray(np.take(domain.geometry.x, nodes, axis=0), dtype=np.float64)
+    x = x[:, :, : domain.topology.dim]
     return np.asarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
 
 

@@ -26,7 +26,6 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
@@ -50,7 +49,7 @@ from dolfinx_signorini.norms.controlled import allowed, controlled
 from dolfinx_signorini.norms.fractional import fractional_norm
 from dolfinx_signorini.norms.maxima import Maxima
 from dolfinx_signorini.norms.names import Norm, parse_norm
-from dolfinx_signorini.norms.pointwise import ErrorAtPoints
+from dolfinx_signorini.norms.pointwise import ErrorAtPoints, kind_of
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
 from dolfinx_signorini.norms.references import Reference
 
@@ -181,7 +180,7 @@ def _mostly(
     """
     comm, tops = error.domain.comm, np.zeros((error.kinds, len(places)))
     degrees = [sufficient_degree(error.domain, error.degree, norm) for norm in norms or [LEAST]]
-    rule = interior_rule(_kind(error.domain, places), max(degrees))
+    rule = interior_rule(kind_of(error.domain, places), max(degrees))
     parts = _integrated(error, places, norms, rule, tops=tops)
     count = comm.allreduce(len(places))
     large, step = np.zeros(len(places), dtype=bool), max(1, count // SAMPLE)
@@ -215,23 +214,22 @@ def _integrated(
 
     `tops` is filled with the largest values at the points of the rule on each place.
     """
-    parts = parts or Parts.whole(len(places), _kind(error.domain, places))
+    parts = parts or Parts.whole(len(places), kind_of(error.domain, places))
     norms = list(dict.fromkeys(norms))
     components = {(n.p, k) for n in norms for k in range(1 + int(n.derivatives))}
     result: dict[Norm, Array] = {norm: np.empty(len(parts.rows)) for norm in norms}
-    progress, done = Progress("errors"), 0
-    for rows, points, weights in _blocks(error.domain, places, parts, rule):
-        progress.at(done / len(parts.rows))
-        done += len(rows)
-        errors = error(points)
-        if tops is not None:
-            sizes = np.stack([p_norm(e, math.inf) for e in errors])
-            tops[:, rows] = sizes[0], *([sizes.max(axis=0)] if len(tops) > 1 else [])
-        groups, sizes = (errors[:1], errors[1:]), points.scale * (parts.share * weights)
-        found = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}
-        for n in norms:
-            own = [part for k in range(1 + int(n.derivatives)) for part in found[n.p, k]]
-            result[n][rows] = own[0] if len(own) == 1 else p_norm(np.stack(own, -1), n.p)
+    with Progress("errors", len(parts.rows)) as progress:
+        for rows, points, weights in _blocks(error.domain, places, parts, rule):
+            errors = error(points)
+            if tops is not None:
+                sizes = np.stack([p_norm(e, math.inf) for e in errors])
+                tops[:, rows] = sizes[0], *([sizes.max(axis=0)] if len(tops) > 1 else [])
+            groups, sizes = (errors[:1], errors[1:]), points.scale * (parts.share * weights)
+            found = {(p, k): [p_norm(e, p, sizes) for e in groups[k]] for p, k in components}
+            for n in norms:
+                own = [part for k in range(1 + int(n.derivatives)) for part in found[n.p, k]]
+                result[n][rows] = own[0] if len(own) == 1 else p_norm(np.stack(own, -1), n.p)
+            progress.advance(len(rows))
     return result
 
 
@@ -239,7 +237,7 @@ def _blocks(
     domain: mesh.Mesh, places: LocalIndices, parts: Parts, rule: QuadratureRule
 ) -> Iterator[tuple[npt.NDArray[np.integer], Points, Array]]:
     """Yield numbers of parts, with the points of a rule and the weights of the points."""
-    cell = _kind(domain, places)
+    cell = kind_of(domain, places)
     turned: Mask = np.zeros(len(parts.rows), dtype=bool)
     if places.ndim == 1 and rule.scheme != "default":
         # Of no symmetry: follows the vertices counterclockwise.
@@ -254,19 +252,11 @@ def _blocks(
                 yield rows, Points(domain, places[parts.rows[rows]], at), weights
 
 
-def _kind(domain: mesh.Mesh, places: LocalIndices) -> basix.CellType:
-    """The kind of places: of the cells, or of their facets."""
-    cell = basix.CellType[domain.topology.cell_name()]
-    if places.ndim == 2:
-        cell = basix.cell.subentity_types(cell)[domain.topology.dim - 1][0]
-    return cell
-
-
 def _controlled(
     error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm]
 ) -> dict[Norm, Array]:
     """Norms on each of the places of this rank, by rules that suit the error; collective."""
-    comm, cell = error.domain.comm, _kind(error.domain, places)
+    comm, cell = error.domain.comm, kind_of(error.domain, places)
     groups: dict[int, list[Norm]] = {}
     for norm in dict.fromkeys(norms):
         groups.setdefault(sufficient_degree(error.domain, error.degree, norm), []).append(norm)

@@ -16,8 +16,8 @@ from scipy.interpolate import BarycentricInterpolator
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import LARGEST_DEGREE
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
+from dolfinx_signorini.meshes.elements import LARGEST_DEGREE
 from dolfinx_signorini.norms.references import Reference
 
 NODES = LARGEST_DEGREE + 1  # interpolation nodes per facet: elements of any degree are exact

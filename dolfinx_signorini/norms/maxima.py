@@ -9,6 +9,7 @@ made smaller until the maximum stands. Derivatives are one-sided, from inside of
 """
 
 import functools
+import math
 from collections.abc import Iterable
 
 import basix
@@ -18,17 +19,18 @@ from scipy.spatial import KDTree
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import SAMPLE
-from dolfinx_signorini.norms.pointwise import ErrorAtPoints
+from dolfinx_signorini.norms.pointwise import ErrorAtPoints, kind_of
 
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
-# Cells that are looked at closely: share of all, or samples in boxes; and the share of cells that
+# Cells in which maxima are followed: share of all, or samples in boxes; and the share of cells that
 # are sampled at all where values in all cells are known.
 SHARE, BOXED, SCREENED = 0.02, 2500, 0.03
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
-FIRST, LAST = 18, 50  # steps: at least, and at most
+# Steps at least: a maximum is flat, and in so small a box values are the same to half the digits.
+FIRST = math.ceil(0.5 * math.log(HALF_OF_THE_DIGITS, SHRINKING))
 RINGS = 10.0 ** (-1.0 - 0.5 * np.arange(8))  # radii, in steps of the lattice
 GROWING = 0.95  # from ring to ring, relative to the growth before: an unbounded function grows so
 
@@ -56,9 +58,7 @@ class Maxima:
         self._error, self._places, self._singular = error, places, tuple(singular)
         self._known = known
         self._comm = error.domain.comm
-        cell = basix.CellType[error.domain.topology.cell_name()]
-        if places.ndim == 2:
-            cell = basix.cell.subentity_types(cell)[error.domain.topology.dim - 1][0]
+        cell = kind_of(error.domain, places)
         corners, self._dim = np.asarray(basix.geometry(cell)).shape
         self._simplex = corners == self._dim + 1
         self._degree = 2 * error.degree + 4
@@ -99,7 +99,7 @@ class Maxima:
         """Return the maximum, the same on all ranks.
 
         Args:
-            derivatives: Whether derivatives are looked at, too.
+            derivatives: Whether derivatives count, too.
             name: What the maximum is called in messages.
 
         Raises:
@@ -161,14 +161,14 @@ class Maxima:
         domain, cells = self._error.domain, self._places
         nodes = domain.geometry.x[domain.geometry.dofmap[cells if cells.ndim == 1 else cells[:, 0]]]
         low, high = (f(nodes[:, :, : len(point)], axis=1) for f in (np.min, np.max))
-        margin = 1e-9 * (high - low).max(axis=1, keepdims=True, initial=0.0)
+        margin = SOLVED * (high - low).max(axis=1, keepdims=True, initial=0.0)
         inside = (low - margin <= point) & (np.array(point) <= high + margin)
         return np.flatnonzero(inside.all(axis=1))
 
     def _followed(self, places: LocalIndices, at: Array, limit: int, kind: int, name: str) -> float:
         """The maximum that boxes around points of places lead to."""
         radius, maxima = 1.0 / self._degree, [0.0]
-        for step in range(LAST):
+        for step in range(HALVINGS):
             boxes = self._boxes(at, radius)
             values = self._values(places, boxes)[kind]
             best = np.arange(len(boxes)), values.argmax(axis=1)

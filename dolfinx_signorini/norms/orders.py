@@ -21,6 +21,7 @@ import numpy as np
 from dolfinx_signorini.norms.names import Norm, parse_norm
 
 DETACHMENT_EXPONENT = 1.5  # a, of the solution at a detachment point inside a straight side
+FREE_BOUNDARY_EXPONENT = 2.0  # of the distance to the end of contact in the domain
 SMOOTH = math.inf  # in place of a, for a smooth function and for meshes that are graded as it takes
 LISTED = ("L2", "L4", "Linf", "H1", "W1_4", "W1_inf")  # norms whose orders are told of a scene
 
@@ -56,7 +57,7 @@ def approximation_order(norm: str, degree: int = 1, exponent: float = DETACHMENT
     """Return the order in h up to which elements approximate r^exponent at a point in a norm.
 
     Args:
-        norm: Name of a norm, see `norm_names.parse_norm`.
+        norm: Name of a norm, see `names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The exponent of r; `SMOOTH` for a mesh that is graded as the norm asks for.
 
@@ -64,7 +65,7 @@ def approximation_order(norm: str, degree: int = 1, exponent: float = DETACHMENT
         InputError: The norm is unknown.
     """
     parsed = parse_norm(norm)
-    return min(_smooth(parsed, degree), _singular(parsed, exponent))
+    return min(_smooth(parsed, degree), singular_order(parsed, exponent))
 
 
 def expected_order(
@@ -78,7 +79,7 @@ def expected_order(
     paper's theorems.
 
     Args:
-        norm: Name of a norm, see `norm_names.parse_norm`.
+        norm: Name of a norm, see `names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The solution is like r^exponent at its worst point.
 
@@ -117,7 +118,7 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     of samples says.
 
     Args:
-        norm: Name of a norm, see `norm_names.parse_norm`. The interpolation estimate H1_2_boundary
+        norm: Name of a norm, see `names.parse_norm`. The interpolation estimate H1_2_boundary
             is as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
         exponent: The exponent a of r at the worst point.
         dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
@@ -129,7 +130,7 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     parsed = parse_norm(norm)
     if parsed.derivatives == 0.5 and not parsed.spectral:
         parsed = Norm(1.0, 2.0, boundary=True)
-    order = _singular(parsed, exponent, dimension)
+    order = singular_order(parsed, exponent, dimension)
     return order > 0.0 or (math.isinf(parsed.p) and order == 0.0)
 
 
@@ -139,20 +140,22 @@ def grading_exponent(degree: int, norm: str = "W1_inf") -> float:
     Cells of the size h (r / R)^{1 - mu} at the distance r < R of a detachment point, and of the
     size R (h / R)^{1/mu} next to the point, keep the order of a smooth function if
 
-        mu <= (3/2 - s + d/p) / (k + 1 - s).
+        mu <= (3/2 - s + d/p) / (k + 1 - s):
 
+    the error is like h(r)^{k+1-s} r^{3/2-k-1} on a cell at distance r, and like h(0)^{3/2-s} in the
+    cells at the point.
     The number of cells grows by a constant factor only. No norm on the domain asks for a stronger
     grading than W^{1,inf} does: mu = 1/(2k).
 
     Args:
         degree: Polynomial degree k of the elements.
-        norm: Name of a norm, see `norm_names.parse_norm`.
+        norm: Name of a norm, see `names.parse_norm`.
 
     Returns:
         mu, at most 1, which stands for no grading.
     """
     parsed = parse_norm(norm)
-    return min(1.0, _singular(parsed, DETACHMENT_EXPONENT) / _smooth(parsed, degree))
+    return min(1.0, singular_order(parsed, DETACHMENT_EXPONENT) / _smooth(parsed, degree))
 
 
 def _smooth(norm: Norm, degree: int) -> float:
@@ -160,6 +163,6 @@ def _smooth(norm: Norm, degree: int) -> float:
     return degree + 1.0 - norm.derivatives
 
 
-def _singular(norm: Norm, exponent: float, dimension: int = 2) -> float:
-    """The order in which elements of a high degree approximate r^exponent."""
+def singular_order(norm: Norm, exponent: float, dimension: int = 2) -> float:
+    """Return the order in which elements of a high degree approximate r^exponent."""
     return exponent - norm.derivatives + (dimension - norm.boundary) / norm.p

@@ -1,10 +1,11 @@
 """The error u_h - u and its derivatives at any points of cells and facets."""
 
+import basix
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points, basix_element
 from dolfinx_signorini.norms.references import Reference, components
@@ -82,6 +83,12 @@ class ErrorAtPoints:
     def _of(self, function: fem.Function, points: Points) -> list[Array]:
         gradient = points.gradients(function)[0] if self._derivatives else []
         return [*points.values(function), *gradient]
+
+
+def kind_of(domain: mesh.Mesh, places: LocalIndices) -> basix.CellType:
+    """Return the kind of cells, or of boundary facets as pairs (cell, local facet)."""
+    cell = basix.CellType[domain.topology.cell_name()]
+    return basix.cell.subentity_types(cell)[domain.topology.dim + 1 - places.ndim][0]
 
 
 def _degree(function: fem.Function) -> int:

@@ -15,7 +15,6 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
-    LARGEST_DEGREE,
     MESH,
     ball,
     check,
@@ -26,7 +25,7 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
-from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE, LARGEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
 
 PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding

@@ -72,9 +72,9 @@ class _Vertices:
         largest = highest(self.domain.comm, steep)
         powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
         self.altitudes = powers ** (-1.0 / SHARP) / largest
-        self._look_at_boundary(sided)
+        self._set_normals(sided)
 
-    def _look_at_boundary(self, sided: SidedMesh) -> None:
+    def _set_normals(self, sided: SidedMesh) -> None:
         facets = boundary_facets(self.domain)
         pairs = facet_cells(self.domain, facets)
         dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]

@@ -6,6 +6,7 @@ either side of the interface: of each choice that hangs on the function, the cho
 
 import functools
 import math
+from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -17,7 +18,7 @@ from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import Formula, Node, Values, evaluated
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
-from dolfinx_signorini.data.interfaces.roughness import factors, is_even, switches
+from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
 from dolfinx_signorini.data.names import Names
 
 FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
@@ -98,20 +99,10 @@ class Interface:
     def crosses(self, corners: Array) -> tuple[Mask, Mask]:
         """Return whether the interface may be in pieces, and whether it is curved there.
 
-        The function changes its sign, or may do so between the vertices and the middles of edges.
-        Where it is not nearly linear, the zeros are curved.
-
         Args:
             corners: The vertices of the pieces, shape (pieces, vertices, dimension).
         """
-        values, apart = self._apart(corners)
-        low, high, bend = values.min(axis=0), values.max(axis=0), np.abs(apart).max(axis=0)
-        sizes = np.abs(values)
-        rounding = SOLVED * sizes.max(axis=0)
-        changes = (low < -rounding) & (high > rounding)
-        changes |= (bend > rounding) & (sizes.min(axis=0) <= bend)
-        with np.errstate(invalid="ignore"):
-            return changes, changes & ~(bend <= FLAT * (high - low))
+        return crossed(self._at_middles(corners))
 
     def cut(self, pieces: Array, dimension: int) -> tuple[Array, npt.NDArray[np.int64]]:
         """Cut pieces where the function is zero, as if it were linear in each of them.
@@ -123,23 +114,76 @@ class Interface:
         Returns:
             The parts, and the numbers of their pieces.
         """
-        values, apart = self._apart(pieces[..., -dimension:])
-        vertices = pieces.shape[1]
+        values, vertices = self._at_middles(pieces[..., -dimension:]), pieces.shape[1]
+        apart = _apart(values)
         # The linear functions have the means of the function, as far as that is quadratic.
         shares = 4.0 / (vertices * (vertices + 1))
         at = values[:vertices] + shares * apart.sum(axis=0)
         small = np.abs(at) <= SOLVED * np.abs(at).max(axis=0)
         return cut(pieces, np.where(small | ~np.isfinite(at), 0.0, at).T)
 
-    def _apart(self, corners: Array) -> tuple[Array, Array]:
-        """The values at the vertices and the middles of edges, and how far from linear these are.
+    def matters(
+        self, corners: Array, values: Array, formulas: Sequence[Formula], sizes: Sequence[float]
+    ) -> Mask:
+        """Return whether a flat cut of pieces leaves more than that of a jump that is nearly flat.
 
-        Both have the shape (points, pieces).
+        Next to the cut, formulas have the values of the other side. As far away from the zeros as
+        the cut may be, these differ by a jump, or by little where there is a kink. Where a jump is
+        nearly flat, the mean place of the cut is right, and the square of `FLAT` is left.
+
+        Args:
+            corners: The vertices of the pieces, shape (pieces, vertices, dimension).
+            values: The values of the function in them, see `crossed`.
+            formulas: The formulas.
+            sizes: Jumps of these sizes count.
         """
-        lattice = middles(corners.shape[1] - 1)
-        values = self.values(inside(corners, lattice))
-        with np.errstate(invalid="ignore"):
-            return values, values - barycentric(lattice) @ values[: corners.shape[1]]
+        every, lattice = np.arange(len(corners)), middles(corners.shape[1] - 1)
+        ends = [at(axis=0) for at in (values.argmin, values.argmax)]
+        (low, high), points = (values[end, every] for end in ends), inside(corners, lattice)
+        start, end = (points[end, every] for end in ends)
+        off = np.abs(_apart(values)).max(axis=0)
+        result = np.zeros(len(corners), dtype=bool)
+        with np.errstate(all="ignore"):
+            shares = np.clip((np.stack((-off, off)) - low) / (high - low), 0.0, 1.0)
+            beside = start + shares[..., None] * (end - start)
+            x = np.concatenate((start[None], end[None], beside)).reshape(-1, corners.shape[2])
+            for formula, size in zip(formulas, sizes, strict=True):
+                sides = np.array([OneSided(self, x, side)(formula.root) for side in (1.0, -1.0)])
+                sides = sides.reshape(2, 4, -1)
+                jump = np.abs(sides[0] - sides[1])[2:].max(axis=0)
+                largest = np.maximum(np.abs(sides).max(axis=(0, 1)), size)
+                result |= ~(off * jump <= FLAT**2 * (high - low) * largest)
+        return result
+
+    def _at_middles(self, corners: Array) -> Array:
+        """The values at the vertices and the middles of edges, shape (points, pieces)."""
+        return self.values(inside(corners, middles(corners.shape[1] - 1)))
+
+
+def crossed(values: Array) -> tuple[Mask, Mask]:
+    """Return whether the zeros of a function may be in pieces, and whether these are curved there.
+
+    The function changes its sign, or may do so between the vertices and the middles of edges.
+    Where it is not nearly linear, the zeros are curved.
+
+    Args:
+        values: The values at the vertices of the pieces and at the middles of their edges, shape
+            (points, pieces).
+    """
+    low, high = values.min(axis=0), values.max(axis=0)
+    deviation, sizes = np.abs(_apart(values)).max(axis=0), np.abs(values)
+    rounding = SOLVED * sizes.max(axis=0)
+    changes = (low < -rounding) & (high > rounding)
+    changes |= (deviation > rounding) & (sizes.min(axis=0) <= deviation)
+    with np.errstate(invalid="ignore"):
+        return changes, changes & ~(deviation <= FLAT * (high - low))
+
+
+def _apart(values: Array) -> Array:
+    """How far from linear values at the vertices and the middles of edges are."""
+    lattice = middles({3: 1, 6: 2, 10: 3}[len(values)])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(values - barycentric(lattice) @ values[: lattice.shape[1] + 1])
 
 
 @functools.cache
@@ -151,7 +195,7 @@ def middles(dimension: int) -> Array:
 
 
 def interfaces(*formulas: Formula) -> list[Interface]:
-    """Return where formulas may jump or have a kink; see `roughness.switches` for the order."""
+    """Return where formulas may jump or have a kink; see `singular_sets.switches` for the order."""
     return [Interface(node) for node in switches(*formulas)]
 
 

@@ -4,10 +4,12 @@ A quadrature rule integrates a load that jumps inside a cell with an error of th
 and one like r^-0.8 still worse. In such cells the formula is replaced by its L2 projection on
 polynomials, cell by cell, which has the same integrals with the basis functions. The integrals of
 the projection are over pieces of the cell. The pieces are cut along the line or plane where the
-formula jumps or has a kink, after divisions that make curves flat, and are divided next to a pole
-until a piece is no larger than its distance from the pole. The same goes for facets.
+formula jumps or has a kink, after divisions that make curves so flat that a cut leaves little, and
+are divided next to a pole until the integrals over the cell do not change any more.
 """
 
+import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 import basix
@@ -19,10 +21,9 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.bounds.reference_flux import barycentric
-from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.interface import Interface, interfaces, middles
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated, together
+from dolfinx_signorini.data.interfaces.interface import crossed, interfaces, middles
 from dolfinx_signorini.data.interfaces.pieces import (
     DEEPEST,
     MOST_PIECES,
@@ -31,18 +32,15 @@ from dolfinx_signorini.data.interfaces.pieces import (
     widths,
     with_reference,
 )
-from dolfinx_signorini.data.interfaces.roughness import NEAR_POLE, jumps, poles, rough
+from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, jumps, poles
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import (
-    facet_cells,
-    facet_vertices,
     longest_side,
     owned_cells,
     sampled,
 )
 
-SMOOTH = 1e-7  # of the mean size: a rule that is less far off integrates well enough
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 
@@ -64,11 +62,11 @@ def integrable(
         of the degree.
     """
     smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
-    if not (rough(formula) if follows is None else jumps(formula)):
+    if not (is_singular(formula) if follows is None else jumps(formula)):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    projected = _Projection(formula, domain, element, _corners(domain), follows is None)
+    projected = Projection(formula, domain, element, _corners(domain), follows is None)
     cells, values = projected.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
@@ -93,9 +91,16 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
         The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
         the reference cell and in space side by side, and the cells of the pieces.
     """
-    cells = _Cells(domain, _corners(domain), interfaces(*formulas))
-    found = list(cells.pieces(np.flatnonzero(cells.broken(cells.whole)[0]), degree))
-    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    cells = _Cells(domain, _corners(domain), formulas)
+    broken = cells.broken()
+    pieces, owners = _joined(list(cells.pieces(broken, degree)))
+    return pieces, broken[owners]
+
+
+def _joined(parts: Sequence[tuple[Array, Indices, int]]) -> tuple[Array, Indices]:
+    """Put pieces and their cells together."""
+    pieces, owners, _ = zip(*parts, strict=True)
+    return np.concatenate(pieces), np.concatenate(owners)
 
 
 def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
@@ -104,70 +109,15 @@ def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
     Args:
         formulas, domain: See `cut_cells`.
     """
-    cells = _Cells(domain, _corners(domain), interfaces(*formulas))
-    return np.flatnonzero(cells.broken(cells.whole)[0])
+    return _Cells(domain, _corners(domain), formulas).broken()
 
 
 def _corners(domain: mesh.Mesh) -> npt.NDArray[np.floating]:
     return domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
 
 
-def integrable_on_facets(
-    formula: Formula, domain: mesh.Mesh, facets: npt.NDArray[np.int32], degree: int
-) -> Expr:
-    """Return a formula as an expression that quadrature rules on boundary facets integrate well.
-
-    In the cell of a facet where the formula is not smooth, a function has the projection on the
-    facet as its trace, and another function is positive on this facet and 0 on the others.
-
-    Args:
-        formula: The formula.
-        domain: A mesh of triangles or tetrahedra; the call is collective.
-        facets: The boundary facets that the expression is integrated on.
-        degree: The degree of the polynomials with which the formula is going to be integrated.
-    """
-    result = formula.ufl(ufl.SpatialCoordinate(domain))
-    if not rough(formula):
-        return result
-    dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
-    owned = facets < domain.topology.index_map(dimension - 1).size_local
-    pairs = facet_cells(domain, np.unique(facets[owned]).astype(np.int32))
-    vertices = facet_vertices(domain)
-    corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
-    kind = basix.cell.subentity_types(cell)[dimension - 1][0]
-    variant = basix.LagrangeVariant.gll_warped
-    element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
-    found, values = _Projection(formula, domain, element, corners).coefficients()
-    space = fem.functionspace(domain, ("DG", degree))
-    marks = fem.functionspace(domain, ("DG", dimension))
-    for local in range(len(vertices)):
-        chosen = pairs[found, 1] == local
-        if not domain.comm.allreduce(int(chosen.sum())):
-            continue
-        cells = pairs[found[chosen], 0]
-        trace, bubble = fem.Function(space), fem.Function(marks)
-        on, nodes = _on_facet(space.element.basix_element, vertices[local])
-        table = np.array(element.tabulate(0, nodes))[0, :, :, 0]
-        trace.x.array[space.dofmap.list[cells][:, on]] = values[chosen] @ table.T
-        shares = barycentric(marks.element.basix_element.points)
-        bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
-        for function in (trace, bubble):
-            function.x.scatter_forward()
-        result = ufl.conditional(ufl.gt(bubble, SOLVED), trace, result)
-    return result
-
-
-def _on_facet(
-    element: basix.finite_element.FiniteElement, vertices: npt.NDArray[np.int32]
-) -> tuple[Indices, Array]:
-    """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
-    shares = barycentric(np.array(element.points))
-    on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
-    return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
-
-
 class _Cells:
-    """Cells of a mesh, or facets, with the interfaces and poles that may be inside of them.
+    """Cells of a mesh, or facets, with the interfaces and poles of formulas that may be in them.
 
     A piece of a cell is given by its vertices, with the coordinates in the reference cell and in
     space side by side, and by the number of the cell.
@@ -175,79 +125,143 @@ class _Cells:
     Args:
         domain: The mesh.
         corners: The vertices of the cells, shape (cells, vertices, 3).
-        curves: The interfaces.
+        formulas: The formulas that jump or have a kink at interfaces.
         denominators: What is zero at poles.
+
+    Attributes:
+        tested: Points of the reference cell where a pole is looked for.
     """
+
+    tested: Array
 
     def __init__(
         self,
         domain: mesh.Mesh,
         corners: npt.NDArray[np.floating],
-        curves: Sequence[Interface],
+        formulas: Sequence[Formula],
         denominators: Sequence[Node] = (),
     ):
-        self.comm, self.curves, self.poles = domain.comm, curves, denominators
+        self.comm, self.formulas, self.poles = domain.comm, formulas, denominators
+        self.curves = interfaces(*formulas)
         self.d, self.dimension = domain.geometry.dim, corners.shape[1] - 1
         self.whole = with_reference(corners[..., : self.d])
         self.size = longest_side(domain.comm, domain.geometry.x[:, : self.d])
-        self.tested = middles(self.dimension)  # points where a pole is looked for
 
-    def pieces(self, cells: Indices, degree: int) -> Iterator[tuple[Array, Indices]]:
+    def broken(self) -> Indices:
+        """Return the cells that interfaces cross, or may do so."""
+        return np.flatnonzero(self._near(self.whole)[0])
+
+    def pieces(self, cells: Indices, degree: int) -> Iterator[tuple[Array, Indices, int]]:
         """Divide cells into pieces that interfaces do not cross, and small ones; collective.
 
-        Pieces are cut along interfaces as soon as these are flat. What is left next to a pole in
-        the end is left out.
+        Pieces are cut along interfaces as soon as these are so flat that the cut leaves little.
+        Next to a pole pieces are divided until that changes nothing, and what is left in the end is
+        left out.
 
         Args:
             cells: The cells.
             degree: The degree of the elements.
+
+        Yields:
+            Pieces, the places of their cells among the cells, and how often these have been
+            divided.
         """
         longest = float(widths(self.whole[cells][..., self.dimension :]).max(initial=0.0))
         width = self.comm.allreduce(longest, op=MPI.MAX)
         order = 3 if degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
+        sizes = [self.mean(formula) for formula in self.formulas]
 
         def look(pieces: Array, owners: Indices, level: int) -> tuple[Mask, list[Mask]]:
-            split = self.polar(pieces)
+            broken, polar, values = self._near(pieces)
+            curved = self._curved(pieces, values, sizes)
+            if width * 0.5**level <= target or self._count(curved) > MOST_PIECES:
+                curved[:] = False
+            settled = self._settled(pieces, owners, polar, curved)
+            curved, split = curved & ~settled, polar & ~settled
             smallest = width * 0.5**level <= ROUNDING * self.size or level == DEEPEST
             kept = ~(split & smallest)
-            if smallest or self._count(split) > MOST_AT_POLES:
+            if smallest or (self.poles and self._count(split) > MOST_AT_POLES):
                 split[:] = False
-            broken, curved = self.broken(pieces)
-            if width * 0.5**level > target and self._count(curved) <= MOST_PIECES:
-                split |= curved
-            return split, [kept & ~broken, kept & broken]
+            return split | curved, [kept & ~broken, kept & broken]
 
-        levels = subdivide(self.whole[cells], cells, look, self.comm)
-        for pieces, owners, _, (smooth, broken) in levels:
-            yield pieces[smooth], owners[smooth]
-            parts, numbers = pieces[broken], owners[broken]
-            for curve in self.curves:
-                parts, parents = curve.cut(parts, self.d)
-                numbers = numbers[parents]
-            yield parts, numbers
+        levels = subdivide(self.whole[cells], np.arange(len(cells)), look, self.comm)
+        for pieces, owners, level, (smooth, broken) in levels:
+            yield pieces[smooth], owners[smooth], level
+            yield *self._cut(pieces[broken], owners[broken]), level
 
-    def broken(self, pieces: Array) -> tuple[Mask, Mask]:
-        """Whether interfaces cross pieces, or may do so, and whether one of these is curved."""
-        result = np.zeros((2, len(pieces)), dtype=bool)
-        for curve in self.curves:
-            result |= curve.crosses(pieces[..., self.dimension :])
-        return result[0], result[1]
+    def _cut(self, pieces: Array, owners: Indices) -> tuple[Array, Indices]:
+        """Cut pieces along all interfaces."""
+        for curve in self.curves if len(pieces) else []:
+            pieces, parents = curve.cut(pieces, self.d)
+            owners = owners[parents]
+        return pieces, owners
 
-    def polar(self, pieces: Array) -> Mask:
-        """Whether a pole is in a piece, or nearer to the piece than about its width."""
-        found = np.zeros(len(pieces), dtype=bool)
-        for pole in self.poles:
-            sizes = np.abs(evaluated(pole, inside(pieces[..., self.dimension :], self.tested)))
-            found |= sizes.min(axis=0) < NEAR_POLE * sizes.max(axis=0)
-        return found
+    def _near(self, pieces: Array) -> tuple[Mask, Mask, list[Array]]:
+        """Whether an interface may cross pieces, whether a pole is near, and values of interfaces.
+
+        A pole is near that is in a piece, or nearer to the piece than about its width. The values
+        are those that `interface.crossed` takes.
+        """
+        lattice = middles(self.dimension)
+        points = np.concatenate((lattice, self.tested)) if self.poles else lattice
+        nodes = [*(curve.node for curve in self.curves), *self.poles]
+        found = together(nodes, inside(pieces[..., self.dimension :], points))
+        values = [value[: len(lattice)] for value in found[: len(self.curves)]]
+        broken, polar = np.zeros((2, len(pieces)), dtype=bool)
+        for value in values:
+            broken |= crossed(value)[0]
+        for value in found[len(self.curves) :]:
+            sizes = np.abs(value)
+            polar |= sizes.min(axis=0) < NEAR_POLE * sizes.max(axis=0)
+        return broken, polar, values
+
+    def _curved(self, pieces: Array, values: Sequence[Array], sizes: Sequence[float]) -> Mask:
+        """Whether interfaces are too curved in pieces for cuts as if they were flat.
+
+        Args:
+            pieces: The pieces.
+            values: The values of each interface, see `_near`.
+            sizes: The mean sizes of the formulas.
+        """
+        marks = np.zeros((len(values), 2, len(pieces)), dtype=bool)
+        for mark, value in zip(marks, values, strict=True):
+            mark[:] = crossed(value)
+        alone = marks[:, 0].sum(axis=0) == 1  # what jumps may be nought on a part of the piece
+        for curve, value, (_, curved) in zip(self.curves, values, marks, strict=True):
+            rows = np.flatnonzero(curved & alone)
+            if len(rows):
+                corners = pieces[rows, :, self.dimension :]
+                curved[rows] = curve.matters(corners, value[:, rows], self.formulas, sizes)
+        return np.asarray(marks[:, 1].any(axis=0))
+
+    def mean(self, formula: Formula) -> float:
+        """Return the mean size of a formula in all cells, or in a sample of many; collective.
+
+        Of a cell the median of the values at the vertices is taken, for one may be at a pole.
+        """
+        some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
+        values = evaluated(formula.root, self.whole[some][..., self.dimension :])
+        medians = np.median(np.abs(values), axis=1)
+        sizes = medians[np.isfinite(medians)]
+        total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
+        return float(total / max(count, 1.0))
+
+    def _settled(self, pieces: Array, owners: Indices, polar: Mask, curved: Mask) -> Mask:
+        """Whether pieces are next to poles in cells whose integrals no division changes any more.
+
+        Args:
+            pieces, owners: The pieces, and the places of their cells.
+            polar, curved: Whether a pole is near, or an interface too curved.
+        """
+        return np.zeros_like(polar)
 
     def _count(self, marks: Mask) -> int:
         """How many pieces of all ranks are marked."""
         return int(self.comm.allreduce(int(marks.sum())))
 
 
-class _Projection(_Cells):
+class Projection(_Cells):
     """The projection of a formula on polynomials in the cells where the formula is not smooth."""
 
     def __init__(
@@ -259,56 +273,100 @@ class _Projection(_Cells):
         look_for_poles: bool = True,
     ):
         denominators = poles(formula) if look_for_poles else []
-        super().__init__(domain, corners, interfaces(formula), denominators)
+        super().__init__(domain, corners, [formula], denominators)
         self.formula, self.element = formula, element
-        rule = interior_rule(element.cell_type, element.degree + 4)
-        self.points, self.weights = rule.points(element.cell_type)
-        self.tested = np.concatenate((self.tested, self.points))
+        self.tested = self._rule(self._degree(0))[0]
 
     def coefficients(self) -> tuple[Indices, Array]:
         """Return cells, and in each of them the values of the basis of the polynomials."""
-        polar = self.polar(self.whole)
-        cells = np.flatnonzero(self.broken(self.whole)[0] | polar)
-        coarse = self._moments(self.whole[cells], cells)
+        broken, polar, _ = self._near(self.whole)
+        cells = np.flatnonzero(broken | polar)
+        if not self._count(broken | polar):
+            return cells, np.zeros((0, self.element.dim))
+        area = self._rule(self._degree(0))[1].sum()
+        self.rounding = HALF_OF_THE_DIGITS * self.mean(self.formula) * area
+        count, whole = len(cells), self.whole[cells]
+        # Of the parts of cells next to poles, before their last division.
+        self.before: Array = np.full((count, self.element.dim), np.inf)
+        coarse = self._moments([(whole, np.arange(count), 0)], self._degree(0), count)
         moments = np.zeros_like(coarse)
-        for pieces, owners in self.pieces(cells, self.element.degree):
-            moments += self._moments(pieces, owners)
+        waiting = defaultdict[int, list[tuple[Array, Indices, int]]](list)
+        for found in self.pieces(cells, self.element.degree):  # many of them are few pieces
+            same = waiting[self._degree(found[2])]
+            same.append(found)
+            if sum(len(owners) for _, owners, _ in same) > MOST_PIECES:
+                moments += self._moments(same, self._degree(found[2]), count)
+                same.clear()
+        for degree, same in waiting.items():
+            if same:
+                moments += self._moments(same, degree, count)
         with np.errstate(invalid="ignore"):
-            defect = np.abs(moments - coarse)[cells].max(axis=1, initial=0.0)
-        cells = cells[polar[cells] | (defect > SMOOTH * self._mean() * self.weights.sum())]
+            defect = np.abs(moments - coarse).max(axis=1, initial=0.0)
+        kept = polar[cells] | (defect > self.rounding)
         points, weights = QuadratureRule("default", 2 * self.element.degree).points(
             self.element.cell_type
         )
         basis = self._basis(points)
         mass = basis.T @ (weights[:, None] * basis)
-        values = np.linalg.solve(mass, moments[cells].T).T
+        values = np.linalg.solve(mass, moments[kept].T).T
         finite = np.isfinite(values).all(axis=1)
-        return cells[finite], values[finite]
+        return cells[kept][finite], values[finite]
 
-    def _mean(self) -> float:
-        """The mean size of the formula in all cells, or in a sample of many.
+    def _settled(self, pieces: Array, owners: Indices, polar: Mask, curved: Mask) -> Mask:
+        if not polar.any():
+            return polar
+        near = np.isin(owners, owners[polar])
+        each = self._each(pieces[near], self._degree(0))
+        cells, count = owners[near], len(self.before)
+        with np.errstate(invalid="ignore"):
+            change = np.abs(_summed(each, cells, count) - self.before).max(axis=1)
+        settled = polar & (change <= self.rounding)[owners]
+        again = ((polar | curved) & ~settled)[near]
+        self.before = _summed(each[again], cells[again], count)
+        return settled
 
-        Of a cell the median of the values at the vertices is taken, for one may be at a pole.
+    def _degree(self, level: int) -> int:
+        """The degree of the rule on pieces of cells that have been divided a number of times.
+
+        On cells that are a quarter as large as what they resolve, a rule of degree m leaves about
+        4^-(m + 1). Pieces do with the lower degree that leaves no more. From poles they are only as
+        far away as they are large. Of the largest pieces, which are few, a rule is to resolve as
+        much as the basis does.
         """
-        some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
-        values = evaluated(self.formula.root, self.whole[some][..., self.dimension :])
-        medians = np.median(np.abs(values), axis=1)
-        sizes = medians[np.isfinite(medians)]
-        total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
-        return float(total / max(count, 1.0))
+        exact = self.element.degree + 4
+        if level < 2:
+            return exact + self.element.degree
+        return exact if self.poles else max(1, math.ceil(2.0 * (exact + 1.0) / (level + 2.0)) - 1)
 
-    def _moments(self, pieces: Array, cells: Indices) -> Array:
+    def _rule(self, degree: int) -> tuple[Array, Array]:
+        """The points and weights of the rule of a degree."""
+        kind = self.element.cell_type
+        return interior_rule(kind, degree).points(kind)
+
+    def _moments(
+        self, parts: Sequence[tuple[Array, Indices, int]], degree: int, count: int
+    ) -> Array:
         """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
+        pieces, owners = _joined(parts)
+        return _summed(self._each(pieces, degree), owners, count)
+
+    def _each(self, pieces: Array, degree: int) -> Array:
+        """The integrals of the formula with the basis on each piece, shape (pieces, basis)."""
+        rule, weights = self._rule(degree)
         edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
-        points = inside(pieces, self.points)
+        points = inside(pieces, rule)
         values = evaluated(self.formula.root, points[..., self.dimension :])
-        weighted = (values * np.abs(np.linalg.det(edges)) * self.weights[:, None]).ravel()
+        weighted = values * np.abs(np.linalg.det(edges)) * weights[:, None]
         basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
-        owners, count = np.tile(cells, len(self.weights)), len(self.whole)
-        return np.array([np.bincount(owners, weighted * f, count) for f in basis.T]).T
+        return np.einsum("qp,qpb->pb", weighted, basis.reshape(*weighted.shape, self.element.dim))
 
     def _basis(self, points: Array) -> Array:
         """The basis of the polynomials at points of the reference cell, shape (points, basis)."""
         if not len(points):  # basix needs one
             return np.zeros((0, self.element.dim))
         return np.array(self.element.tabulate(0, np.ascontiguousarray(points)))[0, :, :, 0]
+
+
+def _summed(values: Array, owners: Indices, count: int) -> Array:
+    """The sums of what pieces have for each of a number of cells, shape (cells, columns)."""
+    return np.array([np.bincount(owners, column, count) for column in values.T]).T

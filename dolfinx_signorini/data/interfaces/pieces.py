@@ -21,7 +21,7 @@ Numbers = npt.NDArray[Any]
 Look = Callable[[Array, Numbers, int], tuple[Mask, Sequence[npt.NDArray[Any]]]]
 
 MOST_PIECES = 20_000  # on all ranks that are divided once more
-FINE = 1_500  # pieces, about: of one cell, or of few cells that are looked at for the first time
+FINE = 1_500  # pieces, about: of one cell, or of few cells before the first division
 DEEPEST = round(-math.log2(ROUNDING))  # divisions of a cell: then a piece is as small as rounding
 
 

@@ -6,6 +6,7 @@ Summands f v of loads and c u v of bilinear forms have projections in place of f
 
 from collections.abc import Sequence
 from functools import reduce
+from itertools import product
 from typing import Any
 
 import basix
@@ -13,17 +14,17 @@ import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.data.form_data import coefficient, jets, summands
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.jumps import integrable, integrable_on_facets
-from dolfinx_signorini.data.interfaces.roughness import rough
-from dolfinx_signorini.data.reading import lowered
+from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.singular_sets import is_singular
+from dolfinx_signorini.data.readings import Place, Reading
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 
-def integrate_piecewise(problem: SignoriniProblem) -> None:
+def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
     """Let a problem have its data integrated piece by piece where they jump inside of cells.
 
     Args:
@@ -45,47 +46,45 @@ def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
     Returns:
         The form; None where no readable datum jumps inside of a cell or facet.
     """
-    integrals = []
-    for integral in form.integrals():
+    integrals, reading = [], Reading(form)
+    for i, integral in enumerate(form.integrals()):
         kind = integral.integral_type()
-        kept: list[Expr] = []
-        changed: list[Expr] = []
-        terms = summands(lowered(integral.integrand()))
-        for term in terms if kind in ("cell", "exterior_facet") else []:
-            new = _integrable(term, form.arguments(), domain, kind == "cell")
-            (kept if new is None else changed).append(term if new is None else new)
+        changed = dict[Place, Expr]()
+        for place in reading.places(i) if kind in ("cell", "exterior_facet") else []:
+            new = _integrable(reading, place, domain, kind == "cell")
+            if new is not None:
+                changed[place] = new
         if not changed:
             integrals.append(integral)
             continue
+        kept = [reading.terms[i][k] for _, k in reading.places(i) if (i, k) not in changed]
         if kept:
             integrals.append(integral.reconstruct(integrand=reduce(lambda a, b: a + b, kept)))
-        total = reduce(lambda a, b: a + b, changed)
-        metadata = _rule(form.arguments(), domain, kind == "cell")
+        total = reduce(lambda a, b: a + b, changed.values())
+        metadata = _rule(integral, form.arguments(), domain)
         integrals.append(integral.reconstruct(integrand=total, metadata=metadata))
     same = all(a is b for a, b in zip(integrals, form.integrals(), strict=False))
     return None if same and len(integrals) == len(form.integrals()) else ufl.Form(integrals)
 
 
-def _integrable(
-    term: Expr, arguments: Sequence[ufl.Argument], domain: mesh.Mesh, in_cells: bool
-) -> Expr | None:
+def _integrable(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool) -> Expr | None:
     """A summand that quadrature rules integrate well; None if it is one already, or unknown."""
-    dimension, count = domain.geometry.dim, len(arguments)
-    degree = arguments[0].ufl_function_space().element.basix_element.degree
-    value, *slopes = jets(dimension)
-    factor = coefficient(term, arguments, [value] * count)
+    arguments, dimension = reading.form.arguments(), domain.geometry.dim
+    degree, count = arguments[0].ufl_function_space().element.basix_element.degree, len(arguments)
+    factor = reading.formula(place, [0] * count)
     if factor is None:
         return None
-    if rough(factor):
+    if is_singular(factor):
+        if _has_slopes(reading, place, count, dimension):
+            return None
         found = _projected(factor, domain, count * degree, in_cells)
-        values = reduce(lambda a, b: a * b, arguments)
-        # The rest of the summand has no derivatives of the arguments.
-        return None if found is None or _has_slopes(term, arguments, dimension) else found * values
+        return None if found is None else found * reduce(lambda a, b: a * b, arguments)
     if count == 1 or not in_cells or factor.constant != 0.0:
         return None
-    rows = [[coefficient(term, arguments, [a, b]) for b in slopes] for a in slopes]
-    entries = [entry for row in rows for entry in row if entry is not None]
-    if len(entries) < dimension**2 or not any(map(rough, entries)):
+    slopes = range(1, dimension + 1)
+    read = [reading.formula(place, [a, b]) for a in slopes for b in slopes]
+    entries = [entry for entry in read if entry is not None]
+    if len(entries) < dimension**2 or not any(map(is_singular, entries)):
         return None
     parts = [_projected(entry, domain, 2 * (degree - 1), in_cells) for entry in entries]
     if all(part is None for part in parts):
@@ -98,21 +97,18 @@ def _integrable(
     return ufl.inner(ufl.dot(A, ufl.grad(u)), ufl.grad(v))
 
 
-def _has_slopes(term: Expr, arguments: Sequence[ufl.Argument], dimension: int) -> bool:
+def _has_slopes(reading: Reading, place: Place, count: int, dimension: int) -> bool:
     """Whether a summand depends on derivatives of its arguments."""
-    value, *slopes = jets(dimension)
-    for k in range(len(arguments)):
-        for slope in slopes:
-            chosen = [value] * k + [slope] + [value] * (len(arguments) - k - 1)
-            found = coefficient(term, arguments, chosen)
-            if found is None or found.constant != 0.0:
-                return True
+    for k, slope in product(range(count), range(1, dimension + 1)):
+        found = reading.formula(place, [slope if j == k else 0 for j in range(count)])
+        if found is None or found.constant != 0.0:
+            return True
     return False
 
 
 def _projected(formula: Formula, domain: mesh.Mesh, degree: int, in_cells: bool) -> Expr | None:
     """A formula as an expression that is integrated well; None where nothing is to be changed."""
-    if not rough(formula):
+    if not is_singular(formula):
         return None
     if in_cells:
         found = integrable(formula, domain, degree)
@@ -121,12 +117,20 @@ def _projected(formula: Formula, domain: mesh.Mesh, degree: int, in_cells: bool)
     return None if found == formula.ufl(ufl.SpatialCoordinate(domain)) else found
 
 
-def _rule(arguments: Sequence[ufl.Argument], domain: mesh.Mesh, in_cells: bool) -> dict[str, Any]:
-    """A rule for projections, which have the degree of the arguments together."""
-    if not in_cells and domain.topology.dim == 2:
-        return FACET_RULE.metadata
+def _rule(
+    integral: ufl.Integral, arguments: Sequence[ufl.Argument], domain: mesh.Mesh
+) -> dict[str, Any]:
+    """A rule for projections, which have the degree of the arguments together: the user's if fine.
+
+    Where data are smooth, the integral is the user's.
+    """
+    given: dict[str, Any] = integral.metadata()
     degree = arguments[0].ufl_function_space().element.basix_element.degree
-    needed = 2 * len(arguments) * degree
-    if not in_cells or needed <= CELL_RULE.degree:
-        return CELL_RULE.metadata
-    return interior_rule(basix.CellType[domain.topology.cell_name()], needed).metadata
+    needed, named = 2 * len(arguments) * degree, given.get("quadrature_degree")
+    if integral.integral_type() == "cell":
+        rule = interior_rule(basix.CellType[domain.topology.cell_name()], needed)
+        rule = CELL_RULE if needed <= CELL_RULE.degree else rule
+    else:
+        rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
+    fine = isinstance(named, int) and named >= max(needed, rule.degree)
+    return given if fine else rule.metadata

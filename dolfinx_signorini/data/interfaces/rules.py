@@ -4,7 +4,7 @@ A polynomial is integrated by the smallest rule that is exact. Other formulas ge
 data on small meshes. On many cells most of these are so small that the formula is nearly linear in
 each of them, and a smaller rule serves, with which the solution is as accurate as with exact
 integrals. The cells where the formula is not nearly linear keep the larger rule: around singular
-points and narrow features.
+points and narrow peaks.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,9 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.roughness import jumps
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.points import FormulaAtPoints
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import longest_side, owned_cells
@@ -27,9 +28,9 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
 
 ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points
-# A load that follows from u is rounding where its mean and its largest value are at most so much of
-# u over the squared size of the domain: next to a singular point rounding is larger.
-ZERO, NOISE = 1e-10, 1e-6
+# A load that follows from u is rounding where its mean is at most `SOLVED` and its largest value at
+# most `NOISE` of u over the squared size of the domain: next to singular points rounding is larger.
+NOISE = 1e-6
 
 
 def polynomial_degree(node: Node) -> int | None:
@@ -115,7 +116,7 @@ def measure_for_load(
     finite = np.abs(values[0][np.isfinite(values[0])])
     total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
     mean = float(total / max(count, 1.0))
-    if mean <= ZERO * reach and _largest(domain.comm, values) <= NOISE * reach:
+    if mean <= SOLVED * reach and _largest(domain.comm, values) <= NOISE * reach:
         return None
     return _split(domain, _rough(domain, values[0], values[1], ROUGH * mean), degree)
 

@@ -1,4 +1,4 @@
-"""Where formulas are not smooth: the zeros of the parts that choose, and of denominators."""
+"""Singular sets of formulas: the zeros of what switches between branches, and of denominators."""
 
 from dolfinx_signorini.data.formulas import Formula, Node, nodes
 from dolfinx_signorini.data.names import Names
@@ -11,7 +11,7 @@ def jumps(formula: Formula) -> bool:
     return bool(switches(formula))
 
 
-def rough(formula: Formula) -> bool:
+def is_singular(formula: Formula) -> bool:
     """Return whether a formula may jump, have a kink, or be infinite."""
     return bool(switches(formula) or poles(formula))
 
@@ -32,7 +32,7 @@ def switches(*formulas: Formula) -> list[Node]:
 
 
 def margins(*formulas: Formula) -> list[Node]:
-    """Return what decides by its sign in each choice of formulas, the outer choices first."""
+    """Return the parts whose signs choose the branches of formulas, the outer ones first."""
     found = (node.switch for formula in formulas for node in reversed(nodes(formula.root)))
     return [margin for margin in found if margin is not None]
 

@@ -1,6 +1,6 @@
-"""Formulas without choices: `where`, `min`, `max`, `abs` and `sign`, decided cell by cell.
+"""Branches of formulas: `where`, `min`, `max`, `abs` and `sign`, decided cell by cell.
 
-Let m be the function whose sign a choice depends on, c a point of a simplex, and s intervals around
+Let m be the function whose sign a branch depends on, c a point of a simplex, and s intervals around
 the derivatives of m. At each vertex v, m(c) + s.(v - c) lies between two numbers, and the linear
 functions with these values at the vertices enclose m. Then m <= 0 is possible only where the lower
 one is not positive. With the values l at the vertices that is a share of
@@ -22,16 +22,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import UPWARDS
+from dolfinx_signorini.base.tolerances import SOLVED, UPWARDS
 from dolfinx_signorini.data.enclosures import enclosed_both_ways, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import FINE, Numbers, subdivide
-from dolfinx_signorini.data.interfaces.roughness import factors, margins
+from dolfinx_signorini.data.interfaces.singular_sets import factors, margins
 from dolfinx_signorini.data.names import Names
 
-MOST_PATTERNS = 64  # of choices in all simplices
-MOST_SWITCHES = 3  # whose choices are tried one by one
-THIN = 1e-6  # shares that are small enough
+MOST_PATTERNS = 64  # of branches: in all simplices, and where all that there may be are tried
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,9 @@ class Decided:
 
     Attributes:
         cells: The numbers of the simplices.
-        formulas: The formulas without choices.
-        shares: Of each simplex, where the formulas with their choices may have other values.
-        others: Formulas that enclose all other values together: with all possible choices, or with
+        formulas: The branches of the formulas, without switches.
+        shares: Of each simplex, where the formulas may have other branches.
+        others: Formulas that enclose all other values together: with all possible branches, or with
             their own ones.
     """
 
@@ -56,14 +54,14 @@ class Decided:
 
 
 def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
-    """Return formulas without choices, with the simplices on which they may stand for others.
+    """Return branches of formulas, with the simplices on which they may stand for others.
 
     Args:
         formulas: The formulas.
         corners: The vertices of the simplices, shape (simplices, vertices, dimension).
 
     Returns:
-        The formulas themselves, with shares 0, where choices are too many.
+        The formulas themselves, with shares 0, where there are too many branches.
     """
     names = Names()
     known = {names[m]: m for m in margins(*formulas)}
@@ -81,7 +79,7 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         return [Formula(f.text, chosen(f.root)) for f in formulas]
 
     others = [list(formulas)]
-    if len(known) <= MOST_SWITCHES:
+    if 2 ** len(known) <= MOST_PATTERNS:
         others = [made(pattern) for pattern in product((True, False), repeat=len(known))]
     parts = []
     for k, pattern in enumerate(patterns.T):
@@ -118,7 +116,7 @@ def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         shares = _shares(margin, pieces)
-        return shares.min(axis=0) > THIN, [shares]
+        return shares.min(axis=0) > SOLVED, [shares]
 
     total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
     parts = 2 ** (corners.shape[1] - 1)
@@ -155,12 +153,7 @@ def _not_positive(ends: Array) -> Array:
 
 
 class _Chosen(PerNode[Node]):
-    """The nodes of formulas whose choices are those of switches with known signs.
-
-    Args:
-        positive: Whether a switch is positive, by its name.
-        names: The names of switches.
-    """
+    """The nodes of formulas whose branches are those of switches with known signs, by name."""
 
     def __init__(self, positive: dict[int, bool], names: Names):
         super().__init__()

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import UPWARDS
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
-from dolfinx_signorini.data.analytic import REACHES, discs
+from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import (
@@ -38,15 +38,14 @@ from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
-KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is looked at in parts
-DIVISIONS = 4  # of a simplex into such parts
+KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is bounded in parts
 
 
 @dataclass(frozen=True)
-class Fit:
+class Approximation:
     """Polynomials in place of a formula on simplices:
 
-        found = fit(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
+        found = approximated(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
 
     Attributes:
         coefficients: Each polynomial Q in terms of `reference_flux.polynomials`.
@@ -74,9 +73,10 @@ class _Part:
     tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
 
-def fit(
+@np.errstate(over="ignore", invalid="ignore")
+def approximated(
     formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
-) -> Fit:
+) -> Approximation:
     """Return polynomials in place of a formula; the call is collective.
 
     Args:
@@ -88,17 +88,10 @@ def fit(
         tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
             for what is hidden between the points.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _fit(formula, comm, corners, degree, weights, tolerance)
-
-
-def _fit(
-    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
-) -> Fit:
     dimension = corners.shape[1] - 1
     points, rule_weights = rule(dimension, ORDERS[dimension])
     parts = _parts(formula, comm, corners, degree, weights, tolerance)
-    tables = [_table(part, points, degree) for part in parts]
+    tables = [_table(part.pieces, points, degree, part.share == 1.0) for part in parts]
     count, terms = len(corners), comb(degree + dimension, dimension)
     moments, squares, mean = np.zeros((count, terms)), np.zeros(count), np.zeros(count)
     for part, table in zip(parts, tables, strict=True):
@@ -114,7 +107,7 @@ def _fit(
     between[1] = mean**2
     sums = (weights**2 * between) @ simplex_sizes(corners)
     hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
-    return Fit(moments, np.sqrt(squares) * UPWARDS, mean * UPWARDS, hidden)
+    return Approximation(moments, np.sqrt(squares) * UPWARDS, mean * UPWARDS, hidden)
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
@@ -126,7 +119,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
         degree: The degree of the polynomials.
 
     Returns:
-        The coefficients of the polynomials, see `Fit`, and the bounds, shape (simplices,).
+        The coefficients, see `Approximation`, and the bounds, shape (simplices,).
     """
     dimension = corners.shape[1] - 1
     order = ORDERS[dimension] // 2
@@ -151,7 +144,7 @@ def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Arra
 
 
 def followed_in_parts(
-    formula: Formula, corners: Array, degree: int, divisions: int = DIVISIONS
+    formula: Formula, corners: Array, degree: int, divisions: int = 4
 ) -> tuple[Array, Array]:
     """Return the same as `followed`, with less beside polynomials where a formula has kinks.
 
@@ -160,24 +153,22 @@ def followed_in_parts(
 
     Args:
         formula, corners, degree: See `followed`.
-        divisions: How often the simplices are divided into parts.
+        divisions: How often the simplices are divided into parts: the bound of a cube above an
+            obstacle with kinks is 16 % smaller with 4 than with 2.
     """
     dimension = corners.shape[1] - 1
     coefficients, bounds = followed(formula, corners, degree)
     height = np.abs(coefficients).max(axis=1, initial=0.0)
     rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
     ones = np.ones((2, len(rough)))
-    whole = fit(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
+    whole = approximated(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
     parts = with_reference(corners[rough])
     owners: Numbers = np.arange(len(rough))
     for _ in range(divisions):
         parts, owners = divided(parts, owners)
     own, apart = followed(formula, parts[..., dimension:], degree)
     points, weights = rule(dimension, 2 * degree)
-    places = inside(parts[..., :dimension], points).transpose(1, 0, 2)
-    table = polynomials(dimension, degree, places.reshape(-1, dimension))
-    table = table.reshape(len(table), len(parts), len(points)).transpose(1, 0, 2)
-    values = np.einsum("ni,niq->nq", whole[owners], table)
+    values = np.einsum("ni,niq->nq", whole[owners], _table(parts, points, degree))
     there = (values * weights) @ polynomials(dimension, degree, points).T
     apart += largest(dimension, degree, own - there) * UPWARDS
     found = np.zeros(len(rough))
@@ -200,7 +191,7 @@ def _parts(
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         share = 0.5 ** (dimension * level)
         limits = allowed / weights[:, owners]
-        tails, levels = _looked_at(formula, pieces[..., dimension:], degree, limits)
+        tails, levels = _enclosed(formula, pieces[..., dimension:], degree, limits)
         open_ = ~(tails * weights[:, owners] <= allowed).all(axis=0)
         rest = share * np.bincount(owners, np.where(open_, tails[0] ** 2, 0.0), count)
         mean = share * np.bincount(owners, np.where(open_, tails[1], 0.0), count)
@@ -217,14 +208,10 @@ def _parts(
     return parts
 
 
-def _looked_at(formula: Formula, pieces: Array, degree: int, allowed: Array) -> tuple[Array, Array]:
+def _enclosed(formula: Formula, pieces: Array, degree: int, allowed: Array) -> tuple[Array, Array]:
     """What is hidden on pieces, and constants in place of the values at points, or NaN.
 
-    Args:
-        formula: The formula.
-        pieces: The vertices.
-        degree: The degree of the polynomials that the formula is tested with.
-        allowed: What may be hidden, shape (2, pieces).
+    The formula is tested with polynomials of a degree; what is allowed has the shape (2, pieces).
     """
     order = ORDERS[pieces.shape[1] - 1]
     levels = np.full(len(pieces), np.nan)
@@ -252,20 +239,17 @@ def _values(formula: Formula, pieces: Array, levels: Array) -> Array:
 
 def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
     """What polynomials of some degrees miss of a formula, at most, shape (degrees, pieces)."""
-    result = np.full((len(degrees), len(pieces)), np.inf)
-    for reach in REACHES:
-        _, radii = discs(formula, pieces, reach)
-        powers = np.array([reach**-n / (reach - 1.0) for n in degrees])
-        result = np.minimum(result, powers[:, None] * radii)
-    return result
+    return missed_by_discs(
+        formula, pieces, lambda reach: [reach**-n / (reach - 1.0) for n in degrees]
+    )
 
 
-def _table(part: _Part, points: Array, degree: int) -> Array:
+def _table(pieces: Array, points: Array, degree: int, whole: bool = False) -> Array:
     """The polynomials on simplices at the points of pieces, shape (pieces, polynomials, points)."""
-    dimension, count = points.shape[1], len(part.owners)
-    if part.share == 1.0:
+    dimension = points.shape[1]
+    if whole:  # one table is enough
         table = polynomials(dimension, degree, points)
-        return np.broadcast_to(table, (count, *table.shape))
-    places = inside(part.pieces[..., :dimension], points).transpose(1, 0, 2)
+        return np.broadcast_to(table, (len(pieces), *table.shape))
+    places = inside(pieces[..., :dimension], points).transpose(1, 0, 2)
     table = polynomials(dimension, degree, places.reshape(-1, dimension))
-    return table.reshape(len(table), count, len(points)).transpose(1, 0, 2)
+    return table.reshape(len(table), len(pieces), len(points)).transpose(1, 0, 2)

@@ -1,0 +1,112 @@
+"""The summands of integrands as formulas, read once for forms that are alike on all meshes.
+
+An integrand of L(v) is linear in v and grad v. For v = 1 and grad v = 0 the integrand is the load,
+and for v = 0 and a unit vector as grad v a component of what acts on grad v. Integrands of a(u, v)
+have the reaction and the entries of the diffusion by the same substitution.
+
+The loop poses forms of one kind on many meshes. Formulas know of no mesh: what one of these forms
+has been found to be, all forms with its signature and with the same values of constants are.
+"""
+
+from collections.abc import Callable, Hashable, Sequence
+from functools import cached_property, reduce
+from typing import Any, TypeVar
+
+import numpy as np
+import ufl
+from ufl.core.expr import Expr
+from ufl.corealg.traversal import traverse_unique_terminals
+
+from dolfinx_signorini.base.sums_of_squares import summands
+from dolfinx_signorini.data.formulas import Formula, number
+from dolfinx_signorini.data.reading import lowered, read
+
+T = TypeVar("T")
+Place = tuple[int, int]  # an integral of a form, and a summand of its integrand
+Known = dict[Hashable, Any]
+
+# What is known of forms by their signatures, with the values of the constants.
+_known: dict[str, tuple[list[bytes], Known]] = {}
+
+
+class Reading:
+    """The summands of the integrands of a form, and what they are for certain arguments.
+
+    For example, the load, which the first summand of the first integral has in front of v:
+
+        load = Reading(problem.L).formula((0, 0), [0])
+
+    What stands for an argument is given by a number: 0 for the value 1 with the slope 0, and k for
+    the value 0 with the slope 1 in the direction k.
+
+    Args:
+        form: The form.
+    """
+
+    def __init__(self, form: ufl.Form):
+        self.form = form
+        values = [np.asarray(getattr(c, "value", np.nan)).tobytes() for c in form.constants()]
+        signature = form.signature()
+        if signature not in _known or _known[signature][0] != values:
+            _known[signature] = values, {}
+        self._known = _known[signature][1]
+
+    @cached_property
+    def terms(self) -> list[list[Expr]]:
+        """The summands of each integral, lowered."""
+        return [summands(lowered(integral.integrand())) for integral in self.form.integrals()]
+
+    def places(self, integral: int) -> list[Place]:
+        """Return the places of the summands of an integral."""
+        count = self._once(("count", integral), lambda: len(self.terms[integral]))
+        return [(integral, k) for k in range(count)]
+
+    def has_normals(self, integral: int) -> bool:
+        """Return whether a summand of an integral depends on the normal."""
+        return self._once(
+            ("normals", integral),
+            lambda: any(
+                isinstance(part, ufl.FacetNormal)
+                for term in self.terms[integral]
+                for part in traverse_unique_terminals(term)
+            ),
+        )
+
+    def formula(self, place: Place, chosen: Sequence[int], normal: int = 0) -> Formula | None:
+        """Return what a summand is for certain arguments; None if that is not readable.
+
+        Args:
+            place: The summand.
+            chosen: What stands for each of the arguments.
+            normal: The direction of the normal.
+        """
+        key = place, tuple(chosen), normal
+        return self._once(key, lambda: self._read(place, chosen, normal))
+
+    def total(self, places: Sequence[Place], chosen: Sequence[int], normal: int = 0) -> Formula:
+        """Return the sum of the readable ones of some summands; see `formula`."""
+
+        def found() -> Formula:
+            parts = [self.formula(place, chosen, normal) for place in places]
+            known = [formula for formula in parts if formula is not None]
+            roots = [formula.root for formula in known]
+            text = " + ".join(formula.text for formula in known)
+            return Formula(text, reduce(lambda a, b: a + b, roots, number(0.0).root))
+
+        return self._once((tuple(places), tuple(chosen), normal), found)
+
+    def _read(self, place: Place, chosen: Sequence[int], normal: int) -> Formula | None:
+        domain = self.form.ufl_domain()
+        unit = np.eye(domain.geometric_dimension())
+        known: dict[Expr, Any] = {ufl.FacetNormal(domain): unit[normal]}
+        for argument, k in zip(self.form.arguments(), chosen, strict=True):
+            slope = unit[k - 1] if k else np.zeros(len(unit))
+            known |= {argument: float(k == 0), ufl.grad(argument): slope}
+        return read(self.terms[place[0]][place[1]], known)
+
+    def _once(self, key: Hashable, find: Callable[[], T]) -> T:
+        """What is known of the form under a key, or found now."""
+        if key not in self._known:
+            self._known[key] = find()
+        found: T = self._known[key]
+        return found
