@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from ufl import classes
+from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
@@ -22,6 +24,8 @@ from dolfinx_signorini.base.kinds import (
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 
 CELLS = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
+SCOPE = 'the page "What this is not" (docs/scope.md) solves such problems by SNES'
+IN_CELLS = "ObstacleProblem has obstacles in cells and on curves (docs/howto/which_problem.md)"
 
 
 def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
@@ -39,7 +43,9 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
             raise InputError(f"must be a UFL form, not {type(form).__name__}", subject)
     arguments = a.arguments()
     if len(arguments) != 2:
-        raise InputError(f"needs a trial and a test function, has {len(arguments)}", "form a")
+        message = f"needs a trial and a test function, has {len(arguments)}"
+        message += f"; if the operator is not linear, {SCOPE}" if len(arguments) == 1 else ""
+        raise InputError(message, "form a")
     space = arguments[0].ufl_function_space()
     if not isinstance(space, fem.FunctionSpace):
         raise InputError("its space must be one of dolfinx", "form a")
@@ -48,7 +54,12 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     if cell not in CELLS:
         raise InputError(f"known on meshes of {', '.join(CELLS)}, not of {cell} cells", "form a")
     element = space.ufl_element()
-    if space.dofmap.bs != 1 or element.family_name != "P" or element.discontinuous:
+    if space.dofmap.bs != 1:
+        message = (
+            f"the space has vectors of {space.dofmap.bs} components, and the unknown is a scalar"
+        )
+        raise InputError(f"{message}; {SCOPE}", "form a")
+    if element.family_name != "P" or element.discontinuous:
         raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
     if not _same_space(arguments[1].ufl_function_space(), space):
         raise InputError("trial and test function belong to different spaces", "form a")
@@ -71,22 +82,45 @@ def checked_facets(domain: mesh.Mesh, contact: Any) -> LocalIndices:
     Raises:
         InputError: The subject is "contact".
     """
-    facets, message = _named_facets(domain, contact)
-    require(domain.comm, not message, message, "contact")
-    count = facet_count(domain)
+    facets = _entities(domain, domain.topology.dim - 1, contact, "contact")
     index_map = domain.topology.index_map(domain.topology.dim - 1)
-    bad = facets[(facets < 0) | (facets >= count)]
-    message = f"{bad[0]} is no facet, the mesh has {count} of them here" if len(bad) else ""
-    require(domain.comm, not message, message, "contact")
     owned = facets[facets < index_map.size_local]
     outer = np.zeros(index_map.size_local, dtype=bool)
     outer[boundary_facets(domain)] = True
     inner = np.sort(owned[~outer[owned]])
-    message = f"facet {inner[0]} is not on the boundary" if len(inner) else ""
+    message = f"facet {inner[0]} lies inside of the domain" if len(inner) else ""
+    message = f"{message}, and not on the boundary; {IN_CELLS}" if message else ""
     require(domain.comm, not message, message, "contact")
-    message = "there is no facet: the problem is linear, see dolfinx.fem.petsc.LinearProblem"
-    require(domain.comm, domain.comm.allreduce(len(facets)) > 0, message, "contact")
-    return np.unique(facets).astype(np.int32)
+    return facets
+
+
+def checked_cells(domain: mesh.Mesh, cells: Any) -> LocalIndices:
+    """Return the cells that an argument `cells` names, ghosts included.
+
+    Args:
+        domain: The mesh.
+        cells: Indices of cells, or MeshTags of cells, alone or in a pair with values; None for all.
+
+    Raises:
+        InputError: The subject is "cells".
+    """
+    if cells is None:
+        index_map = domain.topology.index_map(domain.topology.dim)
+        return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    return _entities(domain, domain.topology.dim, cells, "cells")
+
+
+def has_choices(form: ufl.Form) -> bool:
+    """Return whether integrands over cells choose by conditions, of which UFL makes signs, too.
+
+    Args:
+        form: The form, whose expressions are traversed once.
+    """
+    return any(
+        isinstance(part, classes.Conditional)
+        for integral in form.integrals_by_type("cell")
+        for part in unique_pre_traversal(integral.integrand())
+    )
 
 
 def conditions_of(space: fem.FunctionSpace) -> Kind:
@@ -126,15 +160,32 @@ def _check_mesh(form: ufl.Form, domain: mesh.Mesh, subject: str) -> None:
         raise InputError("lives on another mesh than the form a", subject)
 
 
-def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[LocalIndices, str]:
-    """The facets, and what is wrong with the facets on this rank."""
+def _entities(domain: mesh.Mesh, dim: int, given: Any, subject: str) -> LocalIndices:
+    """The facets or cells that an argument names, each once and in order; collective."""
+    kind = "cell" if dim == domain.topology.dim else "facet"
+    found, message = _named(domain, dim, given, kind)
+    require(domain.comm, not message, message, subject)
+    count = facet_count(domain)
+    if kind == "cell":
+        index_map = domain.topology.index_map(dim)
+        count = index_map.size_local + index_map.num_ghosts
+    bad = found[(found < 0) | (found >= count)]
+    message = f"{bad[0]} is no {kind}, the mesh has {count} of them here" if len(bad) else ""
+    require(domain.comm, not message, message, subject)
+    message = f"there is no {kind}: the problem is linear, see dolfinx.fem.petsc.LinearProblem"
+    require(domain.comm, domain.comm.allreduce(len(found)) > 0, message, subject)
+    return np.unique(found).astype(np.int32)
+
+
+def _named(domain: mesh.Mesh, dim: int, given: Any, kind: str) -> tuple[LocalIndices, str]:
+    """The facets or cells, and what is wrong with the argument on this rank."""
     nothing = np.empty(0, dtype=np.int32)
-    pair = isinstance(contact, tuple) and len(contact) == 2
-    tags, values = contact if pair else (contact, None)
+    pair = isinstance(given, tuple) and len(given) == 2
+    tags, values = given if pair else (given, None)
     if isinstance(tags, mesh.MeshTags):
-        dimension = domain.topology.dim - 1
-        if tags.dim != dimension:
-            return nothing, f"tags of dimension {tags.dim}, not of facets, which have {dimension}"
+        if tags.dim != dim:
+            message = f"tags of dimension {tags.dim}, not of {kind}s, which have {dim}"
+            return nothing, f"{message}; {IN_CELLS}" if tags.dim > dim else message
         if tags.topology != domain.topology._cpp_object:
             return nothing, "the tags belong to another mesh"
         if values is None:
@@ -145,7 +196,8 @@ def _named_facets(domain: mesh.Mesh, contact: Any) -> tuple[LocalIndices, str]:
         if sequence(integer(-(2**31)), "numbers")(wanted):
             return nothing, "the values of tags are integers"
         return np.asarray(tags.indices[np.isin(tags.values, wanted)], dtype=np.int32), ""
-    message = indices(contact)
+    message = indices(given, f"{kind}s")
     if message:
-        return nothing, f"{message}, or by MeshTags"
-    return np.asarray(contact).astype(np.int64), ""
+        finder = "locate_entities" if kind == "cell" else "locate_entities_boundary"
+        return nothing, f"{message} (dolfinx.mesh.{finder}), or by MeshTags"
+    return np.asarray(given).astype(np.int64), ""

@@ -1,12 +1,11 @@
-"""Assembly: forms, contact facets, obstacle and Dirichlet data become a system.
+"""Assembly: forms, obstacles and Dirichlet data become a system.
 
 The system is made once, and again from the parts whose data have changed.
 """
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import ufl
@@ -14,27 +13,17 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
-from dolfinx_signorini.base.costs import Ledger
-from dolfinx_signorini.base.errors import InputError, together
-from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
-from dolfinx_signorini.meshes.elements import (
-    coefficients_of,
-    control_points,
-    is_bernstein,
-    nodal_space,
-)
-from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.problem import checks
+from dolfinx_signorini.problem.constraint import Constraint
+from dolfinx_signorini.problem.values import evaluator
 from dolfinx_signorini.solvers.system import Layout, System
-
-Data: TypeAlias = "float | Expr | fem.Function | Callable[[Array], Array]"
 
 
 class Assembly:
@@ -42,7 +31,7 @@ class Assembly:
 
     An assembly makes a system, and later the system for changed data:
 
-        assembly = Assembly(a, L, facets, obstacle, 1.0, bcs)
+        assembly = Assembly(a, L, constraint, bcs)
         system = assembly.system()
         wind.value = 2.0
         system = assembly.renewed(system)
@@ -50,18 +39,17 @@ class Assembly:
     Args:
         a: The bilinear form.
         L: The linear form.
-        facets: The contact facets that this rank knows.
-        obstacle: The obstacle, see `SignoriniProblem`.
-        sign: 1 for a lower obstacle, -1 for an upper one.
+        constraint: The obstacles.
         bcs: The Dirichlet conditions.
         form_compiler_options, jit_options: See `dolfinx.fem.form`.
 
     Attributes:
         layout: The dofs with a constraint or Dirichlet data.
-        data: The obstacle as it was given.
-        obstacle: The obstacle of the last system at the owned dofs on the contact boundary.
+        obstacles: For each obstacle its values in the last system, at the owned dofs that have an
+            obstacle.
         phases: The seconds of the phases so far.
         total_load: L(1), the sum of the load on all basis functions.
+        assembled: The forms a and L that are assembled, which `integrated` may have replaced.
     """
 
     total_load: float
@@ -70,38 +58,44 @@ class Assembly:
         self,
         a: ufl.Form,
         L: ufl.Form,
-        facets: LocalIndices,
-        obstacle: Data,
-        sign: float,
+        constraint: Constraint,
         bcs: Sequence[fem.DirichletBC],
         form_compiler_options: Mapping[str, Any] | None = None,
         jit_options: Mapping[str, Any] | None = None,
     ):
         space = a.arguments()[0].ufl_function_space()
-        self.sign, self.bcs, self.comm, self._forms = sign, list(bcs), space.mesh.comm, (a, L)
-        self.phases, ledger = Phases(self.comm), Ledger()
+        self.bcs, self.comm, self._forms = list(bcs), space.mesh.comm, (a, L)
+        self.assembled = a, L
+        self.phases = Phases(self.comm)
         with self.phases("forms"):
-            boundary = dofs_on_facets(space, facets)
+            dim, entities = constraint.dim, constraint.entities
+            sides = tuple(obstacle.sign for obstacle in constraint.obstacles)
+            dofs = dofs_on_entities(space, dim, entities)
             fixed = _dirichlet_dofs(space, self.bcs)
-            self.layout = Layout(space, facets, boundary, fixed, ledger)
+            self.layout = Layout(space, dim, entities, sides, dofs, fixed)
             self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
                 "jit_options": jit_options,
             }
             self._take(a, L)
-            self.data = obstacle
-            self._obstacle_at = evaluator(space, obstacle, boundary)
+            self._given = constraint.obstacles
+            self._look_up()
             self._watch_a, self._watch_L = Watch(a), Watch(L)
             self._replaced = False  # whether other forms are assembled than the given ones
             self._refused = False  # whether the entries of the last system were refused
 
+    def _look_up(self) -> None:
+        """Find where the obstacles are evaluated."""
+        space, dofs = self.layout.space, self.layout.obstacle_dofs
+        self._obstacles_at = [evaluator(space, g.data, dofs, g.name) for g in self._given]
+
     def _take(self, a: ufl.Form | None, L: ufl.Form | None) -> None:
         """Take forms, where they are given."""
-        ledger, options = self.layout.ledger, self._options
+        self.assembled = a or self.assembled[0], L or self.assembled[1]
         if a is not None:
-            self._a = _compiled(ledger, "a", a, options)
+            self._a = compiled.form(a, "form a", **self._options)
         if L is not None:
-            self._L = _compiled(ledger, "L", L, options)
+            self._L = compiled.form(L, "load", **self._options)
 
     def system(self) -> System:
         """Assemble the system.
@@ -109,19 +103,15 @@ class Assembly:
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`.
         """
-        made = self._assembled(None, self._bounds(), True)
-        count, fixed = len(made.contact_dofs), len(made.fixed_dofs)
-        made.ledger.add("array", "contact dofs, their obstacle and diagonal", 20 * count)
-        if self.comm.allreduce(fixed):
-            made.ledger.add("array", "Dirichlet dofs and data", 12 * fixed)
-        return made
+        return self._assembled(None, self._bounds(), True)
 
-    def renewed(self, old: System, matrix: bool = False) -> System:
+    def renewed(self, old: System, matrix: bool = False, load: bool = False) -> System:
         """Return the system for the present data; the old one must not be used any more.
 
         Args:
             old: The system so far.
             matrix: Assemble matrix and load in any case, on a mesh that may have moved.
+            load: Assemble the load in any case.
 
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`. The entries of the old
@@ -129,14 +119,14 @@ class Assembly:
         """
         if matrix:  # the shares of the boundary and the places of the dofs are others
             self.layout = replace(self.layout)
-            self._obstacle_at = evaluator(self.layout.space, self.data, self.layout.boundary_dofs)
+            self._look_up()
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         changed = self._watch_a.changed(self.comm), self._watch_L.changed(self.comm)
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
             self._take(*self._forms)
             self._replaced, matrix = False, True
         matrix = changed[0] or matrix or self._refused
-        load = changed[1] or matrix
+        load = changed[1] or matrix or load
         moved = bool((data != old.fixed_values).any())
         if not self.comm.allreduce(load or moved, op=MPI.LOR):
             return replace(old, obstacle=obstacle)
@@ -156,17 +146,24 @@ class Assembly:
         with self.phases("forms"):
             self._take(a, L)
         self._replaced = False
-        made = self.renewed(old, matrix=True)
+        made = self.renewed(old, matrix=a is not None, load=True)
         self._replaced = True
         return made
 
     def _bounds(self) -> tuple[Array, Array]:
-        """Return the present obstacle at the contact dofs and the Dirichlet data, both checked."""
-        space, fixed = self.layout.space, self.layout.fixed_dofs
-        obstacle, data = self._obstacle_at(), _dirichlet_values(space, self.bcs, fixed)
-        obstacle = checks.check_bounds(self.layout, obstacle, data, self.sign < 0.0, self._reach)
-        self.obstacle = obstacle
-        return self.sign * obstacle[self.layout.free], self.sign * data
+        """Return the obstacle of each constraint and the Dirichlet data, all of them checked."""
+        layout = self.layout
+        data = _dirichlet_values(layout.space, self.bcs, layout.fixed_dofs)
+        checks.check_finite(layout.space, layout.fixed_dofs, data, "Dirichlet data")
+        values = [at() for at in self._obstacles_at]
+        for each, found in zip(self._given, values, strict=True):
+            checks.check_finite(layout.space, layout.obstacle_dofs, found, each.name)
+        clamped = [
+            checks.clamped(layout, each, found, data, self._reach)
+            for each, found in zip(self._given, values, strict=True)
+        ]
+        self.obstacles = checks.apart(layout, clamped)
+        return np.concatenate([found[layout.free] for found in self.obstacles]), data
 
     def _reach(self) -> float:
         """Return about how large the solution is without any bounds, up to a power of the size."""
@@ -186,8 +183,6 @@ class Assembly:
             with b.localForm() as local:
                 self.total_load = self.comm.allreduce(float(local.array_r.sum()))
             _lift(b, self._a, self.bcs, self.layout, A)
-            b.scale(self.sign)
-        self.layout.ledger.add("vector", "load b", b, self.phases.seconds["load"])
         with self.phases("checks"):
             try:
                 return self._checked(A, b, bounds, old, matrix)
@@ -200,9 +195,7 @@ class Assembly:
     def _matrix(self, old: System | None) -> PETSc.Mat:
         with self.phases("matrix"):
             fixed = self.layout.fixed_dofs
-            A = _assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
-        self.layout.ledger.add("matrix", "A", A, self.phases.seconds["matrix"])
-        return A
+            return _assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
 
     def _checked(
         self,
@@ -235,100 +228,29 @@ class Assembly:
             loose=loose,
             assembled=assembled,
         )
-        checks.check_range(made, diagonal)
+        checks.check_range(made, diagonal, self._given)
         if doubtful:
             checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
         checks.check_held(made)
         return made
 
 
-def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
-    """Return the owned dofs on facets, also on facets that only another rank owns.
+def dofs_on_entities(space: fem.FunctionSpace, dim: int, entities: LocalIndices) -> LocalIndices:
+    """Return the owned dofs on facets or cells, also on those that only another rank owns.
 
     Args:
         space: The function space.
-        facets: Facets that this rank knows; the call is collective.
+        dim: The dimension of the facets or cells.
+        entities: Facets or cells that this rank knows; the call is collective.
     """
-    tdim = space.mesh.topology.dim
-    space.mesh.topology.create_connectivity(tdim - 1, tdim)
-    dofs = fem.locate_dofs_topological(space, tdim - 1, facets)
+    space.mesh.topology.create_connectivity(dim, space.mesh.topology.dim)
+    dofs = fem.locate_dofs_topological(space, dim, entities)
     return dofs[dofs < space.dofmap.index_map.size_local]
 
 
-def evaluator(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
-    """Return a function that evaluates data at dofs, each time with the present values.
-
-    In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
-    data at the control points. A UFL expression is compiled once, and evaluated on few cells that
-    together have all of the dofs.
-
-    Args:
-        space: A scalar Lagrange space.
-        value: A number, a UFL expression, a function of the space or of another one on its mesh,
-            or a callable of the coordinates, shape (3, n), which returns shape (n,).
-        dofs: Dofs of this rank: all of them on some facets.
-    """
-    if isinstance(value, int | float | np.number):
-        return lambda: np.full(len(dofs), float(value))
-    if isinstance(value, fem.Function) and value.function_space == space:
-        return lambda: value.x.array[dofs].copy()
-    if is_bernstein(space):
-        return _coefficients(space, value, dofs)
-    g = fem.Function(space)
-    wanted = np.zeros(len(g.x.array), dtype=bool)
-    wanted[dofs] = True
-    cells = covering_cells(space, wanted, cells_with_dofs(space, wanted))
-    if callable(value) and not isinstance(value, Expr):
-        x = control_points(space, cells)[dofs].T
-        return lambda: called(space.mesh.comm, value, x)
-    points = compat.interpolation_points(space.element)
-    expression = compiled.expression(value, points, space.mesh.comm)
-
-    def evaluate() -> Array:
-        g.interpolate(expression, cells0=cells)
-        return g.x.array[dofs].copy()
-
-    return evaluate
-
-
-def _coefficients(space: fem.FunctionSpace, value: Data, dofs: LocalIndices) -> Callable[[], Array]:
-    """As `evaluator`, in the Bernstein basis; the call is collective."""
-    wanted = marked(space, dofs)
-    known = np.flatnonzero(wanted).astype(np.int32)
-    cells, values_at = cells_with_dofs(space, wanted), evaluator(nodal_space(space), value, known)
-
-    def evaluate() -> Array:
-        values = np.zeros(len(wanted))
-        values[known] = values_at()
-        return coefficients_of(space, values, cells)[dofs]
-
-    return evaluate
-
-
-def called(comm: MPI.Comm, value: Callable[[Array], Any], x: Array) -> Array:
-    """Return the values of a callable at points, shape (n,).
-
-    Args:
-        comm: The communicator; the call is collective.
-        value: The callable, which returns one value for each point or one for all; a callable is
-            not called where this rank has no point.
-        x: The points, shape (3, n).
-
-    Raises:
-        InputError: The callable raises an exception on some rank, or returns no such values; the
-            subject is "obstacle".
-    """
-    values = np.zeros(x.shape[1])
-    with together(comm, "obstacle"):
-        try:
-            found = np.asarray(value(x) if len(values) else 0.0)
-            if np.iscomplexobj(found):
-                raise TypeError("the values are complex")
-            values[:] = np.broadcast_to(found.astype(np.float64), values.shape)
-        except Exception as error:
-            message = f"the callable returned no values: {type(error).__name__}: {error}"
-            raise InputError(message, "obstacle") from error
-    return values
+def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
+    """Return the owned dofs on facets, see `dofs_on_entities`."""
+    return dofs_on_entities(space, space.mesh.topology.dim - 1, facets)
 
 
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
@@ -412,10 +334,3 @@ def restricted(form: ufl.Form, domain: mesh.Mesh, cells: LocalIndices) -> ufl.Fo
 def _size(diagonal: PETSc.Vec) -> float:
     largest = float(diagonal.norm(PETSc.NormType.INFINITY))
     return largest if largest > 0.0 else 1.0
-
-
-def _compiled(ledger: Ledger, name: str, form: ufl.Form, options: Mapping[str, Any]) -> fem.Form:
-    start = time.perf_counter()
-    made = compiled.form(form, {"a": "form a", "L": "load"}[name], **options)
-    ledger.add("form", name, form, time.perf_counter() - start)
-    return made

@@ -1,6 +1,6 @@
 """Checks of an assembled problem: forms and data without a solution are refused before a solve."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import ufl
@@ -13,57 +13,98 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.meshes.elements import control_points, is_bernstein
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
+from dolfinx_signorini.meshes.elements import (
+    control_points,
+    is_bernstein,
+    values_at_control_points,
+)
 from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.problem.arguments import SCOPE
+from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.solvers.system import Layout, System
 
-HATS = {
-    1: 200,
-    2: 13,
-    3: 6,
-}  # for each dimension: nodes along each side of the grid of `check_definite`
+# Nodes along each side of the grid of `check_definite`, by dimension: about 200 in all.
+HATS = {1: 200, 2: 13, 3: 6}
 MOST_UNKNOWNS = 20_000  # of a mesh that data are checked on: the first level of a cascade has fewer
-SMALLEST, LARGEST = 1e-290, 1e290  # beyond, products of entries lose digits or overflow
 
 
-def check_bounds(
-    layout: Layout, obstacle: Array, data: Array, upper: bool, reach: Callable[[], float]
+def check_finite(space: fem.FunctionSpace, dofs: LocalIndices, values: Array, name: str) -> None:
+    """Refuse values at dofs that are not finite; the subject of the InputError is the name."""
+    bad = dofs[~np.isfinite(values)]
+    message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
+    require(space.mesh.comm, not message, message, name)
+
+
+def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
+    """Return obstacles with an upper one nowhere below the lower one; refuse one far below.
+
+    The values at the places of the dofs decide. Values may be out of order by as much as rounding,
+    as in `clamped`. In the Bernstein basis coefficients may be out of order where the values are
+    not, on cells that are too coarse for the obstacles. Both obstacles are their mean then.
+
+    Args:
+        layout: The dofs with an obstacle.
+        obstacles: One obstacle at these dofs, or the lower and the upper one; collective.
+
+    Raises:
+        InputError: The subject is "upper".
+    """
+    if len(obstacles) < 2:
+        return list(obstacles)
+    comm, (lower, upper) = layout.space.mesh.comm, obstacles
+    if not comm.allreduce(bool((lower > upper).any()), op=MPI.LOR):
+        return list(obstacles)
+    size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)
+    size = comm.allreduce(float(size), op=MPI.MAX)
+    low, high = (_values_at_dofs(layout, obstacle) for obstacle in obstacles)
+    message = ""
+    for k in np.flatnonzero(low - high > ROUNDING * size)[:1]:
+        message = f"{high[k]:.6g} lies below the lower obstacle {low[k]:.6g}"
+        message += f" at {_place(layout.space, layout.obstacle_dofs[k])}"
+    require(comm, not message, message, "upper")
+    mean = 0.5 * (lower + upper)
+    return [np.minimum(lower, mean), np.maximum(upper, mean)]
+
+
+def _values_at_dofs(layout: Layout, obstacle: Array) -> Array:
+    """The values of an obstacle at the places of its dofs; collective."""
+    g = fem.Function(layout.space)
+    g.x.array[layout.obstacle_dofs] = obstacle
+    g.x.scatter_forward()
+    return values_at_control_points(layout.space, g.x.array)[layout.obstacle_dofs]
+
+
+def clamped(
+    layout: Layout, given: Obstacle, obstacle: Array, data: Array, reach: Callable[[], float]
 ) -> Array:
-    """Refuse an obstacle or Dirichlet data that are not finite, or data beyond the obstacle.
+    """Return an obstacle, moved to those Dirichlet data that lie beyond; refuse data far beyond.
 
     Data may lie beyond the obstacle by as much as rounding: 1e-12 of the largest datum, or of the
     size of the solution. In the Bernstein basis they are compared at vertices: the coefficients of
     other dofs are no values, and may lie beyond where the data do not.
 
     Args:
-        layout: The dofs on the contact boundary and those with Dirichlet data.
-        obstacle: The obstacle at the dofs on the contact boundary.
+        layout: The dofs with an obstacle and those with Dirichlet data.
+        given: The obstacle, with its sign and its name.
+        obstacle: The obstacle at the dofs with an obstacle.
         data: The Dirichlet data at their dofs.
-        upper: Whether the obstacle is an upper one.
         reach: Tells about the size of the solution; asked for only where data lie beyond.
 
-    Returns:
-        The obstacle, moved to those data that lie beyond.
-
     Raises:
-        InputError: The subject is "obstacle" or "Dirichlet data".
+        InputError: The subject is the name of the obstacle.
     """
-    space, dofs, fixed = layout.space, layout.boundary_dofs, layout.fixed_dofs
-    comm = space.mesh.comm
-    for subject, places, values in (("obstacle", dofs, obstacle), ("Dirichlet data", fixed, data)):
-        bad = places[~np.isfinite(values)]
-        message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
-        require(comm, not message, message, subject)
+    space, dofs, fixed = layout.space, layout.obstacle_dofs, layout.fixed_dofs
+    comm, upper = space.mesh.comm, given.sign < 0.0
     i = np.flatnonzero(~layout.free)
     j = np.searchsorted(fixed, dofs[i])
-    beyond = (data[j] - obstacle[i]) if upper else (obstacle[i] - data[j])
-    clamped = obstacle.copy()
-    clamped[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
+    beyond = given.sign * (obstacle[i] - data[j])
+    moved = obstacle.copy()
+    moved[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
     if is_bernstein(space):
         beyond[~_at_vertices(space, dofs[i])] = 0.0
     if not comm.allreduce(bool((beyond > 0.0).any()), op=MPI.LOR):
-        return clamped
+        return moved
     sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
     size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())
     message = ""
@@ -72,8 +113,8 @@ def check_bounds(
             f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
             f"{data[j[k]]:.6g} at {_place(space, fixed[j[k]])}"
         )
-    require(comm, not message, message, "obstacle")
-    return clamped
+    require(comm, not message, message, given.name)
+    return moved
 
 
 def _at_vertices(space: fem.FunctionSpace, dofs: LocalIndices) -> Mask:
@@ -101,37 +142,46 @@ def check_entries(comm: MPI.Comm, diagonal: Array, load: Array) -> None:
     require(comm, positive, f"{INDEFINITE}, a diagonal entry is not positive", "form a")
 
 
-def check_range(system: System, diagonal: Array) -> None:
+def check_range(system: System, diagonal: Array, given: Sequence[Obstacle]) -> None:
     """Refuse an operator, forces or a solution too large or small to have all their digits.
 
     Args:
         system: The system.
         diagonal: The diagonal of its matrix, the rows of this rank.
+        given: The obstacles, with their names.
 
     Raises:
-        InputError: The subject is "form a", "load", "obstacle" or "load and obstacle".
+        InputError: The subject is "form a", "load", the name of an obstacle, or "load and" with
+            that name.
     """
     load = np.abs(system.b.array_r).max(initial=0.0)
     with np.errstate(over="ignore", under="ignore"):
-        push = (system.contact_diagonal * np.maximum(system.obstacle, 0.0)).max(initial=0.0)
-        far = np.abs(system.contact_diagonal * system.obstacle).max(initial=0.0)
-        local = np.array([diagonal.max(initial=0.0), load, max(load, push), far])
-        operator, load, force, far = np.max(system.comm.allgather(local), axis=0)
-        height, total = force / operator, far * system.space.dofmap.index_map.size_global
-    for subject, name, size in (
+        height = np.maximum(system.signs * system.obstacle, 0.0)
+        heights = (system.contact_diagonal * height).reshape(len(given), -1)
+        places = np.abs(system.contact_diagonal * system.obstacle).reshape(len(given), -1)
+        pushes, fars = heights.max(axis=1, initial=0.0), places.max(axis=1, initial=0.0)
+        local = np.array([diagonal.max(initial=0.0), load, *pushes, *fars])
+        operator, load, *forces = np.max(system.comm.allgather(local), axis=0)
+        pushes, fars = np.split(np.array(forces), 2)
+        force = max(load, *pushes)
+        size, total = force / operator, fars * system.space.dofmap.index_map.size_global
+    pushing = given[int(np.argmax(pushes))].name
+    for subject, name, value in (
         ("form a", "its largest diagonal entry", operator),
         ("load", "its largest entry", load),
-        ("obstacle", "its force", force),
-        ("load and obstacle", "the size of the solution", height),
+        (pushing, "its force", force),
+        (f"load and {pushing}", "the size of the solution", size),
     ):
-        if size != 0.0 and not SMALLEST <= size <= LARGEST:
+        if value != 0.0 and not TINY <= value <= 1.0 / TINY:
             raise InputError(
-                f"{name}, {size:.3g}, is not between {SMALLEST:g} and {LARGEST:g}; "
+                f"{name}, {value:.3g}, is not between {TINY:.0e} and {1.0 / TINY:.0e}; "
                 "choose other units",
                 subject,
             )
-    if np.isinf(total):
-        raise InputError("too far away for floating-point numbers; 1e300 away is none", "obstacle")
+    for obstacle, far in zip(given, total, strict=True):
+        if np.isinf(far):
+            message = "too far away for floating-point numbers; 1e300 away is none"
+            raise InputError(message, obstacle.name)
 
 
 def check_symmetry(A: PETSc.Mat) -> None:
@@ -155,11 +205,12 @@ def check_symmetry(A: PETSc.Mat) -> None:
     for vec in (x, y, product):
         vec.destroy()
     symmetric = defect <= SOLVED * size
-    require(comm, symmetric, "not symmetric, so that no energy is minimised", "form a")
+    message = f"not symmetric, so that no energy is minimised; {SCOPE}"
+    require(comm, symmetric, message, "form a")
 
 
 def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Mask:
-    """Return on the constants of which bodies a form vanishes; refuse one with a(1, 1) < 0.
+    """Return on the constants of which components a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
     reaction. Where row sums leave a doubt, the form itself is asked: a(1, v) is assembled without
@@ -173,7 +224,7 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: A
         diagonal: The diagonal of the matrix, the rows of this rank.
 
     Returns:
-        One entry per body; none where each cell has a row sum beyond doubt or Dirichlet data.
+        One entry per component; none where each cell has a row sum beyond doubt or Dirichlet data.
 
     Raises:
         InputError: The subject is "form a".
@@ -191,7 +242,7 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: A
     require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
     if _held_in_all_cells(layout, sums > SOLVED * np.abs(diagonal)):
         return np.empty(0, dtype=bool)
-    parts = layout.bodies
+    parts = layout.components
     loose = (parts.sums(sums) <= SOLVED * bound) & (parts.counts(layout.fixed_dofs) == 0)
     if not loose.any():
         return loose
@@ -324,14 +375,16 @@ def check_held(system: System) -> None:
     """Refuse a system without a unique solution where its form vanishes on constants of a body.
 
     These constants are the only functions on which a form may vanish. Where a form does, the load
-    has to press the body against the obstacle.
+    has to press the body against the obstacle. Between two obstacles a load may be balanced, see
+    `check_unique`.
 
     Raises:
-        InputError: The subject is "contact" or "load".
+        InputError: The subject is "load", or "contact" or "cells" where no dof has an obstacle.
     """
     if not system.singular:
         return
-    parts = system.layout.bodies
+    where_obstacles = "cells" if system.layout.in_domain else "contact facets"
+    parts = system.layout.components
     touchable = parts.counts(system.contact_dofs)
     work, loads = parts.sums(system.b.array_r), parts.sums(np.abs(system.b.array_r))
     for k in np.flatnonzero(system.loose):
@@ -339,17 +392,53 @@ def check_held(system: System) -> None:
         if not touchable[k]:
             raise InputError(
                 f"empty{where} the form a vanishes on constants: the operator is singular; "
-                "give contact facets, a Dirichlet condition or a reaction term",
-                "contact",
+                f"give {where_obstacles}, a Dirichlet condition or a reaction term",
+                where_obstacles.split()[0],
             )
-        if not work[k] < -ROUNDING * loads[k]:
-            unbounded = work[k] > ROUNDING * loads[k]
+        if len(system.layout.sides) > 1:
+            continue
+        (sign,) = system.layout.sides
+        pressing = -sign * work[k]
+        if not pressing > ROUNDING * loads[k]:
+            unbounded = pressing < -ROUNDING * loads[k]
+            wanted = "negative" if sign > 0.0 else "positive"
             raise InputError(
-                f"L(1) = {work[k]:.6g} is not negative{where} the form a vanishes on constants: "
+                f"L(1) = {work[k]:.6g} is not {wanted}{where} the form a vanishes on constants: "
                 + ("the energy is unbounded" if unbounded else "the solution is not unique")
                 + "; the load must press against the obstacle",
                 "load",
             )
+
+
+def check_unique(system: System, x: PETSc.Vec) -> None:
+    """Refuse a solution that is one of many: with a load that is balanced, on a body that the form
+    does not hold, and with contact on one side or none.
+
+    Contact on both sides leaves no room to move the body.
+
+    Args:
+        system: The system; the call is collective.
+        x: Its solution.
+
+    Raises:
+        InputError: The subject is "load".
+    """
+    if not system.singular or len(system.layout.sides) < 2:
+        return
+    parts, touching = system.layout.components, system.touching(x)
+    work, loads = parts.sums(system.b.array_r), parts.sums(np.abs(system.b.array_r))
+    below, above = (
+        parts.counts(system.contact_dofs[touching & (system.signs == sign)])
+        for sign in system.layout.sides
+    )
+    balanced = np.abs(work) <= ROUNDING * loads
+    for k in np.flatnonzero(system.loose & balanced & ((below == 0) | (above == 0))):
+        where = f" on {parts.names[k]}, where" if parts.count > 1 else ", while"
+        raise InputError(
+            f"L(1) = 0{where} the form a vanishes on constants, and there is not contact with both "
+            "obstacles: the solution is not unique",
+            "load",
+        )
 
 
 def _place(space: fem.FunctionSpace, dof: int) -> str:

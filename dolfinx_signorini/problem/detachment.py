@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
 SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
 NEAR = 0.05  # of the size of the domain; at least 4 facets
@@ -70,7 +70,7 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     Raises:
         InputError: The problem is not in the plane, or has not been solved.
     """
-    check(problem=(problem, instance(SignoriniProblem, "a solved problem")))
+    check(problem=(problem, one_sided))
     plane = problem.space.mesh.topology.dim == 2
     require(problem.comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
@@ -177,7 +177,7 @@ def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Arr
     space = problem.space
     gap, pressure = problem.gap.x.array, problem.pressure.x.array
     values = values_at_control_points(space, gap)
-    edges, _ = facet_pieces(space, problem.system.layout.facet_cells)
+    edges, _ = facet_pieces(space, problem.system.layout.owned_entities)
     x = control_points(space)[:, :2]
     table = np.hstack([x[edges].reshape(-1, 4), gap[edges], pressure[edges], values[edges]])
     table = np.concatenate(problem.comm.allgather(table))

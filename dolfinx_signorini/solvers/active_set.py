@@ -10,6 +10,7 @@ gap and multiplier vanish together, the set may keep changing within rounding fo
 Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,21 +21,17 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
-from dolfinx_signorini.solvers.patch import active_in_patch
-from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
+from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
+from dolfinx_signorini.solvers.residual import MARGIN, ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import check_bounded
 
-LINEAR_FRACTION = 0.5  # of rtol is left to the linear solver
-LOOSE = 1e-2  # how far a linear solve goes, relative to the residual, while the set is a guess
-PROBE = 1e-4  # how far a solve with a predicted set goes before the set is looked at
-NOISE = 10.0  # of the linear tolerance: a smaller natural residual tells nothing about the set
+NOISE = 10.0  # times the linear residual: with a smaller natural residual no set is judged
 SEVERE = 0.1  # relative to the largest defect: a dof that has to change
-SETTLED = 1e-3  # relative residual from which on a set corrected locally is solved for to the end
-LOCAL_FRACTION = 0.02  # of the contact dofs have to change at most, for a change to count as local
+SETTLED = 1e-3  # relative residual: below it a set corrected locally is solved for to the end
+LOCAL = 0.05  # of the contact dofs, or 8: so many changes at most count as local
 STALL = 4  # steps without a lower residual, after which no more short cuts are taken
-MAX_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -44,19 +41,19 @@ class Start:
     The start of a user, of the last solutions, or of a coarser mesh:
 
         Start(x, held)
-        Start(x, held, trust=1e-2)
-        Start(x, held, trust=math.inf)
+        Start(x, held, predicted=True)
 
     Attributes:
         x: A feasible vector, overwritten by the solution.
         held: The guess of the active set, one entry per contact dof of this rank.
-        trust: The relative residual of x up to which linear systems with this set are solved to
-            the end at once; with infinity the set is trusted whatever x is.
+        predicted: Whether a solution on a coarser mesh or space predicts the set, which is then
+            trusted whatever the residual of x is. Else the set is trusted where x is a rough
+            solution, up to a residual of `LOOSEST`.
     """
 
     x: PETSc.Vec
     held: Mask
-    trust: float = 0.0
+    predicted: bool = False
 
 
 def solve_active_set(
@@ -71,8 +68,8 @@ def solve_active_set(
 
     The method takes two short cuts, loose linear solves and local corrections. Where the short cuts
     lead nowhere, the method goes on without them: the sets of exact steps are monotone for an
-    M-matrix, and a set that comes back is a cycle. Solves with a set that is trusted whatever the
-    residual are interrupted after some digits: by then the set shows where its ends are wrong, and
+    M-matrix, and a set that comes back is a cycle. A set that is trusted whatever the residual is
+    checked during its linear solve: after some digits the set shows where its ends are wrong, and
     what is solved to the end has the right ends.
 
     Args:
@@ -95,8 +92,7 @@ def solve_active_set(
     residual, best, stalled = _measured(measure, x, rtol), np.inf, 0
     if residual <= rtol:
         return residual
-    trusted = residual <= start.trust
-    probing = start.trust == np.inf and not solver.exact
+    trusted = start.predicted or residual <= LOOSEST
     exact: list[Mask] = []  # sets whose solution was found without short cuts
     for _ in range(MAX_STEPS):
         careful = solver.exact or stalled == STALL
@@ -109,37 +105,89 @@ def solve_active_set(
             residual = measure(x)
         if system.singular:
             held = _hold_loose(system, measure, x, held)
-        target = rtol * LINEAR_FRACTION
+        target = rtol * MARGIN
         if not (trusted or careful):
-            target = max(target, LOOSE * residual)
-        if probing:
-            target = max(target, PROBE * residual)
+            target = max(target, LOOSEST * residual)
         if stop is not None:
             stop.allowed = LOOSEST * measure.scale
-        solver.solve(system, x, held, target * measure.scale, measure.multiplier, stop)
-        residual = _measured(measure, x, rtol)
-        if residual <= rtol:
-            break
-        if stop is not None and stop.reached:
-            if stop.settle(x, _any_equal(system, [held], measure.defect(x) > 0.0)):
+        probe = Probe(measure, x, held) if trusted and not careful else None
+        check = None if probe is None else probe.enough
+        solver.solve(system, x, held, target * measure.scale, measure.multiplier, stop, check)
+        corrected, norm = (None, 0.0) if probe is None else probe.take()
+        if corrected is None:
+            residual, norm = _measured(measure, x, rtol), measure.norm
+            if residual <= rtol:
                 break
-            probing = False
-        corrected = None
+            if stop is not None and stop.reached:
+                same = _any_equal(system, [held], measure.defect(x) > 0.0)
+                if stop.settle(x, same):
+                    break
+        else:
+            residual = norm / measure.scale
         if careful:
             exact.append(held)
-        elif not (probing and residual <= NOISE * target):
-            stalled = 0 if measure.norm < best else stalled + 1
-            best = min(best, measure.norm)
-            if stalled < STALL:
-                corrected = _correct_locally(system, measure, x, held)
-        if probing and corrected is None:  # few digits show the wrong ends of a set, and no more
-            probing = False
-            solver.solves -= 1  # which goes on
-            continue
+        else:
+            stalled = 0 if norm < best else stalled + 1
+            best = min(best, norm)
+            if corrected is None and stalled < STALL:
+                corrected = _correct_locally(measure, x, held)
         before, held = held, measure.defect(x) > 0.0 if corrected is None else corrected
         settled = corrected is not None or _any_equal(system, [before], held)
         trusted = settled and (trusted or residual < SETTLED)
     return measure.close_gaps(x)
+
+
+class Probe:
+    """Checks the active set of a linear solve at some iterates, and ends the solve of a wrong set.
+
+    While the set holds, conjugate gradients go on undisturbed:
+
+        probe = Probe(measure, x, held)
+        solver.solve(system, x, held, atol, multiplier, stop, probe.enough)
+        corrected, norm = probe.take()
+
+    Args:
+        measure: Measures natural residuals.
+        x: The vector that the solve improves, at its start while the solve goes on.
+        held: The active set of the solve.
+    """
+
+    def __init__(self, measure: NaturalResidual, x: PETSc.Vec, held: Mask):
+        self._measure, self._x, self._held = measure, x, held
+        self._iterate: PETSc.Vec | None = None
+        self._due = self._norm = math.inf
+        self._corrected: Mask | None = None
+
+    def enough(self, correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
+        """Return whether the iterate shows that the set is wrong, and where.
+
+        Args:
+            correction: The sum of all steps of this linear solve so far.
+            iteration: The number of the iteration.
+            norm: The norm of the residual.
+            unit: The unit of correction and residual.
+        """
+        if iteration == 0:
+            self._due = norm / NOISE
+        if norm > self._due:
+            return False
+        self._iterate = self._x.copy(self._iterate)
+        self._iterate.axpy(unit, correction)
+        self._measure(self._iterate)
+        self._norm = self._measure.norm
+        self._due = self._norm / unit / NOISE
+        if norm < self._due:
+            self._due = 0.0  # where so many digits show no local change, more digits do not either
+            self._corrected = _correct_locally(self._measure, self._iterate, self._held)
+        return self._corrected is not None
+
+    def take(self) -> tuple[Mask | None, float]:
+        """Give x the corrected iterate; return its set, and its natural residual uncorrected."""
+        if self._iterate is not None:
+            if self._corrected is not None:
+                self._iterate.copy(self._x)
+            self._iterate.destroy()
+        return self._corrected, self._norm
 
 
 def _measured(measure: NaturalResidual, x: PETSc.Vec, rtol: float) -> float:
@@ -149,11 +197,11 @@ def _measured(measure: NaturalResidual, x: PETSc.Vec, rtol: float) -> float:
 
 
 def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Mask) -> Mask:
-    """Return a set that holds each loose body, if only at the dofs next to being held.
+    """Return a set that holds each loose component, if only at the dofs next to being held.
 
-    Without any dof held, no forces on the body balance.
+    Without any dof held, no forces on the component balance.
     """
-    parts, dofs = system.layout.bodies, system.contact_dofs
+    parts, dofs = system.layout.components, system.contact_dofs
     free = system.loose & (parts.counts(dofs[held]) == 0)
     if not free.any():
         return held
@@ -170,13 +218,10 @@ def _any_equal(system: System, sets: Sequence[Mask], held: Mask) -> bool:
     return bool(equal.any())
 
 
-def _correct_locally(
-    system: System, measure: NaturalResidual, x: PETSc.Vec, held: Mask
-) -> Mask | None:
+def _correct_locally(measure: NaturalResidual, x: PETSc.Vec, held: Mask) -> Mask | None:
     """Return the active set with its wrong parts replaced by those of patch problems.
 
     Args:
-        system: The system.
         measure: Holds the multiplier of x, before and afterwards.
         x: The solution for the set held; if there is a local change, made feasible and replaced by
             the solution of the patches.
@@ -185,16 +230,16 @@ def _correct_locally(
     Returns:
         The set, or None where the change is no local one.
     """
-    defect = measure.defect(x)
+    system, defect = measure.system, measure.defect(x)
     wrong = (defect > 0.0) != held
     # What is far below the largest defect may be its consequence.
     largest = highest(system.comm, np.abs(defect[wrong]))
     severe = wrong & (np.abs(defect) >= SEVERE * largest)
     counts = system.comm.allreduce(np.array([severe.sum(), len(held)]))
-    if not 0 < counts[0] <= max(LOCAL_FRACTION * counts[1], 8):
+    if not 0 < counts[0] <= max(LOCAL * counts[1], 8):
         return None
-    system.project(x)
-    measure(x)
+    if system.project(x):
+        measure(x)
     seeds = system.contact_dofs[severe]
     update = active_in_patch(system, x, measure.multiplier, held, seeds)
     measure(x)

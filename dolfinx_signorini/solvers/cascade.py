@@ -111,11 +111,17 @@ class Cascade(Generic[Level, Problem]):
         if kind is not None and self.problem is not None:
             self.problem.destroy()
 
-    def solve(self, level: Level, **keywords: Any) -> Problem:
+    def solve(
+        self,
+        level: Level,
+        start: Callable[[Problem], fem.Function] | None = None,
+        **keywords: Any,
+    ) -> Problem:
         """Pose and solve the problem of the next level.
 
         Args:
             level: The level.
+            start: Returns for the problem what its linear solves start from; zero by default.
             keywords: Those of the problem's own `solve`.
 
         Raises:
@@ -129,7 +135,8 @@ class Cascade(Generic[Level, Problem]):
             self.problem.destroy()
         self.problem = posed
         known = self.coarse if keywords.get("method", "cascade") == "cascade" else None
-        posed.solve(coarse=known, **keywords)
+        begun = {} if start is None else {"start": start(posed)}
+        posed.solve(coarse=known, **begun, **keywords)
         return posed
 
 

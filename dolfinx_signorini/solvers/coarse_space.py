@@ -9,6 +9,9 @@ solution on a coarser mesh does, see `prediction`.
 The triangulation does not know the domain, and couples what a thin hole separates. The start is
 then worse, and the solution is the same.
 
+The coarsest space of all has the constants alone. Where an obstacle is so far below a constant that
+the load does not bend the solution down to the obstacle, no other space is made.
+
 Source: Chan, Smith and Zou, Numer. Math. 73 (1996) 149-167, for coarse spaces by interpolation
 between meshes that are not nested.
 """
@@ -19,6 +22,8 @@ from petsc4py import PETSc
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.lookups import Lookup
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.solvers.linear.solver import has_few_dofs
 from dolfinx_signorini.solvers.patch import solve_small
@@ -44,12 +49,12 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     domain, comm = system.space.mesh, system.comm
     if domain.topology.dim < max(domain.geometry.dim, min(RATIO)) or has_few_dofs(system):
         return None
+    if _out_of_reach(system, x):
+        return np.full(len(system.contact_dofs), False)
     places = control_points(system.space)[: x.getLocalSize(), : domain.geometry.dim]
-    chosen = _vertices(system, places)
-    bound = np.full(len(places), -np.inf)
-    bound[system.contact_dofs] = system.obstacle
-    vertices, lower, start = (
-        np.concatenate(comm.allgather(values[chosen])) for values in (places, bound, x.array_r)
+    chosen, order = _vertices(system, places)
+    vertices, lower, upper, start = (
+        np.concatenate(comm.allgather(part[chosen])) for part in (places, *system.bounds, x.array_r)
     )
     try:
         triangulation = Delaunay(vertices)
@@ -57,40 +62,83 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     if len(triangulation.coplanar):  # some vertices are left out
         return None
-    P = _interpolation(triangulation, places)
+    P = _interpolation(triangulation, places, order)
     P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0
-    A, load = _galerkin(system, P, len(chosen))
-    solution, forces = _solution(A, load, lower, start)
-    A.destroy()
+    solution, forces = _solution(*_galerkin(system, P), lower, upper, start)
     if not np.isfinite(solution).all():
         return None
     x.array_w[:] = P @ solution
     system.project(x)
-    return settled(system, x, _predicted(system, x, P, np.isfinite(lower), forces))
+    contact: Mask = np.isfinite(lower) | np.isfinite(upper)
+    return settled(system, x, _predicted(system, x, P, contact, forces))
 
 
-def _vertices(system: System, places: Array) -> LocalIndices:
-    """Owned dofs, spread as all dofs are: contact dofs, and dofs without any condition."""
+def _out_of_reach(system: System, x: PETSc.Vec) -> bool:
+    """Return whether no contact is likely, with x then the constant that balances the load.
+
+    With the residual r of the constant, a solution without contact differs from the constant by at
+    most the largest r_i over the sum of row i, by the maximum principle. Where a row has hardly
+    such a sum, the scale is the coupling to one of two neighbours along each axis, over the number
+    of dofs: n dofs in a line that is held at an end give way up to n^2 times as far as one.
+    """
+    free = np.ones(x.getLocalSize())
+    free[system.fixed_dofs] = 0.0
+    ones, sums = system.A.createVecs()
+    ones.array_w[:] = free
+    system.A.mult(ones, sums)
+    diagonal = system.A.getDiagonal()
+    rows, load = free * sums.array_r, free * system.b.array_r
+    neighbours = 2 * system.space.mesh.topology.dim
+    scales = np.maximum(rows, diagonal.array_r / (neighbours * system.unknowns))
+    for item in (ones, sums, diagonal):
+        item.destroy()
+    reaction, total = system.comm.allreduce(np.array([rows.sum(), load.sum()]))
+    if not reaction > 0.0:
+        return False
+    constant = total / reaction
+    reach = highest(system.comm, np.abs(load - constant * rows) / scales)
+    beyond = system.signs * (system.obstacle - constant)
+    if highest(system.comm, reach + beyond) > 0.0:
+        return False
+    x.array_w[:] = constant
+    system.project(x)
+    return True
+
+
+def _vertices(system: System, places: Array) -> tuple[LocalIndices, LocalIndices]:
+    """Owned dofs, spread as all dofs are: contact dofs, and dofs without any condition.
+
+    Returns:
+        These dofs, and all owned dofs in an order in which neighbours follow one another.
+    """
     dim = system.space.mesh.topology.dim
     free = np.ones(len(places), dtype=bool)
     free[np.concatenate((system.contact_dofs, system.fixed_dofs))] = False
-    chosen = []
+    chosen, order = [], [system.fixed_dofs]
     for dofs, step in (
-        (system.contact_dofs, RATIO[dim] ** (dim - 1)),
+        (system.layout.free_dofs, RATIO[dim] ** system.layout.dim),
         (np.flatnonzero(free).astype(np.int32), RATIO[dim] ** dim),
     ):
         # The leaves of the tree are groups of neighbours, one after the other.
         tree = cKDTree(places[dofs], leafsize=step, compact_nodes=False)
-        chosen.append(dofs[tree.indices[::step]])
-    return np.concatenate(chosen)
+        order.append(dofs[tree.indices])
+        chosen.append(order[-1][::step])
+    return np.concatenate(chosen), np.concatenate(order)
 
 
-def _interpolation(triangulation: Delaunay, places: Array) -> sp.csr_matrix:
+def _interpolation(triangulation: Delaunay, places: Array, order: LocalIndices) -> sp.csr_matrix:
     """The values at points of the functions that are linear on the simplices.
 
     A point outside of all simplices has the value of the nearest vertex.
+
+    Args:
+        triangulation: The simplices.
+        places: The points.
+        order: All points in the order in which they are looked for, each search starting from the
+            last: three times as fast for neighbours.
     """
-    dim, cells = places.shape[1], triangulation.find_simplex(places)
+    dim, cells = places.shape[1], np.empty(len(places), dtype=np.int32)
+    cells[order] = triangulation.find_simplex(places[order])
     outside = np.flatnonzero(cells < 0)
     nearest = cKDTree(triangulation.points).query(places[outside])[1]
     cells[outside] = triangulation.vertex_to_simplex[nearest]
@@ -101,41 +149,42 @@ def _interpolation(triangulation: Delaunay, places: Array) -> sp.csr_matrix:
     weights[outside] = columns[outside] == nearest[:, None]
     starts = np.arange(0, columns.size + 1, dim + 1, dtype=np.int32)
     shape = len(places), len(triangulation.points)
-    matrix = sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=shape)
-    matrix.sort_indices()  # PETSc takes them for sorted
-    return matrix
+    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=shape)
 
 
-def _galerkin(system: System, P: sp.csr_matrix, owned: int) -> tuple[PETSc.Mat, Array]:
+def _galerkin(system: System, P: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
     """The matrix P'AP and the load P'b, whole on each rank.
 
     Args:
         system: The system.
         P: The interpolation at the owned dofs.
-        owned: The number of vertices that this rank has chosen.
     """
-    sizes = (P.shape[0], None), (owned, None)
-    matrix = PETSc.Mat().createAIJ(sizes, csr=(P.indptr, P.indices, P.data), comm=system.comm)
-    product = system.A.ptap(matrix)
-    everything = PETSc.IS().createStride(P.shape[1], 0, 1, comm=PETSc.COMM_SELF)
-    (whole,) = product.createSubMatrices(everything)
-    for item in (matrix, product, everything):
-        item.destroy()
-    return whole, system.comm.allreduce(P.T @ system.b.array_r)
+    first, last = system.A.getOwnershipRange()
+    starts, columns, values = system.A.getValuesCSR()
+    foreign = (columns < first) | (columns >= last)
+    numbers, places = np.unique(columns[foreign], return_inverse=True)
+    columns -= first
+    columns[foreign] = last - first + places
+    A = sp.csr_matrix((values, columns, starts), shape=(last - first, last - first + len(numbers)))
+    # Rows of other ranks, each with as many entries as a simplex has vertices.
+    lookup, width = Lookup(system.comm, last - first, numbers), system.space.mesh.geometry.dim + 1
+    entries = [lookup.of(part.reshape(-1, width)).ravel() for part in (P.data, P.indices)]
+    ends = np.arange(0, width * len(numbers) + 1, width)
+    others = sp.csr_matrix((*entries, ends), shape=(len(numbers), P.shape[1]))
+    everywhere = sp.vstack((P, others), format="csr")
+    parts = system.comm.allgather((P.T @ (A @ everywhere), P.T @ system.b.array_r))
+    return sum(matrix for matrix, _ in parts), sum(load for _, load in parts)
 
 
-def _solution(A: PETSc.Mat, load: Array, lower: Array, start: Array) -> tuple[Array, Array]:
-    """The solution on the coarse space, and the contact forces."""
-    values, residual = A.createVecs()
-    values.array_w[:] = start = np.where(np.isfinite(start), start, 0.0)
-    A.mult(values, residual)
-    active, solution = solve_small(A, residual.array_r - load, lower, start)
-    values.array_w[:] = solution
-    A.mult(values, residual)
-    forces = np.where(active, residual.array_r - load, 0.0)
-    for item in (values, residual):
-        item.destroy()
-    return solution, forces
+def _solution(
+    A: sp.csr_matrix, load: Array, lower: Array, upper: Array, start: Array
+) -> tuple[Array, Array]:
+    """The solution on the coarse space, and the contact forces on u."""
+    start = np.where(np.isfinite(start), start, 0.0)
+    matrix = PETSc.Mat().createAIJ(A.shape, csr=(A.indptr, A.indices, A.data), comm=PETSc.COMM_SELF)
+    sides, solution = solve_small(matrix, A @ start - load, lower, upper, start)
+    matrix.destroy()
+    return solution, np.where(sides != 0.0, A @ solution - load, 0.0)
 
 
 def _predicted(
@@ -147,14 +196,14 @@ def _predicted(
         system: The system.
         x: The solution on the coarse space.
         P: The interpolation at the owned dofs.
-        contact: The vertices on the contact boundary.
-        forces: The contact forces on the vertices.
+        contact: The vertices with an obstacle.
+        forces: The contact forces on u at the vertices.
     """
-    dofs = system.contact_dofs
-    on_boundary = P[dofs]
-    sizes = system.comm.allreduce(on_boundary.T @ system.layout.weights)
+    dofs, first = system.contact_dofs, slice(len(system.layout.free_dofs))
+    rows = P[dofs]
+    sizes = system.comm.allreduce(rows[first].T @ system.layout.weights[first])
     density = np.divide(forces, sizes, out=np.zeros_like(forces), where=sizes > 0.0)
     # The density is one of the boundary: vertices inside have no part in its interpolation.
-    shares = on_boundary @ contact.astype(float)
-    density = np.divide(on_boundary @ density, shares, out=np.zeros_like(shares), where=shares > 0)
+    shares = rows @ contact.astype(float)
+    density = np.divide(rows @ density, shares, out=np.zeros_like(shares), where=shares > 0)
     return presses(system, density, x.array_r[dofs])

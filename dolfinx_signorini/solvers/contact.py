@@ -25,10 +25,9 @@ from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
 from dolfinx_signorini.solvers.unbounded import check_bounded
 
-# TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier). At a dof
-# in contact whose multiplier is negative within the tolerance that is twice the natural residual.
-FISCHER = 2.5
-TRUST = 1e-2  # relative residual of a guess whose active set is solved for to the end at once
+# TAO stops by the norm of the Fischer function, gap + multiplier - hypot(gap, multiplier), which is
+# at most so many times the natural residual: where gap and multiplier are negative and the same.
+FISCHER = 2.0 + math.sqrt(2.0)
 
 
 class ActiveSetSolver:
@@ -84,7 +83,7 @@ class ActiveSetSolver:
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
             if coarse is not None:
-                start = Start(x, predict(system, coarse), trust=math.inf)
+                start = Start(x, predict(system, coarse), predicted=True)
             elif held is not None:
                 start = Start(x, held)
             else:
@@ -184,11 +183,11 @@ def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.
     """
     guess = history.guess(system)
     if guess is not None:
-        return Start(x, _settled(system, measure, guess, x), TRUST)
+        return Start(x, _settled(system, measure, guess, x))
     held = coarse_start(system, x)
     if held is not None:
-        return Start(x, held, trust=math.inf)
-    return Start(x, np.full(len(system.contact_dofs), True), TRUST)
+        return Start(x, held, predicted=True)
+    return Start(x, np.full(len(system.contact_dofs), True))
 
 
 def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:
@@ -198,7 +197,7 @@ def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Ve
     """
     x.array_w[:] = guess.values
     system.project(x)
-    x.array_w[system.contact_dofs[guess.held]] = system.obstacle[guess.held]
+    system.place(x, guess.held)
     if measure(x) <= measure.rtol:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
@@ -231,9 +230,6 @@ def _result(
     linear: tuple[int, int],
     seconds: dict[str, float],
 ) -> SolveResult:
-    system.ledger.add("vector", "solution u", x)
-    for phase, value in seconds.items():
-        system.ledger.add("phase", phase, seconds=value)
     return SolveResult(
         method=method,
         reason=f"TAO {rounds.method}: {rounds.reason}",
@@ -241,6 +237,6 @@ def _result(
         linear_solves=linear[0],
         linear_iterations=linear[1] + rounds.linear_iterations,
         natural_residual=residual,
-        active_dofs=system.comm.allreduce(int(system.touching(x).sum())),
+        active_dofs=system.comm.allreduce(int(system.touching_once(x).sum())),
         seconds=seconds,
     )

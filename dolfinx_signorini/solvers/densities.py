@@ -1,4 +1,4 @@
-"""Densities on part of the boundary: functions whose integrals are given forces.
+"""Densities on facets or cells: functions whose integrals are given forces.
 
 A force on a dof is the integral of a density times the basis function of the dof. Where functions
 b_j of the space have positive integrals w_j and the sum 1, and are not negative at the nodes x_i,
@@ -32,23 +32,29 @@ from dolfinx_signorini.meshes.elements import bernstein_at_nodes, facet_dofs, is
 
 
 class Densities:
-    """Turns forces on the dofs of some facets into densities; making one is collective.
+    """Turns forces on the dofs of some facets or cells into densities; making one is collective.
 
     Args:
         space: A scalar space of continuous elements.
-        pairs: The facets that this rank owns as (cell, local facet) pairs.
+        entities: Owned cells, shape (n,), or owned facets as (cell, local facet) pairs, shape
+            (n, 2).
 
     Attributes:
         integrals: The integral of the basis function of each dof of this rank, ghosts included: the
             force of the density 1.
     """
 
-    def __init__(self, space: fem.FunctionSpace, pairs: LocalIndices):
+    def __init__(self, space: fem.FunctionSpace, entities: LocalIndices):
         self._comm, self._map = space.mesh.comm, space.dofmap.index_map
-        self._dofs = facet_dofs(space, pairs)
+        in_cells = entities.ndim == 1
+        self._dofs = space.dofmap.list[entities] if in_cells else facet_dofs(space, entities)
         self._shares = 1.0 / np.maximum(summed(self._map, self._dofs), 1.0)
-        self._values = bernstein_at_nodes(space)[pairs[:, 1]] if _needs_bernstein(space) else None
-        self.integrals: Array = _integrals(space, pairs)
+        self._values: Array | None = None
+        dim = space.mesh.topology.dim - (not in_cells)
+        if _needs_bernstein(space, dim):
+            numbers = np.zeros_like(entities) if in_cells else entities[:, 1]
+            self._values = bernstein_at_nodes(space, dim)[numbers]
+        self.integrals: Array = _integrals(space, entities)
 
     def of(self, forces: Array) -> Array:
         """Return the dofs of the density of some forces; the call is collective.
@@ -78,19 +84,21 @@ class Densities:
         return summed(self._map, self._dofs, np.einsum("fij,fi->fj", self._values, parts))
 
 
-def _needs_bernstein(space: fem.FunctionSpace) -> bool:
-    """Whether a space is nodal on triangular facets, of degree 2 or higher."""
+def _needs_bernstein(space: fem.FunctionSpace, dim: int) -> bool:
+    """Whether a space is nodal on triangles or tetrahedra of a dimension, of degree 2 or higher."""
     element = space.element.basix_element
-    tetrahedra = element.cell_type == basix.CellType.tetrahedron
-    return bool(tetrahedra and element.degree > 1 and not is_bernstein(space))
+    entity = basix.cell.subentity_types(element.cell_type)[dim][0]
+    simplex = entity in (basix.CellType.triangle, basix.CellType.tetrahedron)
+    return bool(simplex and element.degree > 1 and not is_bernstein(space))
 
 
-def _integrals(space: fem.FunctionSpace, pairs: LocalIndices) -> Array:
-    """The integrals of the basis functions over facets, for all dofs of this rank."""
+def _integrals(space: fem.FunctionSpace, entities: LocalIndices) -> Array:
+    """The integrals of the basis functions over facets or cells, for all dofs of this rank."""
     coordinates = space.mesh.ufl_domain().ufl_coordinate_element()
-    flat: LocalIndices = pairs.flatten()
-    parts = {fem.IntegralType.exterior_facet: [(1, flat)]}
-    form = compiled.form_on(_integral(coordinates, space.ufl_element()), [space], parts)
+    in_cells = entities.ndim == 1
+    kind = fem.IntegralType.cell if in_cells else fem.IntegralType.exterior_facet
+    integral = _integral(coordinates, space.ufl_element(), "dx" if in_cells else "ds")
+    form = compiled.form_on(integral, [space], {kind: [(1, entities.flatten())]})
     vector = fem.assemble_vector(form)
     vector.scatter_reverse(la.InsertMode.add)
     vector.scatter_forward()
@@ -98,7 +106,7 @@ def _integrals(space: fem.FunctionSpace, pairs: LocalIndices) -> Array:
 
 
 @functools.cache
-def _integral(coordinates: Any, element: Any) -> ufl.Form:
-    """The integrals of the basis functions over part 1 of the boundary."""
+def _integral(coordinates: Any, element: Any, measure: str) -> ufl.Form:
+    """The integrals of the basis functions over part 1 of the boundary, or of the domain."""
     domain = ufl.Mesh(coordinates)
-    return ufl.TestFunction(ufl.FunctionSpace(domain, element)) * ufl.Measure("ds", domain)(1)
+    return ufl.TestFunction(ufl.FunctionSpace(domain, element)) * ufl.Measure(measure, domain)(1)

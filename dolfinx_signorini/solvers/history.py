@@ -85,7 +85,7 @@ class History:
         steps = self._steps(system)
         values = _combined(self._values, steps)
         dofs = system.contact_dofs
-        force = _combined(self._contact, steps) - system.b.array_r[dofs]
+        force = system.signs * (_combined(self._contact, steps) - system.b.array_r[dofs])
         held = force > system.scaled_gap(values[dofs])
         doubtful = np.any([other != held for other in self._held], axis=0)
         return Guess(values, held, doubtful)
@@ -108,14 +108,17 @@ class History:
         The sum of squares of the residual, at dofs that no solution holds, and of what is missing
         of the obstacle, in the unit of forces, is smallest.
         """
-        free = ~np.any(self._held, axis=0)
+        dofs, held = system.contact_dofs, np.zeros(system.A.getLocalSize()[0], dtype=bool)
+        held[dofs[np.any(self._held, axis=0)]] = True
+        free = ~held[dofs]
         inner, contact = _split(system, system.b.array_r.copy())
         missing = np.concatenate((contact - self._contact[0], system.obstacle - self._obstacle[0]))
         known = [np.concatenate(pair) for pair in zip(self._contact, self._obstacle, strict=True)]
         weights = np.concatenate((free, system.contact_diagonal))
         far = np.stack([*self._inner[1:], inner - self._inner[0]])
         near = np.stack([*known[1:], missing]) * weights
-        products = far @ far.T + near @ near.T
+        with np.errstate(over="ignore", invalid="ignore"):  # of an obstacle that came from far away
+            products = far @ far.T + near @ near.T
         system.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
         return _least_squares(products)
 

@@ -14,11 +14,11 @@ from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
-# curves.
-RINGS = {1: 12, 2: 12, 3: 3}
+# curves. With more, patches cost more than the iterations saved (benchmarks/any_mesh.py).
+RINGS = {1: 12, 2: 12, 3: 5}
 # Of all dofs, by dimension: a patch of so many costs more than the linear solves that it saves.
 LARGE = {1: 0.25, 2: 0.25, 3: 0.5}
-MAX_STEPS = 40
+MAX_STEPS = 60  # of active sets: twice what starts with all dofs held take, down to rounding
 RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
 
 
@@ -38,6 +38,26 @@ def patch_dofs(system: System, seeds: LocalIndices, layers: int) -> LocalIndices
     return dofs
 
 
+def affordable_patch(system: System, seeds: LocalIndices, share: float) -> tuple[LocalIndices, int]:
+    """Return the largest patch around the seeds that is no larger than a share of all dofs.
+
+    Args:
+        system: The system; the call is collective.
+        seeds: Owned dofs, local indices.
+        share: The number of dofs of the patches of all ranks over the number of all dofs.
+
+    Returns:
+        The global indices of the dofs, and the number of layers of neighbours, at least one even
+        where that is more than the share.
+    """
+    layers = RINGS[system.space.mesh.topology.dim]
+    dofs = patch_dofs(system, seeds, layers)
+    while layers > 1 and system.comm.allreduce(len(dofs)) > share * system.unknowns:
+        layers = 2 * layers // 3
+        dofs = patch_dofs(system, seeds, layers)
+    return dofs, layers
+
+
 def active_in_patch(
     system: System, x: PETSc.Vec, multiplier: PETSc.Vec, held: Mask, seeds: LocalIndices
 ) -> Mask:
@@ -52,33 +72,33 @@ def active_in_patch(
         held: The active set so far, one entry per contact dof of this rank.
         seeds: Owned dofs around which to correct it, local indices.
     """
-    dimension = system.space.mesh.topology.dim
-    dofs = patch_dofs(system, seeds, RINGS[dimension])
-    if len(dofs) > LARGE[dimension] * system.unknowns:
+    share = LARGE[system.space.mesh.topology.dim]
+    dofs, _ = affordable_patch(system, seeds, share)
+    if len(dofs) > share * system.unknowns:
         dofs = dofs[:0]  # a patch of nothing: what follows is collective
-    lower = system.A.createVecRight()
-    lower.set(-np.inf)
-    lower.array_w[system.contact_dofs] = system.obstacle
     index_set = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
     (matrix,) = system.A.createSubMatrices(index_set)
-    start, residual, bound = (_gather(vec, index_set) for vec in (x, multiplier, lower))
-    lower.destroy()
+    start, residual = _gather(x, index_set), _gather(multiplier, index_set)
+    vector = x.duplicate()
+    lower, upper = (_gather(vector, index_set, values) for values in system.bounds)
+    vector.destroy()
     index_set.destroy()
-    active: Mask = np.zeros(0, dtype=bool)
     first, last = system.A.getOwnershipRange()
     mine = (dofs >= first) & (dofs < last)
+    sides = np.zeros(last - first)
+    sides[system.contact_dofs[held]] = system.signs[held]
     if len(dofs):
-        active, values = solve_small(matrix, residual, bound, start)
+        active, values = solve_small(matrix, residual, lower, upper, start)
         x.array_w[dofs[mine] - first] = values[mine]
+        sides[dofs[mine] - first] = active[mine]
     matrix.destroy()
-    owned = mine & np.isfinite(bound)
-    local = np.zeros(last - first, dtype=np.int8)
-    local[system.contact_dofs] = held
-    local[dofs[owned] - first] = active[owned]
-    return local[system.contact_dofs] == 1
+    return np.asarray(sides[system.contact_dofs] == system.signs)
 
 
-def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
+def _gather(vec: PETSc.Vec, index_set: PETSc.IS, new: Array | None = None) -> Array:
+    """The entries of a vector, which gets new values before, at global indices of all ranks."""
+    if new is not None:
+        vec.array_w[:] = new
     target = PETSc.Vec().createSeq(index_set.getLocalSize())
     scatter = PETSc.Scatter().create(vec, index_set, target, None)
     scatter.scatter(vec, target)
@@ -88,20 +108,24 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS) -> Array:
     return values
 
 
-def solve_small(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tuple[Mask, Array]:
-    """Take primal-dual active set steps; return the last active set and the last values.
+def solve_small(
+    A: PETSc.Mat, residual: Array, lower: Array, upper: Array, start: Array
+) -> tuple[Array, Array]:
+    """Take primal-dual active set steps.
 
     Args:
         A: The matrix of the patch.
         residual: A x - b in the whole problem, at the start.
-        bound: Lower bounds, -inf where there is none.
+        lower, upper: The bounds, infinite where there is none.
         start: Start vector.
+
+    Returns:
+        The last active set, 1 at lower and -1 at upper bounds that are active, else 0, and the last
+        values.
     """
     diagonal = A.getDiagonal().array_r.copy()
     unit = power_of_two(diagonal.max())  # held rows are no outliers of the matrix
-    contact = np.isfinite(bound)
-    g = np.where(contact, bound, 0.0)
-    active = start <= bound
+    sides = _sides(start <= lower, start >= upper)
     held = A.duplicate()
     correction, rhs = A.createVecs()
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
@@ -112,7 +136,9 @@ def solve_small(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tu
     x, multiplier = start.copy(), residual.copy()
     for _ in range(MAX_STEPS):
         A.copy(held, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        active = sides != 0.0
         held.zeroRowsColumns(np.flatnonzero(active).astype(np.int32), diag=unit)
+        g = np.where(sides > 0.0, lower, upper)
         shift = np.where(active, g - x, 0.0)
         correction.array_w[:] = shift
         A.mult(correction, rhs)
@@ -127,10 +153,17 @@ def solve_small(A: PETSc.Mat, residual: Array, bound: Array, start: Array) -> tu
         x += correction.array_r
         multiplier += rhs.array_r
         with np.errstate(over="ignore"):
-            update = contact & (multiplier - diagonal * (x - g) > 0.0)
-        if (update == active).all():
+            update = _sides(
+                multiplier > diagonal * (x - lower), multiplier < diagonal * (x - upper)
+            )
+        if (update == sides).all():
             break
-        active = update
+        sides = update
     for item in (ksp, held, correction, rhs):
         item.destroy()
-    return active, x
+    return sides, np.select([sides > 0.0, sides < 0.0], [lower, upper], x)
+
+
+def _sides(below: Mask, above: Mask) -> Array:
+    """1 where a lower bound is active, -1 where an upper one is, else 0."""
+    return below.astype(np.float64) - (above & ~below)

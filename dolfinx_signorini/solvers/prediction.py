@@ -8,6 +8,7 @@ ends of the predicted contact set, with the coarse solution outside, settle the 
 
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
@@ -43,10 +44,11 @@ def presses(system: System, density: Array, values: Array) -> Mask:
 
     Args:
         system: The system; the first call is collective.
-        density: The density of the contact pressure at the contact dofs of this rank.
+        density: The density of the force on u at the dof of each constraint of this rank.
         values: The values there.
     """
-    return np.asarray(system.layout.weights * density - system.scaled_gap(values) > 0.0)
+    pressure = system.layout.weights * system.signs * density
+    return np.asarray(pressure - system.scaled_gap(values) > 0.0)
 
 
 def _settled(
@@ -91,25 +93,26 @@ def settled(system: System, x: PETSc.Vec, held: Mask) -> Mask:
         system: The system.
         x: The values that go with the prediction, right near the ends of the set; x gets the
             obstacle where the set holds, and the solution of the patches.
-        held: The predicted set, one entry per contact dof of this rank.
+        held: The predicted set, one entry per contact dof of this rank. A set that loses all its
+            dofs stays: a small contact lifts values around that are not those of the fine mesh.
     """
-    x.array_w[system.contact_dofs[held]] = system.obstacle[held]
-    system.project(x)
+    system.project(x, held)
     residual = x.duplicate()
     system.A.mult(x, residual)
     residual.axpy(-1.0, system.b)
-    held = active_in_patch(system, x, residual, held, _ends(system, held))
+    update = active_in_patch(system, x, residual, held, _ends(system, held))
     residual.destroy()
-    return held
+    return update if system.comm.allreduce(bool(update.any()), op=MPI.LOR) else held
 
 
 def _ends(system: System, held: Mask) -> LocalIndices:
-    """Owned contact dofs of cells at the contact boundary that have held and free contact dofs."""
+    """Owned contact dofs of cells with an obstacle that have held and free contact dofs."""
     space = system.space
     state = fem.Function(space)
-    state.x.array[system.contact_dofs] = np.where(held, 1.0, -1.0)
+    state.x.array[system.layout.free_dofs] = -1.0
+    state.x.array[system.contact_dofs[held]] = 1.0
     state.x.scatter_forward()
-    cells = space.dofmap.list[np.unique(system.layout.facet_cells[:, 0])]
+    cells = space.dofmap.list[system.layout.cells]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
     ends = marked(space, cells[mixed][values[mixed] != 0.0])

@@ -19,8 +19,8 @@ class ContactState:
         fine.solve(coarse=problem.contact_state())
 
     Attributes:
-        u: The solution of the system; for an upper obstacle that is -u.
-        density: The density of the contact pressure, zero away from the contact dofs.
+        u: The solution.
+        density: The density of the contact force on u, zero away from the contact dofs.
 
     Raises:
         InputError: An attribute is of another kind, or the density lives on another mesh.
@@ -45,4 +45,7 @@ def contact_state(system: System, x: PETSc.Vec) -> ContactState:
     u = fem.Function(system.space, name="u")
     u.x.array[: x.getLocalSize()] = x.array_r
     u.x.scatter_forward()
-    return ContactState(u=u, density=system.layout.density(system.multiplier(x)))
+    forces = fem.Function(system.space)
+    forces.x.array[system.contact_dofs] = system.signs * system.multiplier(x)
+    forces.x.scatter_forward()
+    return ContactState(u=u, density=system.layout.density(forces))

@@ -15,7 +15,9 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.tolerances import TINY
 
 SHARE = 1 / 50  # of the estimated discretisation error
-LOOSEST = 1e-2  # relative residual of a linear solve that may be ended
+# Relative residual down to which linear solves go at least: of a larger one the active set is no
+# guess. A start with this residual is as good as what such a solve finds.
+LOOSEST = 1e-2
 SLOWEST_KNOWN = 0.5  # rate of convergence: a first step shows none, and may look better than it is
 
 

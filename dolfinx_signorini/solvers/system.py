@@ -2,15 +2,17 @@
 
 The solvers of this package see one system,
 
-    minimise 1/2 v.A v - b.v  over all v with  v_i >= g_i at the contact dofs,
+    minimise 1/2 v.A v - b.v  over all v with  s_c (v_i(c) - g_c) >= 0 for each constraint c,
 
 with the Dirichlet data eliminated symmetrically: a Dirichlet row of A has only its diagonal entry.
-An upper obstacle, u <= g, is the system for -u, with -b and -g. What the problem does not mention
-is neither assembled nor stored; the obstacle is an array over the contact dofs.
+A constraint c is a contact dof i(c) with an obstacle g_c, whose sign s_c is 1 for a lower obstacle
+and -1 for an upper one. A dof between two obstacles has two constraints, of which one at most is
+active. What the problem does not mention is neither assembled nor stored: gaps, forces and active
+sets are arrays over the constraints of a rank.
 """
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +21,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.costs import Ledger
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
-from dolfinx_signorini.solvers.connected_parts import Bodies, bodies
+from dolfinx_signorini.solvers.components import Components, components
 from dolfinx_signorini.solvers.densities import Densities
 
 
@@ -31,83 +32,114 @@ class Layout:
 
     Attributes:
         space: The function space.
-        facets: The contact facets that this rank knows.
-        boundary_dofs: The owned dofs on the contact boundary, with or without Dirichlet data.
+        dim: The dimension of the facets or cells that have an obstacle.
+        entities: These facets or cells, as far as this rank knows them.
+        sides: The signs of the obstacles: 1 for a lower one, -1 for an upper one.
+        obstacle_dofs: The owned dofs of these entities, with or without Dirichlet data.
         fixed_dofs: The owned dofs with Dirichlet data.
-        ledger: Where the costs of the problem are noted.
     """
 
     space: fem.FunctionSpace
-    facets: LocalIndices
-    boundary_dofs: LocalIndices
+    dim: int
+    entities: LocalIndices
+    sides: tuple[float, ...]
+    obstacle_dofs: LocalIndices
     fixed_dofs: LocalIndices
-    ledger: Ledger = field(repr=False)
 
     @functools.cached_property
     def free(self) -> npt.NDArray[np.bool_]:
-        """Whether a dof on the contact boundary has no Dirichlet data."""
-        return ~np.isin(self.boundary_dofs, self.fixed_dofs)
+        """Whether a dof with an obstacle has no Dirichlet data."""
+        return ~np.isin(self.obstacle_dofs, self.fixed_dofs)
+
+    @functools.cached_property
+    def free_dofs(self) -> LocalIndices:
+        """The owned dofs with an obstacle and without Dirichlet data, each of them once."""
+        return self.obstacle_dofs[self.free]
 
     @functools.cached_property
     def contact_dofs(self) -> LocalIndices:
-        """The owned dofs on the contact boundary without Dirichlet data."""
-        return self.boundary_dofs[self.free]
+        """The dof of each constraint: the constraints of the first obstacle come first."""
+        return np.tile(self.free_dofs, len(self.sides))
 
     @functools.cached_property
-    def bodies(self) -> Bodies:
+    def signs(self) -> Array:
+        """The sign of each constraint: 1 for a lower obstacle, -1 for an upper one."""
+        return np.repeat(self.sides, len(self.free_dofs))
+
+    @functools.cached_property
+    def components(self) -> Components:
         """The connected parts of the mesh; the first call is collective."""
-        return bodies(self.space)
+        return components(self.space)
+
+    @property
+    def in_domain(self) -> bool:
+        """Whether the obstacle is in the domain, and not on the boundary alone."""
+        return self.dim == self.space.mesh.topology.dim
 
     @functools.cached_property
-    def facet_cells(self) -> LocalIndices:
-        """The contact facets that this rank owns as (cell, local facet) pairs."""
-        topology = self.space.mesh.topology
-        owned = self.facets < topology.index_map(topology.dim - 1).size_local
-        return facet_cells(self.space.mesh, self.facets[owned])
+    def owned_entities(self) -> LocalIndices:
+        """The entities that this rank owns: facets as (cell, local facet) pairs, or cells."""
+        count = self.space.mesh.topology.index_map(self.dim).size_local
+        owned = self.entities[self.entities < count]
+        return owned if self.in_domain else facet_cells(self.space.mesh, owned)
+
+    @property
+    def cells(self) -> LocalIndices:
+        """The cells of these entities."""
+        return self.owned_entities if self.in_domain else np.unique(self.owned_entities[:, 0])
 
     @functools.cached_property
     def _densities(self) -> Densities:
-        return Densities(self.space, self.facet_cells)
+        return Densities(self.space, self.owned_entities)
 
     @property
     def weights(self) -> Array:
-        """The integrals of the basis functions of the contact dofs of this rank, a collective call.
+        """The integral of the basis function of each constraint's dof, a collective call.
 
         A weight is the force of the pressure 1 on the dof. Nodal weights may be zero or negative at
-        the vertices of tetrahedra, of even degree.
+        the vertices of triangles and tetrahedra, of even degree.
         """
         return self._densities.integrals[self.contact_dofs]
 
-    def density(self, forces: Array) -> fem.Function:
-        """Return the density of forces on the contact dofs: its integral is their sum.
+    def forces_at(self, forces: Array) -> fem.Function:
+        """Return the function whose coefficients are forces on u, 0 without an obstacle.
 
         Args:
-            forces: The forces on the contact dofs of this rank; the call is collective.
+            forces: The force of each constraint, in the direction of its sign; collective.
+        """
+        result = fem.Function(self.space, name="forces")
+        np.add.at(result.x.array, self.contact_dofs, self.signs * forces)
+        result.x.scatter_forward()
+        return result
+
+    def density(self, forces: fem.Function) -> fem.Function:
+        """Return the density of forces on the dofs with an obstacle: its integral is their sum.
+
+        Args:
+            forces: The forces; the call is collective.
         """
         density = fem.Function(self.space, name="pressure")
-        density.x.array[self.contact_dofs] = forces
-        density.x.scatter_forward()
-        density.x.array[:] = self._densities.of(density.x.array)
+        density.x.array[:] = self._densities.of(forces.x.array)
         return density
 
 
 @dataclass(frozen=True)
 class System:
-    """A discrete problem with a lower obstacle, as every solver of this package takes it.
+    """A discrete problem with obstacles, as every solver of this package takes it.
 
     A system belongs to a problem, which makes it and frees its PETSc objects:
 
         system = SignoriniProblem(a, L, contact=facets).system
-        gap = x.array_r[system.contact_dofs] - system.obstacle
+        in_contact = system.contact_dofs[system.touching(x)]
 
     Attributes:
         layout: The dofs with a constraint or Dirichlet data.
         A, b: PETSc matrix and vector, with the Dirichlet data eliminated.
-        obstacle: The obstacle at the contact dofs.
-        contact_diagonal: The diagonal entries of A at the contact dofs.
+        obstacle: The obstacle of each constraint.
+        contact_diagonal: The diagonal entry of A of each constraint's dof.
         fixed_values: The Dirichlet data at the fixed dofs.
-        loose: For each body whether the form vanishes on the constants there, so that only contact
-            holds the body; empty where the form holds all bodies.
+        loose: For each component of the mesh whether the form vanishes on the constants there, so
+            that only contact holds the component; empty where the form holds all components.
         assembled: How often the matrix has been assembled.
     """
 
@@ -122,7 +154,7 @@ class System:
 
     @property
     def singular(self) -> bool:
-        """Whether only contact holds some body, so that A has a kernel."""
+        """Whether only contact holds some component, so that A has a kernel."""
         return bool(self.loose.any())
 
     @property
@@ -132,18 +164,18 @@ class System:
 
     @property
     def contact_dofs(self) -> LocalIndices:
-        """The owned dofs on the contact boundary that have no Dirichlet data."""
+        """The owned dof of each constraint, see `Layout`."""
         return self.layout.contact_dofs
+
+    @property
+    def signs(self) -> Array:
+        """The sign of each constraint: 1 for a lower obstacle, -1 for an upper one."""
+        return self.layout.signs
 
     @property
     def fixed_dofs(self) -> LocalIndices:
         """The owned dofs with Dirichlet data."""
         return self.layout.fixed_dofs
-
-    @property
-    def ledger(self) -> Ledger:
-        """Where the costs of the problem are noted."""
-        return self.layout.ledger
 
     @property
     def comm(self) -> MPI.Comm:
@@ -155,14 +187,24 @@ class System:
         """The global number of dofs."""
         return int(self.space.dofmap.index_map.size_global)
 
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """The lower and upper bounds of the owned dofs, infinite where there is no obstacle."""
+        return self._bounds(1.0), self._bounds(-1.0)
+
+    def _bounds(self, sign: float) -> Array:
+        bounds, chosen = np.full(self.A.getLocalSize()[0], -sign * np.inf), self.signs == sign
+        bounds[self.contact_dofs[chosen]] = self.obstacle[chosen]
+        return bounds
+
     def scaled_gap(self, values: Array) -> Array:
-        """Return the gaps of the contact dofs times the diagonal of A: forces, as multipliers are.
+        """Return the gaps of the constraints times the diagonal of A: forces, as multipliers are.
 
         Args:
-            values: The values at the contact dofs.
+            values: The value at the dof of each constraint.
         """
         with np.errstate(over="ignore"):  # an obstacle may be so far away that it is none
-            return np.asarray(self.contact_diagonal * (values - self.obstacle))
+            return np.asarray(self.contact_diagonal * self.signs * (values - self.obstacle))
 
     def start(self, values: Array | None = None) -> PETSc.Vec:
         """Return a feasible new vector: values of the owned dofs, or zero, projected."""
@@ -178,33 +220,49 @@ class System:
         return x
 
     def project(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None = None) -> bool:
-        """Lift x to the obstacle where x lies below, and set the Dirichlet data.
+        """Move x to an obstacle where x lies beyond, and set the Dirichlet data.
 
         Args:
             x: The vector, changed in place.
-            held: The contact dofs at which x is set to the obstacle, too; one entry each.
+            held: The constraints at whose dofs x is set to the obstacle, too; one entry each.
 
         Returns:
             Whether a value was changed on some rank.
         """
-        dofs = np.concatenate((self.contact_dofs, self.fixed_dofs))
-        old = x.array_r[dofs]
-        lifted = np.maximum(old[: len(self.contact_dofs)], self.obstacle)
-        if held is not None:
-            lifted[held] = self.obstacle[held]
-        new = np.concatenate((lifted, self.fixed_values))
-        x.array_w[dofs] = new
-        return bool(self.comm.allreduce(bool((new != old).any()), op=MPI.LOR))
+        signs = self.signs
+        changed = self.place(x, signs * x.array_r[self.contact_dofs] < signs * self.obstacle)
+        return (held is not None and self.place(x, held)) or changed
+
+    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_]) -> bool:
+        """Set x to the obstacle at the dofs of some constraints, and to the Dirichlet data.
+
+        Args:
+            x: The vector, changed in place.
+            held: The constraints, one entry each; the two constraints of a dof exclude each other.
+
+        Returns:
+            Whether a value was changed on some rank.
+        """
+        dofs = np.concatenate((self.contact_dofs[held], self.fixed_dofs))
+        values = np.concatenate((self.obstacle[held], self.fixed_values))
+        changed = bool((x.array_r[dofs] != values).any())
+        x.array_w[dofs] = values
+        return bool(self.comm.allreduce(changed, op=MPI.LOR))
 
     def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
-        """Return whether x is at the obstacle, or below, at each contact dof of this rank."""
-        return np.asarray(x.array_r[self.contact_dofs] <= self.obstacle)
+        """Return whether x is at the obstacle, or beyond, for each constraint of this rank."""
+        return np.asarray(self.signs * x.array_r[self.contact_dofs] <= self.signs * self.obstacle)
+
+    def touching_once(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
+        """As `touching`, but where both obstacles of a dof meet the first of them alone."""
+        touching = self.touching(x).reshape(len(self.layout.sides), -1)
+        return (touching & (np.cumsum(touching, axis=0) == 1)).ravel()
 
     def multiplier(self, x: PETSc.Vec) -> Array:
-        """Return A x - b at the contact dofs of this rank: the force on each of them."""
+        """Return the force of each constraint of this rank: its sign times A x - b at its dof."""
         force = x.duplicate()
         self.A.mult(x, force)
         force.axpy(-1.0, self.b)
-        values = force.array_r[self.contact_dofs].copy()
+        values = self.signs * force.array_r[self.contact_dofs]
         force.destroy()
-        return values
+        return np.asarray(values)

@@ -3,7 +3,9 @@
 TAO sees the correction d = (x - x0) / s to a start x0, with A divided by a power of two of the size
 of its diagonal, in the unit s in which the natural residual of x0 has size one:
 
-    minimise 1/2 d.A'd - r'.d  over  d >= (g - x0) / s,    A' = A / |A|,  r' = (b - A x0) / (s |A|).
+    minimise 1/2 d.A'd - r'.d  over  d >= (g - x0) / s,    A' = A / |A|,  r' = (b - A x0) / (s |A|),
+
+or d <= (g - x0) / s for upper obstacles.
 
 So neither the size of the load nor that of the operator matters (scaling by powers of two is
 exact), and neither do the absolute safeguards inside TAO, nor cancellation: a round ends after a
@@ -19,9 +21,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.solvers.linear.iterative import AMG
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
-from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
+from dolfinx_signorini.solvers.residual import MARGIN, NaturalResidual, power_of_two
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, moves_without_energy
 
@@ -29,12 +32,10 @@ FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
 METHODS = FIRST_ORDER + SECOND_ORDER
 
-# One round reduces the residual by this factor at most, and the error of the energy by its square.
-ROUND_REDUCTION = 1e-4
+# One round reduces the residual by this factor at most, and the error of the energy by its square:
+# what is less than `SOLVED` of the difference of two energies is rounding.
+ROUND_REDUCTION = SOLVED**0.5
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
-MAX_ITERATIONS = 50_000
-MAX_EVALUATIONS = 200_000
-STOP = 0.5  # of the residual asked for: where TAO's own tolerance is
 NOT_FINITE = 83  # PETSc's error where an energy or a gradient is not a finite number
 
 REASONS = {
@@ -80,7 +81,8 @@ class TaoRounds:
         prefix: The prefix of PETSc options.
         options: PETSc options without prefix, for example {"tao_bncg_type": "prp"}.
         max_iterations: The limit on the iterations of all rounds.
-        max_evaluations: The limit on the evaluations of energy and gradient of all rounds.
+        max_evaluations: The limit on the evaluations of energy and gradient of all rounds; none by
+            default: each line search has PETSc's own limit.
         stop: The norm of the Fischer function of gap and gradient at which TAO stops, relative to
             the residual asked for.
 
@@ -96,9 +98,9 @@ class TaoRounds:
         *,
         prefix: str = "",
         options: Mapping[str, Any] | None = None,
-        max_iterations: int = MAX_ITERATIONS,
-        max_evaluations: int = MAX_EVALUATIONS,
-        stop: float = STOP,
+        max_iterations: int = 50_000,
+        max_evaluations: int = np.iinfo(PETSc.IntType).max,
+        stop: float = MARGIN,
     ):
         self.system, self.method = system, method
         self.prefix, self.options, self.stop = prefix, options or {}, stop
@@ -111,7 +113,6 @@ class TaoRounds:
         if method in SECOND_ORDER:
             self.hessian = system.A.copy()
             self.hessian.scale(1.0 / self.size)
-            system.ledger.add("matrix", "TAO: Hessian", self.hessian)
 
     def renew(self, system: System) -> None:
         """Turn to another system with the same matrix, or of a first-order method; count anew."""
@@ -241,15 +242,17 @@ class TaoRounds:
 
     def _pose(self, x: PETSc.Vec, multiplier: PETSc.Vec, unit: float) -> None:
         """Set the right-hand side, the start and the bounds of the correction."""
-        vectors, dofs, fixed = self._vectors, self.system.contact_dofs, self.system.fixed_dofs
-        rhs, lower = vectors["gradient"], vectors["lower"]
+        vectors, fixed = self._vectors, self.system.fixed_dofs
+        rhs = vectors["gradient"]
         multiplier.copy(rhs)
         rhs.array_w[fixed] = 0.0
         rhs.scale(-1.0 / (unit * self.size))
         vectors["step"].set(0.0)
-        with np.errstate(over="ignore"):  # an obstacle out of reach is none
-            gap = (x.array_r[dofs] - self.system.obstacle) / unit
-        lower.array_w[dofs] = np.maximum(-gap, PETSc.NINFINITY)
+        for name, bounds in zip(("lower", "upper"), self.system.bounds, strict=True):
+            with np.errstate(over="ignore"):  # an obstacle out of reach is none
+                values = (bounds - x.array_r) / unit
+            vectors[name].array_w[:] = np.clip(values, PETSc.NINFINITY, PETSc.INFINITY)
+            vectors[name].array_w[fixed] = 0.0
 
     def _others(self) -> tuple[str, ...]:
         """Return how options begin that this method does not read, but another one does."""
@@ -262,13 +265,7 @@ class TaoRounds:
         """Make the object of TAO and its vectors, like x."""
         self._tao = tao = PETSc.TAO().create(self.system.comm)
         self._vectors = {name: x.duplicate() for name in ("gradient", "step", "lower", "upper")}
-        for name, vec in self._vectors.items():
-            self.system.ledger.add("vector", f"TAO: {name}", vec)
         rhs, d, lower, upper = self._vectors.values()
-        lower.set(PETSc.NINFINITY)
-        upper.set(PETSc.INFINITY)
-        for bound in (lower, upper):
-            bound.array_w[self.system.fixed_dofs] = 0.0
 
         def energy(tao: PETSc.TAO, v: PETSc.Vec, gradient: PETSc.Vec) -> float:
             self.evaluations += 1
@@ -298,7 +295,7 @@ class TaoRounds:
         tao.setVariableBounds((lower, upper))
         if self.hessian is not None:
             tao.setHessian(lambda tao, v, H, P: None, self.hessian)
-            tao.getKSP().getPC().setType("hypre")
+            tao.getKSP().getPC().setType(AMG["pc_type"])
             tao.getKSP().setMonitor(self._count_linear)
         tao.setOptionsPrefix(self.prefix)
         return tao

@@ -13,7 +13,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices
-from dolfinx_signorini.meshes.refinement import parent_mesh, prolong_on_cells
+from dolfinx_signorini.base.compat import owners_of_points
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.meshes.parents import parent_mesh
+from dolfinx_signorini.meshes.refinement import prolong_on_cells
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
 from dolfinx_signorini.solvers.linear.hierarchy import is_straight, nodes_of
 from dolfinx_signorini.solvers.linear.lattice import find_lattice, surrounding
@@ -53,9 +56,10 @@ class Carrier:
             marked = np.zeros(len(pairs[0][1].x.array), dtype=bool)
             marked[dofs] = True
             cells, parent = cells_with_dofs(self._target, marked), parent_mesh(self._target.mesh)
-            if parent is not None and parent[0] is self._source.mesh:
-                cells = covering_cells(self._target, marked, cells[cells < len(parent[1])])
-                prolong_on_cells(pairs, parent[1], cells)
+            parents = parent.cells if parent and parent.mesh is self._source.mesh else None
+            if parents is not None:
+                cells = covering_cells(self._target, marked, cells[cells < len(parents)])
+                prolong_on_cells(pairs, parents, cells)
             else:
                 interpolate_between(pairs, covering_cells(self._target, marked, cells))
             return
@@ -87,8 +91,14 @@ def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:
     source, target = (function.function_space for function in pairs[0])
     data = None
     if source.mesh is not target.mesh:
-        padding = PADDING * _coarse_size(source)
-        data = fem.create_interpolation_data(target, source, cells, padding=padding)
+        # Boxes around cells that are padded by more than the cells are large cover many of them: so
+        # points are looked for inside of the coarse mesh first.
+        for padding in (SOLVED, PADDING):
+            padding *= _coarse_size(source)
+            data = fem.create_interpolation_data(target, source, cells, padding=padding)
+            outside = bool((owners_of_points(data) < 0).any())
+            if not source.mesh.comm.allreduce(outside, op=MPI.LOR):
+                break
     for old, new in pairs:
         if data is None:
             new.interpolate(old, cells0=cells, cells1=cells)

@@ -14,11 +14,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import SOLVED, TINY
+from dolfinx_signorini.base.tolerances import SOLVED, TINY, UNIT
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
-VANISHING = 1e-15  # of the sum of A_ii v_i^2: a smaller v.A v is rounding
 UNBOUNDED = (
     "vanishes on functions that the load moves and no obstacle stops: the energy is unbounded below"
 )
@@ -43,10 +42,10 @@ def falls_for_ever(
     if not work > 0.0:
         return False
     values, comm = v.array_r, system.comm
-    free = bool((values[system.contact_dofs] >= 0.0).all())
+    free = bool((system.signs * values[system.contact_dofs] >= 0.0).all())
     with np.errstate(over="ignore"):
         size = comm.allreduce(float((values**2 * diagonal).sum()))
-    return curvature <= VANISHING * size < math.inf and comm.allreduce(free, op=MPI.LAND)
+    return curvature <= UNIT * size < math.inf and comm.allreduce(free, op=MPI.LAND)
 
 
 def check_bounded(system: System) -> None:
@@ -95,4 +94,4 @@ def moves_without_energy(system: System) -> bool:
     energy, size = remains.dot(rest), remains.dot(found)
     for item in (matrix, diagonal, rest, found, ksp, remains):
         item.destroy()
-    return bool(energy <= VANISHING * size and size > 0.0)
+    return bool(energy <= UNIT * size and size > 0.0)

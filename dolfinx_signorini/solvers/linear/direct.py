@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
-from dolfinx_signorini.solvers.linear.solver import LinearSolver, has_few_dofs, set_residual
+from dolfinx_signorini.solvers.linear.solver import Check, LinearSolver, has_few_dofs, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -28,6 +28,7 @@ class DirectSolver(LinearSolver):
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         super().__init__(system, prefix, options)
         self._iterative: IterativeSolver | None = None
+        self._factored: PETSc.Mat | None = None
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
 
@@ -39,6 +40,7 @@ class DirectSolver(LinearSolver):
         atol: float,
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
+        check: Check | None,
     ) -> None:
         if self._iterative is None and self._factors(system, held):
             unit = set_residual(system, x, held, multiplier, self._rhs)
@@ -50,7 +52,7 @@ class DirectSolver(LinearSolver):
             self.exact = False
             self._iterative = IterativeSolver(system, self._prefix, self._options)
         before = self._iterative.iterations
-        self._iterative.solve(system, x, held, atol, multiplier, stop)
+        self._iterative.solve(system, x, held, atol, multiplier, stop, check)
         self.iterations += self._iterative.iterations - before
 
     @property
@@ -61,7 +63,7 @@ class DirectSolver(LinearSolver):
     def free(self) -> None:
         """Free the factors; a next solve makes them anew."""
         self._ksp.reset()
-        self._held = None
+        self._held = self._factored = None
         if self._iterative is not None:
             self._iterative.free()
 
@@ -84,10 +86,8 @@ class DirectSolver(LinearSolver):
         pc = self._ksp.getPC()
         if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
-        factors = pc.getFactorMatrix()
-        if self.setups == 1:
-            system.ledger.add("matrix", "factors of A with held dofs", factors)
-        negative, zero, _ = factors.getInertia()
+        self._factored = pc.getFactorMatrix()
+        negative, zero, _ = self._factored.getInertia()
         return not (negative or zero)
 
 

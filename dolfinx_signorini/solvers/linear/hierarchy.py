@@ -12,7 +12,8 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import lagrange_space
-from dolfinx_signorini.meshes.refinement import ends_of_edges, first_places, parent_mesh
+from dolfinx_signorini.meshes.parents import Parent, ends_of_edges, parent_mesh
+from dolfinx_signorini.meshes.refinement import first_places
 from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_lattice
 
 SMALL = 1000  # nodes: up to here BoomerAMG costs no more
@@ -79,10 +80,10 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     domain, nodes = space.mesh, nodes_of(space)
     made: list[PETSc.Mat] = []
     while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
-        if _size(parent[0]) > REFINEMENT[domain.topology.dim] * _size(domain):
+        if _size(parent.mesh) > REFINEMENT[domain.topology.dim] * _size(domain):
             return _merged(made)
-        made.append(refinement_prolongation(domain, nodes, *parent))
-        domain = parent[0]
+        made.append(refinement_prolongation(domain, nodes, parent))
+        domain = parent.mesh
         nodes = np.arange(domain.geometry.index_map().size_local, dtype=np.int32)
     made = _merged(made)
     if _size(domain) > SMALL and (lattice := find_lattice(domain, nodes)) is not None:
@@ -90,21 +91,16 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     return made
 
 
-def refinement_prolongation(
-    fine: mesh.Mesh, nodes: LocalIndices, coarse: mesh.Mesh, parents: LocalIndices
-) -> PETSc.Mat:
+def refinement_prolongation(fine: mesh.Mesh, nodes: LocalIndices, parent: Parent) -> PETSc.Mat:
     """Return the interpolation of nodes from the parent mesh, by nodes of its geometry.
 
     Args:
         fine: The refined mesh.
         nodes: The owned nodes of the refined mesh in the order of the rows.
-        coarse: The parent mesh.
-        parents: The parent cells of the owned cells of the refined mesh.
+        parent: The parent mesh.
     """
-    index_map = coarse.geometry.index_map()
-    ends = ends_of_edges(coarse, fine, parents)[:, nodes]
-    numbers = index_map.local_to_global(ends.ravel()).reshape(2, -1)
-    return edge_prolongation(fine.comm, numbers, index_map.size_local)
+    owned = parent.mesh.geometry.index_map().size_local
+    return edge_prolongation(fine.comm, ends_of_edges(fine, parent)[:, nodes], owned)
 
 
 def _merged(steps: list[PETSc.Mat]) -> list[PETSc.Mat]:

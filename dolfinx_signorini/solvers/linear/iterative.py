@@ -1,9 +1,9 @@
 """Linear solves with some contact dofs held at the obstacle.
 
 A preconditioner needs a matrix. The matrix with the rows and columns of the held dofs replaced by a
-diagonal is made when the preconditioner is set up. A set of held dofs that differs little from the
-set of the set-up is served by the same preconditioner, see `projected`. A set-up that costs more
-additional iterations than a new one is dropped.
+diagonal is made when the preconditioner is set up. Another set of held dofs is served by the same
+preconditioner, see `projected`, if no more than a share of the contact dofs has changed. A set-up
+that costs more additional iterations than a new one is dropped.
 
 The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
 `hierarchy`, or BoomerAMG alone. Coefficients that no coarse mesh resolves may slow the former down:
@@ -22,7 +22,7 @@ from dolfinx_signorini.base.errors import INDEFINITE, InputError
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.linear.projected import Projected
-from dolfinx_signorini.solvers.linear.solver import LinearSolver, has_few_dofs, set_residual
+from dolfinx_signorini.solvers.linear.solver import Check, LinearSolver, has_few_dofs, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -47,8 +47,15 @@ HYPRE: dict[str, Any] = CLASSICAL | {
     "pc_hypre_boomeramg_agg_nl": 1,
     "pc_hypre_boomeramg_agg_num_paths": 2,
 }
-# PETSc's own algebraic multigrid, for a PETSc without hypre.
-GAMG: dict[str, Any] = {"pc_type": "gamg"}
+# PETSc's own algebraic multigrid, for a PETSc without hypre. The unit of the form is free: norms of
+# size 1e200 have no squares, so that eigenvalues are estimated by CG, and pivots may be tiny. The
+# interpolation is made anew for each set of held dofs.
+GAMG: dict[str, Any] = {
+    "pc_type": "gamg",
+    "pc_gamg_esteig_ksp_type": "cg",
+    "pc_gamg_reuse_interpolation": False,
+    "mg_coarse_sub_pc_factor_zeropivot": float(np.finfo(np.float64).tiny),
+}
 AMG = HYPRE if PETSc.Sys.hasExternalPackage("hypre") else GAMG
 DEFAULT_OPTIONS: dict[str, Any] = {"ksp_type": "cg"} | AMG
 # On the coarsest mesh of geometric multigrid one cycle stands for a solve, and is to be accurate.
@@ -60,9 +67,10 @@ GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # dimension: BoomerAMG costs as much as 40 iterations in the plane and 80 in space.
 SLOW = 8
 LITTLE = {1: 1e-2, 2: 1e-2, 3: 1e-1}
-# The share of the contact dofs that may have changed since the set-up, by dimension; 4 dofs always
-# may. In space local solves around changed dofs cost more.
-REUSE = {1: 0.2, 2: 0.2, 3: 0.05}
+# Of the contact dofs: so many may have changed since the set-up. With half of them three ranks take
+# twice the iterations on small problems in the plane, and with a twentieth every second step of a
+# loop in space makes a set-up (benchmarks/time_steps.py).
+REUSE = 0.2
 MAX_ITERATIONS = 500
 ROUNDED = 1e-6  # of the first residual: a negative curvature of a smaller one may be rounding
 
@@ -78,7 +86,7 @@ class IterativeSolver(LinearSolver):
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         super().__init__(system, prefix, options)
         self._pace = self._excess = 0.0
-        self._stop: Stop | None = None
+        self._checks: list[Check] = []  # of the present solve
         self._unit = 1.0  # of the correction
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
@@ -93,8 +101,7 @@ class IterativeSolver(LinearSolver):
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        if self._multigrid is not None:
-            self._ksp.addConvergenceTest(self._ended)
+        self._ksp.addConvergenceTest(self._ended)
 
     def _solve(
         self,
@@ -104,9 +111,12 @@ class IterativeSolver(LinearSolver):
         atol: float,
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
+        check: Check | None,
     ) -> None:
         fresh = self._prepare(system, held)
-        self._stop = stop
+        self._checks = [] if check is None else [check]
+        if stop is not None and self._multigrid is not None:
+            self._checks.append(stop.enough)
         if stop is not None and fresh and self._multigrid is not None:
             self._begin_coarse(system, x, held, multiplier, stop)
             multiplier = None
@@ -163,14 +173,13 @@ class IterativeSolver(LinearSolver):
             Whether the set-up is new.
         """
         dofs = system.contact_dofs
-        reuse = REUSE[system.space.mesh.topology.dim]
-        limit = max(4, int(reuse * self.comm.allreduce(len(held))))
         if self._held is not None:
-            changed = self.comm.allreduce(int((held != self._held).sum()))
+            counts = np.array([(held != self._held).sum(), len(held)])
+            changed, total = self.comm.allreduce(counts)
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
             if (changed == 0 and system.assembled == self._assembled) or (
-                changed <= limit and mended and self._excess < self._setup_iterations
+                changed <= REUSE * total and mended and self._excess < self._setup_iterations
             ):
                 off = dofs[held != self._held] if changed else None
                 self._projected.hold(system, dofs[held], off)
@@ -208,8 +217,6 @@ class IterativeSolver(LinearSolver):
             dofs = np.concatenate((dofs, system.fixed_dofs))
             self._multigrid.set_up(self._hold(system, dofs, 0.0), dofs, _typical(system))
             self._projected.pc = self._multigrid.pc
-            for level, matrix in enumerate(self._multigrid.matrices):
-                self.ledger.add("matrix", f"A on coarse level {level + 1}", matrix)
         self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0
         self.setups += 1
@@ -257,11 +264,11 @@ class IterativeSolver(LinearSolver):
         return bool(reason > 0)
 
     def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
-        """Why a solve with geometric multigrid is to end: slow convergence, or enough of it."""
-        stop = self._stop
-        if stop is not None and stop.enough(ksp.vec_sol, iterations, norm, self._unit):
+        """Why a solve is to end: enough of convergence, or slow convergence of multigrid."""
+        known = (ksp.vec_sol, iterations, norm, self._unit)
+        if any(check(*known) for check in self._checks):
             return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
-        if iterations == 0 or iterations % SLOW != 0:
+        if self._multigrid is None or iterations == 0 or iterations % SLOW != 0:
             return None
         slow = norm > self._watched
         self._watched *= self._little

@@ -17,8 +17,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 
-ROUNDING = 1e-6  # of the width of a cell
 FLAT = 1.5  # times the least width of cells: larger widths in other directions stay as they are
 
 
@@ -83,7 +83,7 @@ def find_lattice(domain: mesh.Mesh, nodes: LocalIndices) -> Lattice | None:
         off = max(off, float(np.abs(scaled - places[d]).max(initial=0.0)))
     lines = tuple(np.arange(n + 1.0) for n in cells)
     lattice = Lattice(comm, -ends[1], extent / cells, lines, places)
-    fits = comm.allreduce(off, op=MPI.MAX) < ROUNDING
+    fits = comm.allreduce(off, op=MPI.MAX) < HALF_OF_THE_DIGITS
     return lattice if fits and _complete(lattice) else None
 
 

@@ -233,8 +233,6 @@ def multigrid_for(
     if any(name.startswith("pc_") for name in names):
         return None
     degrees, meshes = prolongations(system.space)
-    for level, prolongation in enumerate((*degrees, *meshes)):
-        system.ledger.add("matrix", f"prolongation from coarse level {level + 1}", prolongation)
     return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
 
 

@@ -6,6 +6,7 @@ of held dofs serves as P M P between two local solves around the dofs that have 
 without the local solves each released dof costs CG about one iteration.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,12 @@ from petsc4py import PETSc
 from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.solvers.patch import RINGS, patch_dofs
+from dolfinx_signorini.solvers.patch import affordable_patch, patch_dofs
 from dolfinx_signorini.solvers.system import System
 
-FEW = 16  # changed dofs; in the plane local solves around more of them go twice as far
 # Of all dofs: a local solve with more of them costs more than the iterations that it saves. On
 # meshes graded towards a point the usual layers around the point are nearly the whole mesh.
 LARGE = 0.05
-LAYERS = 2  # around changed dofs, where the usual layers are too large
 # Of SuperLU, for positive definite matrices: no pivoting, and an order for symmetric patterns.
 SYMMETRIC: dict[str, Any] = {
     "permc_spec": "MMD_AT_PLUS_A",
@@ -122,13 +121,7 @@ class LocalSolve:
         first, last = system.A.getOwnershipRange()
         free = np.ones(last - first, dtype=bool)
         free[held] = False
-        many = system.comm.allreduce(len(seeds)) > FEW
-        layers = RINGS[system.space.mesh.topology.dim]
-        layers *= 2 if many and system.space.mesh.topology.dim < 3 else 1
-        near = patch_dofs(system, seeds, layers)
-        if system.comm.allreduce(len(near)) > LARGE * system.unknowns:
-            layers = min(layers, LAYERS)
-            near = patch_dofs(system, seeds, layers)
+        near, layers = affordable_patch(system, seeds, LARGE)
         near, around = (
             dofs[(dofs >= first) & (dofs < last)] - first
             for dofs in (near, patch_dofs(system, seeds, layers + 1))
@@ -142,7 +135,9 @@ class LocalSolve:
             inside = np.isin(self._around, self._dofs)
             self._rows = entries[inside]
             self._columns = self._rows.T.tocsr()
-            self._factors = splu(self._rows[:, inside].tocsc(), **SYMMETRIC)
+            # A block that is singular through rounding, on this rank alone, saves no iterations.
+            with suppress(RuntimeError):
+                self._factors = splu(self._rows[:, inside].tocsc(), **SYMMETRIC)
         matrix.destroy()
         index_set.destroy()
 

@@ -1,17 +1,20 @@
 """The base of the linear solvers: held dofs are set, and a correction is found in its own unit."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
+
+# Whether an iteration is to be the last one, by the sum of all steps so far, the number of the
+# iteration, the norm of the residual, and the unit of sum and norm.
+Check = Callable[[PETSc.Vec, int, float, float], bool]
 
 MOST_UNKNOWNS = {1: 3000, 2: 3000, 3: 1000}  # by dimension; in space the factors fill in
 
@@ -44,15 +47,13 @@ class LinearSolver(ABC):
     exact = False
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
-        self.A, self.comm, self.ledger = system.A, system.comm, system.ledger
+        self.A, self.comm = system.A, system.comm
         self.solves = self.setups = self.iterations = 0
         self._prefix, self._options = prefix, dict(options or {})
         self._matrix: PETSc.Mat | None = None  # A with held dofs
         self._held: Mask | None = None  # the held dofs of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
-        self.ledger.add("vector", "right-hand side with held dofs", self._rhs)
-        self.ledger.add("vector", "correction with held dofs", self._correction)
         self._ksp = PETSc.KSP().create(self.comm)
 
     def solve(
@@ -63,23 +64,25 @@ class LinearSolver(ABC):
         atol: float,
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
+        check: Check | None = None,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
         Args:
             system: The system, with the matrix of this solver.
             x: The start, overwritten by the solution.
-            held: Whether a contact dof of this rank is held at the obstacle.
+            held: Which constraints of this rank hold their dofs at the obstacle.
             atol: The norm of the residual to reach.
             multiplier: A x - b for the start, where that is known.
             stop: Ends the solve earlier, if coarser meshes are known to begin on.
+            check: Ends the solve earlier, if there are iterations.
 
         Raises:
             InputError: The form turned out to be indefinite.
         """
-        if place(system, x, held):
+        if system.place(x, held):
             multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop)
+        self._solve(system, x, held, atol, multiplier, stop, check)
         self.solves += 1
 
     @property
@@ -96,6 +99,7 @@ class LinearSolver(ABC):
         atol: float,
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
+        check: Check | None,
     ) -> None:
         """Solve where the held dofs have their values already, see `solve`."""
 
@@ -115,27 +119,11 @@ class LinearSolver(ABC):
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = self.A.copy()
-            self.ledger.add("matrix", "A with held dofs", self._matrix)
         else:
             self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
         self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
         return self._matrix
-
-
-def place(system: System, x: PETSc.Vec, held: Mask) -> bool:
-    """Set the held and the Dirichlet dofs of x, and return whether a rank has changed one.
-
-    Args:
-        system: The system.
-        x: The vector.
-        held: Whether a contact dof of this rank is held at the obstacle.
-    """
-    dofs = np.concatenate((system.contact_dofs[held], system.fixed_dofs))
-    values = np.concatenate((system.obstacle[held], system.fixed_values))
-    moved = bool((x.array_r[dofs] != values).any())
-    x.array_w[dofs] = values
-    return bool(system.comm.allreduce(moved, op=MPI.LOR))
 
 
 def set_residual(
@@ -148,7 +136,7 @@ def set_residual(
     Args:
         system: The system.
         x: The vector.
-        held: Whether a contact dof of this rank is held at the obstacle.
+        held: Which constraints of this rank hold their dofs at the obstacle.
         multiplier: A x - b, where that is known.
         rhs: The vector to set.
     """

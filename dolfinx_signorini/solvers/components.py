@@ -1,4 +1,4 @@
-"""Connected parts of a mesh: bodies, each of which has to be held."""
+"""The connected components of a mesh, each of which has to be held."""
 
 import functools
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from dolfinx_signorini.meshes.elements import control_points
 
 
 @dataclass(frozen=True)
-class Bodies:
-    """The connected parts of a mesh, as the dofs of a space see them:
+class Components:
+    """The connected components of a mesh, as the dofs of a space see them:
 
-        parts = bodies(space)
+        parts = components(space)
         loads = parts.sums(b.array_r)
 
     Attributes:
         space: The space.
-        count: The number of bodies, the same on all ranks.
-        numbers: The number of the body of each owned dof.
+        count: The number of components, the same on all ranks.
+        numbers: The number of the component of each owned dof.
     """
 
     space: fem.FunctionSpace
@@ -31,7 +31,7 @@ class Bodies:
     numbers: LocalIndices
 
     def sums(self, values: Array) -> Array:
-        """Return the sum of values over the dofs of each body; the call is collective.
+        """Return the sum of values over the dofs of each component; the call is collective.
 
         Args:
             values: One value per owned dof.
@@ -40,7 +40,7 @@ class Bodies:
         return np.asarray(self.space.mesh.comm.allreduce(sums))
 
     def counts(self, dofs: LocalIndices) -> LocalIndices:
-        """Return how many of some dofs each body has; the call is collective.
+        """Return how many of some dofs each component has; the call is collective.
 
         Args:
             dofs: Owned dofs.
@@ -50,7 +50,7 @@ class Bodies:
 
     @functools.cached_property
     def names(self) -> list[str]:
-        """Words for each body, by the box around the body; the first call is collective."""
+        """Words for each component, by the box around its dofs; the first call is collective."""
         dimension = self.space.mesh.geometry.dim
         x = control_points(self.space)[: len(self.numbers), :dimension]
         ends = np.full((self.count, 2 * dimension), -np.inf)
@@ -62,11 +62,11 @@ class Bodies:
         return [f"the body between {lowest} and {highest}" for lowest, highest in places]
 
 
-def bodies(space: fem.FunctionSpace) -> Bodies:
-    """Return the connected parts of a mesh; the call is collective.
+def components(space: fem.FunctionSpace) -> Components:
+    """Return the connected components of a mesh; the call is collective.
 
-    Two cells belong to the same body if they share a dof. Each rank numbers the parts of its own
-    cells, and the dofs that two ranks know tell which of these parts are one.
+    Two cells belong to the same component if they share a dof. Each rank numbers the parts of its
+    own cells, and the dofs that two ranks know tell which of these parts are one.
 
     Args:
         space: A Lagrange space.
@@ -78,7 +78,7 @@ def bodies(space: fem.FunctionSpace) -> Bodies:
     edges = np.ones(len(first), dtype=np.int8), (first, others)
     count, local = connected_components(sp.csr_array(edges, shape=(known, known)), directed=False)
     if comm.size == 1:
-        return Bodies(space, int(count), local)
+        return Components(space, int(count), local)
     counts = comm.allgather(int(count))
     local = local + sum(counts[: comm.rank])
     # A shared vector tells the ranks the numbers that the owners gave their dofs.
@@ -90,4 +90,4 @@ def bodies(space: fem.FunctionSpace) -> Bodies:
     total = sum(counts)
     links = sp.coo_array((np.ones(same.shape[1], dtype=np.int8), tuple(same)), shape=(total, total))
     number, merged = connected_components(links, directed=False)
-    return Bodies(space, int(number), merged[local[:owned]].astype(np.int32))
+    return Components(space, int(number), merged[local[:owned]].astype(np.int32))

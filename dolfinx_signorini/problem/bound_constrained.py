@@ -1,0 +1,561 @@
+"""Variational inequalities with bounds, as users solve them, wherever the obstacle is."""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.costs import Cost, costs_of
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.kinds import (
+    TEXT,
+    by_text,
+    check,
+    instance,
+    integer,
+    optional,
+    sequence,
+)
+from dolfinx_signorini.problem.arguments import (
+    checked_space,
+    conditions_of,
+    functions_of,
+    has_choices,
+)
+from dolfinx_signorini.problem.assembly import Assembly
+from dolfinx_signorini.problem.checks import check_unique
+from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
+from dolfinx_signorini.problem.constraint import Constraint, Obstacle
+from dolfinx_signorini.problem.values import Data
+from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
+from dolfinx_signorini.solvers.history import History
+from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
+from dolfinx_signorini.solvers.pressure import ContactState, contact_state
+from dolfinx_signorini.solvers.result import SolveResult
+from dolfinx_signorini.solvers.system import Layout, System
+from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
+
+# In the norms of the paper, the algebraic error is then about 1e-6 of the discretisation error.
+DEFAULT_RTOL = 1e-7
+
+_counter = itertools.count()
+
+
+class BoundConstrainedProblem:
+    """What problems with obstacles on the boundary and in the domain share.
+
+    Users pose a `SignoriniProblem` or an `ObstacleProblem`, and solve it:
+
+        problem = SignoriniProblem(a, L, contact=facets, obstacle=g, bcs=[bc])
+        u = problem.solve()
+
+    A later `solve` sees changed values of the Constants and Functions in the forms, the obstacles
+    and the Dirichlet data. The solve starts from the last solution and its active set, and uses the
+    multigrid set-up again where that pays.
+
+    Args:
+        a: A symmetric, positive (semi)definite bilinear form on a scalar Lagrange space.
+        L: A linear form.
+        constraint: The obstacles, for a space of the form.
+        bcs: Dirichlet conditions.
+        u: The function to be filled with the solution; a new one by default.
+        petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
+        petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
+            multigrid by default. An option of the same name in PETSc's database wins.
+        form_compiler_options, jit_options: See `dolfinx.fem.form`.
+
+    Attributes:
+        u: The solution, after `solve`.
+        result: The diagnostics of the last solve; None before.
+        a, L: The forms.
+        space: The function space.
+        system: What the solvers see.
+        sign: -1 where the only obstacle is an upper one, else 1.
+
+    Raises:
+        InputError: The load, an obstacle or the Dirichlet data are not finite, an obstacle
+            contradicts the Dirichlet data or the other obstacle, the form is not symmetric or not
+            definite, or the problem has no or more than one solution.
+    """
+
+    # What is there before the constructor has succeeded, and is freed in any case.
+    _system: System | None = None
+    _solver: ActiveSetSolver | None = None
+    _x: PETSc.Vec | None = None  # the solution of the system, if it has been solved
+
+    @names_coarse_rule
+    def __init__(
+        self,
+        a: ufl.Form,
+        L: ufl.Form,
+        constraint: Callable[[fem.FunctionSpace], Constraint],
+        *,
+        bcs: Sequence[fem.DirichletBC] = (),
+        u: fem.Function | None = None,
+        petsc_options_prefix: str | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
+        form_compiler_options: Mapping[str, Any] | None = None,
+        jit_options: Mapping[str, Any] | None = None,
+    ):
+        self.result: SolveResult | None = None
+        self._history = History()
+        self.a, self.L, self.space = a, L, checked_space(a, L)
+        self.u = fem.Function(self.space, name="u") if u is None else u
+        check(
+            u=(self.u, functions_of(self.space)),
+            bcs=(bcs, sequence(conditions_of(self.space), "a list of Dirichlet conditions")),
+            petsc_options_prefix=(petsc_options_prefix, optional(TEXT)),
+            petsc_options=(petsc_options, optional(by_text)),
+            form_compiler_options=(form_compiler_options, optional(by_text)),
+            jit_options=(jit_options, optional(by_text)),
+        )
+        self._options = dict(petsc_options or {})
+        self._prefix = (
+            f"dolfinx_signorini_{next(_counter)}_"
+            if petsc_options_prefix is None
+            else petsc_options_prefix
+        )
+        self._constraint = constraint(self.space)
+        self.sign = min(1.0, self._constraint.obstacles[0].sign)
+        compilation = form_compiler_options, jit_options
+        self._assembly = Assembly(a, L, self._constraint, bcs, *compilation)
+        self._system = self._assembly.system()
+
+    def __repr__(self) -> str:
+        layout = self._layout
+        contact = len(layout.free_dofs) if self.comm.size == 1 else "some"
+        state = "destroyed" if self._system is None else "not solved yet"
+        if self.result is not None:
+            state = (
+                f"{self.result.active_dofs} dofs in contact, "
+                f"natural residual {self.result.natural_residual:.1e}"
+            )
+        element = self.space.element.basix_element
+        bound = "u >= g" if self.sign > 0.0 else "u <= g"
+        bound = "two obstacles" if len(layout.sides) > 1 else bound
+        return (
+            f"<{type(self).__name__}: {self.unknowns} dofs of degree {element.degree}, "
+            f"{bound} at {contact} of them; {state}>"
+        )
+
+    def __del__(self) -> None:
+        self.destroy()
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the mesh."""
+        return self.space.mesh.comm
+
+    @property
+    def unknowns(self) -> int:
+        """The global number of dofs."""
+        return int(self.space.dofmap.index_map.size_global)
+
+    @property
+    def system(self) -> System:
+        """The discrete problem as the solvers see it.
+
+        Raises:
+            InputError: The problem was destroyed.
+        """
+        if self._system is None:
+            raise InputError("its PETSc objects have been destroyed", "problem")
+        return self._system
+
+    @property
+    def _layout(self) -> Layout:
+        return self._assembly.layout
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """The wall-clock seconds of the phases of the assembly: forms, matrix, load, checks."""
+        return self._assembly.phases.seconds
+
+    @property
+    def A(self) -> PETSc.Mat:
+        """The matrix, with the Dirichlet data eliminated."""
+        return self.system.A
+
+    @property
+    def b(self) -> PETSc.Vec:
+        """The load vector of the system, with the Dirichlet data eliminated."""
+        return self.system.b
+
+    @property
+    def assembled_forms(self) -> tuple[ufl.Form, ufl.Form]:
+        """The forms that stand for a and L in the system, which `integrate` may have replaced."""
+        return self._assembly.assembled
+
+    @property
+    def bcs(self) -> list[fem.DirichletBC]:
+        """The Dirichlet conditions."""
+        return self._assembly.bcs
+
+    @property
+    def total_load(self) -> float:
+        """L(1): the load on the function that is 1 everywhere."""
+        return self._assembly.total_load
+
+    @property
+    def obstacle(self) -> Array:
+        """The obstacle at the contact dofs; with two obstacles shape (2, dofs), the lower first."""
+        values = self.system.obstacle.reshape(len(self._layout.sides), -1)
+        return values[0] if len(values) == 1 else values
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The obstacles as they were given, each with its sign: a lower one first."""
+        return self._constraint.obstacles
+
+    @property
+    def in_domain(self) -> bool:
+        """Whether the obstacles are in the domain, and not on the boundary alone."""
+        return self._layout.in_domain
+
+    @property
+    def obstacle_data(self) -> Data:
+        """The obstacle as it was given: a number, an expression, a function or a callable.
+
+        Raises:
+            InputError: The problem has two obstacles.
+        """
+        one = len(self.obstacles) == 1
+        require(self.comm, one, "has two obstacles; known for one only", "problem")
+        return self.obstacles[0].data
+
+    @property
+    def contact(self) -> LocalIndices:
+        """The facets or cells with an obstacle that this rank knows."""
+        return self._constraint.entities
+
+    @property
+    def contact_dofs(self) -> LocalIndices:
+        """The owned dofs that have an obstacle and no Dirichlet data."""
+        return self._layout.free_dofs
+
+    @property
+    def fixed_dofs(self) -> LocalIndices:
+        """The owned dofs with Dirichlet data."""
+        return self._layout.fixed_dofs
+
+    @property
+    def active(self) -> LocalIndices:
+        """The owned dofs in contact: where u is equal to an obstacle.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return np.sort(self.system.contact_dofs[self.system.touching_once(self._solution())])
+
+    @property
+    def active_sides(self) -> tuple[LocalIndices, ...]:
+        """For each of the obstacles the owned dofs in contact: where u is equal to the obstacle.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return tuple(self.contact_dofs[touching] for touching in self._touching())
+
+    def _touching(self) -> Mask:
+        """Whether dofs are in contact, shape (obstacles, contact dofs)."""
+        touching = self.system.touching(self._solution())
+        return touching.reshape(len(self._layout.sides), -1)
+
+    @property
+    def gap(self) -> fem.Function:
+        """The distance from u to the nearest obstacle at the dofs that have one, 0 elsewhere.
+
+        The gap is never negative, and exactly 0 at the dofs in contact. Each access makes a new
+        function, which later solves do not change.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        x, layout, dofs = self._solution(), self._layout, self._layout.obstacle_dofs
+        gap = fem.Function(self.space, name="gap")
+        gaps = [
+            sign * (x.array_r[dofs] - values)
+            for sign, values in zip(layout.sides, self._assembly.obstacles, strict=True)
+        ]
+        gap.x.array[dofs] = np.maximum(np.min(gaps, axis=0), 0.0)
+        gap.x.scatter_forward()
+        return gap
+
+    @property
+    def pressure(self) -> fem.Function:
+        """The density of the contact pressure; its integral is the sum of the forces.
+
+        The pressure is a function of the space, never negative with one obstacle, and 0 away from
+        the contact set: with nodal elements at all dofs that are not in contact, but of degree 2
+        and higher where the obstacle acts on triangles or tetrahedra, which share their forces out
+        to those that they touch. In the Bernstein basis the entries of the function are
+        coefficients, 0 at the dofs that are not in contact, and no values. The pressure pushes u up
+        from a lower obstacle, and down from an upper one; with two obstacles the pressure of the
+        upper one is negative. Each access is collective and makes a new function, which later
+        solves do not change.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self._layout.density(self.forces)
+
+    @property
+    def forces(self) -> fem.Function:
+        """The contact force on each contact dof: the pressure times the basis function, integrated.
+
+        The forces have the sign of the pressure, and vanish where the pressure does.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        x = self._solution()
+        held, values = self.system.touching(x), self.system.multiplier(x)
+        forces = self._layout.forces_at(np.where(held, np.maximum(values, 0.0), 0.0))
+        forces.x.array[:] *= self.sign
+        return forces
+
+    @property
+    def force(self) -> float:
+        """The total contact force on u, positive upwards: so negative for an upper obstacle.
+
+        The force is the integral of the pressure, with the sign of its direction, and takes part in
+        the balance of all forces on u. The call is collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        owned = self.forces.x.array[self.contact_dofs]
+        return self.sign * float(self.comm.allreduce(float(owned.sum())))
+
+    def contact_state(self) -> ContactState:
+        """Return the solution with its pressure, as the solve on a finer mesh takes them.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return contact_state(self.system, self._solution())
+
+    @names_coarse_rule
+    def solve_linearised(
+        self, load: ufl.Form | fem.Function, rtol: float = 1e-3
+    ) -> tuple[fem.Function, fem.Function]:
+        """Solve the linear problem with the present contact set: the derivative of the solution.
+
+        Find z with a(z, v) = load(v), where z and v vanish at the dofs in contact and at those with
+        Dirichlet data.
+
+        Args:
+            load: A linear form on the space of the problem, or a function whose coefficients are
+                the values of the form for the basis functions.
+            rtol: The residual to reach, relative to the load.
+
+        Returns:
+            The solution z, and the forces a(z, v) - load(v) that hold z at the dofs in contact,
+            with the basis functions as v.
+
+        Raises:
+            InputError: The problem has not been solved, or an argument makes no sense.
+        """
+        if not isinstance(load, fem.Function):
+            checked_space(self.a, load)
+        rtol = checked_tolerance(rtol, DEFAULT_RTOL)
+        system, held = self.system, self.system.touching_once(self._solution())
+        if self._solver is None:
+            self._solver = ActiveSetSolver(system, self._prefix, self._options)
+        if isinstance(load, fem.Function):
+            b = system.A.createVecLeft()
+            b.array_w[:] = load.x.array[: b.getLocalSize()]
+        else:
+            b = fem_petsc.assemble_vector(compiled.form(load, "load"))
+            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        b.array_w[system.fixed_dofs] = 0.0
+        zero = np.zeros_like(system.obstacle), np.zeros_like(system.fixed_values)
+        linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
+        x = system.A.createVecRight()
+        x.set(0.0)
+        try:
+            self._solver.linear.solve(linear, x, held, rtol * b.norm())
+            z = fem.Function(self.space)
+            z.x.array[: x.getLocalSize()] = x.array_r
+            z.x.scatter_forward()
+            return z, self._layout.forces_at(np.where(held, linear.multiplier(x), 0.0))
+        finally:
+            for item in (x, b):
+                item.destroy()
+
+    def costs(self) -> list[Cost]:
+        """Return what this problem holds now, and the seconds of its phases; collective.
+
+        The phases are those of the assembly so far, and of the last solve.
+        """
+        solved = {} if self.result is None else self.result.seconds
+        forms = dict(zip("aL", self.assembled_forms, strict=True))
+        return costs_of(self.comm, self, forms, self.seconds | solved)
+
+    @names_coarse_rule
+    def solve(
+        self,
+        method: str = "cascade",
+        *,
+        coarse: ContactState | None = None,
+        start: fem.Function | None = None,
+        rtol: float | None = None,
+        warm_start: bool = True,
+        max_iterations: int | None = None,
+        max_evaluations: int | None = None,
+    ) -> fem.Function:
+        """Solve the problem, with the present values of its data.
+
+        Args:
+            method: "cascade" predicts the active set from a coarse solution or from the last
+                solution, if one is at hand, solves linear systems with CG and multigrid, and lets
+                TAO accept the result. Any bound-constrained type of TAO
+                (`dolfinx_signorini.METHODS`) does everything alone.
+            coarse: The contact state of a solution on another mesh, for the cascade.
+            start: A function of the space to start from, in place of the last solution.
+            rtol: The natural residual to reach, relative to the data; by default 1e-7 for the
+                cascade and 1e-8 for TAO. A cascade without an `rtol` stops earlier, where the
+                algebraic error is estimated to be below 1/50 of the discretisation error, if a
+                coarse solution is given, the degree is 1, and the mesh has coarser meshes for
+                multigrid; `result.algebraic_share` tells.
+            warm_start: Whether to start from the last solution of this problem with its active set
+                and its multigrid set-up; False to solve from nothing.
+            max_iterations: The limit on the iterations of TAO.
+            max_evaluations: The limit on TAO's evaluations of energy and gradient.
+
+        Returns:
+            The solution `u`, the same function for each solve.
+
+        Raises:
+            InputError: An argument makes no sense, the form is found to be indefinite, or changed
+                data make no sense.
+            NotConvergedError: The residual was not reached.
+        """
+        check_method(method)
+        limits = {"max_iterations": max_iterations, "max_evaluations": max_evaluations}
+        given = {name: limit for name, limit in limits.items() if limit is not None}
+        check(
+            **{name: (limit, integer(1)) for name, limit in given.items()},
+            coarse=(coarse, optional(instance(ContactState, "a contact state"))),
+            start=(start, optional(functions_of(self.space))),
+        )
+        if method == "cascade" and given:
+            raise InputError("only for the methods of TAO", ", ".join(given))
+        if method != "cascade" and coarse is not None:
+            raise InputError("only for the cascade", "coarse")
+        early = rtol is None and coarse is not None
+        rtol = checked_tolerance(rtol, DEFAULT_RTOL if method == "cascade" else TAO_RTOL)
+        warm = warm_start and start is None and self.result is not None
+        for name, values in (("start", start), ("u", self.u if warm else None)):
+            finite = values is None or bool(np.isfinite(values.x.array).all())
+            require(self.comm, finite, "has a value that is not finite", name)
+        self.update()
+        system = self.system
+        if self.result is None and coarse is None:
+            self._warn_of_jumps()
+        if not warm_start:
+            self._free_solver()
+        if not warm_start or self.result is None:
+            self._history = History()
+        held = None
+        if start is None:
+            x = system.start(self.u.x.array if warm else None)
+        else:
+            x = system.start(start.x.array)
+            held = system.touching(x)
+        self.result = None
+        try:
+            if method == "cascade":
+                if self._solver is None:
+                    self._solver = ActiveSetSolver(system, self._prefix, self._options)
+                known = self._history, held, coarse
+                self.result = self._solver.solve(system, x, rtol, *known, early)
+            else:
+                self.result = solve_by_tao(
+                    system, method, x, self._history, rtol, self._prefix, self._options, given
+                )
+            check_unique(system, x)
+        except BaseException:
+            self.result = None
+            x.destroy()
+            raise
+        self._x = x
+        self.u.x.array[: x.getLocalSize()] = x.array_r
+        self.u.x.scatter_forward()
+        return self.u
+
+    @names_coarse_rule
+    def update(self, matrix: bool = False) -> None:
+        """Assemble again what depends on changed data; `solve` calls this method by itself.
+
+        Gap, pressure and active set belong to the system before, and are gone until `solve`. Data
+        that are refused may be mended: the next call checks all data again.
+
+        Args:
+            matrix: Assemble matrix and load in any case, for example because the mesh has moved:
+                changed values in the form a are noticed by themselves.
+
+        Raises:
+            InputError: The changed data make no sense.
+        """
+        system = self.system
+        self._free_solution()
+        self._system = self._assembly.renewed(system, matrix)
+
+    def integrate(self, a: ufl.Form | None = None, L: ufl.Form | None = None) -> None:
+        """Assemble forms in place of `a` and `L` that differ in how they are integrated alone.
+
+        As soon as data of `a` or `L` change, these forms themselves are assembled again.
+
+        Args:
+            a, L: The forms; None for those so far.
+
+        Raises:
+            InputError: The forms make no sense.
+        """
+        system = self.system
+        self._free_solver()
+        self._free_solution()
+        self._system = self._assembly.integrated(system, a, L)
+
+    def _warn_of_jumps(self) -> None:
+        """Warn where the diffusion jumps inside of cells and is not integrated piece by piece."""
+        if self.assembled_forms[0] is self.a and has_choices(self.a):
+            # The room of data, which knows problems, is loaded by those alone whose data choose.
+            from dolfinx_signorini.data.interfaces import cut_coefficients
+
+            cut_coefficients.warn_of_cut_coefficients(self)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; `u` and `result` stay."""
+        self._free_solver()
+        self._free_solution()
+        if self._system is not None:
+            self._system.A.destroy()
+            self._system.b.destroy()
+        self._system = None
+
+    def _solution(self) -> PETSc.Vec:
+        _ = self.system
+        if self._x is None:
+            raise InputError("has not been solved yet: call solve() first", "problem")
+        return self._x
+
+    def _free_solution(self) -> None:
+        if self._x is not None:
+            self._x.destroy()
+        self._x = None
+
+    def _free_solver(self) -> None:
+        if self._solver is not None:
+            self._solver.destroy()
+        self._solver = None

@@ -1,0 +1,63 @@
+"""The constraint of a problem: obstacles below or above, on facets of the boundary or in cells."""
+
+from dataclasses import dataclass
+
+from dolfinx.mesh import Mesh
+
+from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import check, on_mesh
+from dolfinx_signorini.problem.values import Data
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """An obstacle, as users give it:
+
+        Obstacle(1.0, g, "obstacle")
+
+    Attributes:
+        sign: 1 for a lower obstacle, u >= g, and -1 for an upper one, u <= g.
+        data: The obstacle g.
+        name: The name of the argument that gave the obstacle.
+    """
+
+    sign: float
+    data: Data
+    name: str
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One obstacle, or two, and where they act:
+
+        Constraint(domain.topology.dim, cells, (Obstacle(1.0, 0.0, "lower"),))
+
+    Attributes:
+        dim: The dimension of the facets or cells on which the obstacles act.
+        entities: These facets or cells, as far as this rank knows them.
+        obstacles: The obstacles, a lower one first.
+    """
+
+    dim: int
+    entities: LocalIndices
+    obstacles: tuple[Obstacle, ...]
+
+
+def obstacles_of(mesh: Mesh, lower: Data | None, upper: Data | None) -> tuple[Obstacle, ...]:
+    """Return the obstacles that two arguments `lower` and `upper` give.
+
+    Args:
+        mesh: The mesh of the problem.
+        lower, upper: The obstacles; None where there is none.
+
+    Raises:
+        InputError: An obstacle is of no known kind, or there is none.
+    """
+    given = [(1.0, lower, "lower"), (-1.0, upper, "upper")]
+    found = tuple(Obstacle(sign, data, name) for sign, data, name in given if data is not None)
+    check(**{each.name: (each.data, on_mesh(mesh, callables=True)) for each in found})
+    if not found:
+        message = "give one of them, or both; without any obstacle the problem is linear, see "
+        raise InputError(f"{message}dolfinx.fem.petsc.LinearProblem", "lower, upper")
+    return found

@@ -1,0 +1,51 @@
+"""Dirichlet conditions whose data are known at every point of facets, and not at nodes alone."""
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+from dolfinx import fem
+
+from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.problem.values import Data, evaluator
+
+
+@dataclass(frozen=True)
+class DirichletData:
+    """The data of a condition between the nodes:
+
+        for known in map(data_of_condition, problem.bcs):
+            print(known)
+
+    Attributes:
+        facets: The facets of the condition, local to the rank.
+        value: The data: a number, a UFL expression, a function or a callable of the coordinates.
+    """
+
+    facets: LocalIndices
+    value: Data
+
+
+_known: WeakKeyDictionary[fem.DirichletBC, DirichletData] = WeakKeyDictionary()
+
+
+def dirichlet(space: fem.FunctionSpace, facets: LocalIndices, value: Data) -> fem.DirichletBC:
+    """Return the Dirichlet condition u = value on facets, which remembers the data; collective.
+
+    Args:
+        space: A scalar Lagrange space.
+        facets: Facets of the boundary, local to the rank.
+        value: The data, see `evaluator`.
+    """
+    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+    owned = dofs[dofs < space.dofmap.index_map.size_local]
+    values = fem.Function(space)
+    values.x.array[owned] = evaluator(space, value, owned)()
+    values.x.scatter_forward()
+    condition = fem.dirichletbc(values, dofs)
+    _known[condition] = DirichletData(facets, value)
+    return condition
+
+
+def data_of_condition(condition: fem.DirichletBC) -> DirichletData | None:
+    """Return the data of a condition that `dirichlet` has made; None for other conditions."""
+    return _known.get(condition)

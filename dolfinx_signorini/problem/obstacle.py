@@ -1,0 +1,121 @@
+"""The obstacle problem: obstacles in the domain, or in some cells of it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_signorini.problem.arguments import checked_cells
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.constraint import Constraint, obstacles_of
+from dolfinx_signorini.problem.values import Data
+
+if TYPE_CHECKING:
+    from dolfinx_signorini.pictures.picture import Picture
+
+
+class ObstacleProblem(BoundConstrainedProblem):
+    """A variational inequality with one obstacle, or two, in the domain.
+
+    Find u with lower <= u <= upper and a(u, v - u) >= L(v - u) for all v with these bounds. The
+    surface is that of `dolfinx.fem.petsc.LinearProblem`:
+
+        problem = ObstacleProblem(a, L, lower=g, bcs=[bc])
+        u = problem.solve()
+
+    A later `solve` sees changed values of the Constants and Functions in the forms, the obstacles
+    and the Dirichlet data, see `SignoriniProblem`.
+
+    Args:
+        a: A symmetric, positive (semi)definite bilinear form on a scalar Lagrange space.
+        L: A linear form.
+        lower, upper: The obstacles: numbers, UFL expressions, functions, or callables of the
+            coordinates, shape (3, n), which are called on the ranks that have points and must not
+            communicate; one of them or both. For degree 1 and in the Bernstein basis, see
+            `bernstein_space`, the constraint holds at every point of the domain against the
+            interpolants of the obstacles. In nodal elements of degree 2 and higher the constraint
+            holds at the nodes alone.
+        cells: The cells that have the obstacles: indices, local to the rank, or MeshTags of cells,
+            alone or in a pair with one value or several; all cells by default.
+        bcs: Dirichlet conditions.
+        u: The function to be filled with the solution; a new one by default.
+        petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
+        petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
+            multigrid by default. An option of the same name in PETSc's database wins.
+        form_compiler_options, jit_options: See `dolfinx.fem.form`.
+
+    Attributes:
+        u: The solution, after `solve`.
+        result: The diagnostics of the last solve; None before.
+        a, L: The forms.
+        space: The function space.
+        system: What the solvers see.
+        sign: -1 where the only obstacle is an upper one, else 1.
+
+    Raises:
+        InputError: The load, an obstacle or the Dirichlet data are not finite, an obstacle
+            contradicts the Dirichlet data or the other obstacle, there is no obstacle or no cell,
+            the form is not symmetric or not definite, or the problem has no or more than one
+            solution.
+    """
+
+    def __init__(
+        self,
+        a: ufl.Form,
+        L: ufl.Form,
+        *,
+        lower: Data | None = None,
+        upper: Data | None = None,
+        cells: Any = None,
+        bcs: Sequence[fem.DirichletBC] = (),
+        u: fem.Function | None = None,
+        petsc_options_prefix: str | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
+        form_compiler_options: Mapping[str, Any] | None = None,
+        jit_options: Mapping[str, Any] | None = None,
+    ):
+        def constraint(space: fem.FunctionSpace) -> Constraint:
+            chosen = checked_cells(space.mesh, cells)
+            return Constraint(
+                space.mesh.topology.dim, chosen, obstacles_of(space.mesh, lower, upper)
+            )
+
+        super().__init__(
+            a,
+            L,
+            constraint,
+            bcs=bcs,
+            u=u,
+            petsc_options_prefix=petsc_options_prefix,
+            petsc_options=petsc_options,
+            form_compiler_options=form_compiler_options,
+            jit_options=jit_options,
+        )
+
+    def plot(self, path: Path | str | None = None, *, what: str = "solution") -> "Picture | None":
+        """Draw the solution or the pressure in the plane, and where contact ends; collective.
+
+        Args:
+            path: Where to save the picture, with a suffix that matplotlib knows; not at all by
+                default.
+            what: "solution" for u, "contact" for the pressure.
+
+        Returns:
+            The figure on rank 0, which a notebook shows, and None on the other ranks.
+
+        Raises:
+            InputError: The problem has not been solved, is none in the plane, or there is no such
+                picture.
+        """
+        # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.contact_region import draw_region
+
+        self._solution()
+        signs = [obstacle.sign for obstacle in self.obstacles]
+        active = dict(zip(signs, self.active_sides, strict=True))
+        figure = draw_region(self.pressure if what == "contact" else self.u, what, active)
+        if figure is not None and path is not None:
+            figure.savefig(path)
+        return figure

@@ -1,0 +1,108 @@
+"""Values of data at dofs: numbers, UFL expressions, functions and callables."""
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.meshes.elements import (
+    coefficients_of,
+    control_points,
+    is_bernstein,
+    nodal_space,
+)
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
+
+Data: TypeAlias = float | Expr | fem.Function | Callable[[Array], Array]
+
+
+def evaluator(
+    space: fem.FunctionSpace, value: Data, dofs: LocalIndices, name: str = "obstacle"
+) -> Callable[[], Array]:
+    """Return a function that evaluates data at dofs, each time with the present values.
+
+    In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
+    data at the control points. A UFL expression is compiled once, and evaluated on few cells that
+    together have all of the dofs.
+
+    Args:
+        space: A scalar Lagrange space.
+        value: A number, a UFL expression, a function of the space or of another one on its mesh,
+            or a callable of the coordinates, shape (3, n), which returns shape (n,).
+        dofs: Dofs of this rank: all of them on some facets, or in some cells.
+        name: The name of the argument, for messages.
+    """
+    if isinstance(value, int | float | np.number):
+        return lambda: np.full(len(dofs), float(value))
+    if isinstance(value, fem.Function) and value.function_space == space:
+        return lambda: value.x.array[dofs].copy()
+    if is_bernstein(space):
+        return _coefficients(space, value, dofs, name)
+    g = fem.Function(space)
+    wanted = np.zeros(len(g.x.array), dtype=bool)
+    wanted[dofs] = True
+    cells = covering_cells(space, wanted, cells_with_dofs(space, wanted))
+    if callable(value) and not isinstance(value, Expr):
+        x = control_points(space, cells)[dofs].T
+        return lambda: called(space.mesh.comm, value, x, name)
+    points = compat.interpolation_points(space.element)
+    expression = compiled.expression(value, points, space.mesh.comm)
+
+    def evaluate() -> Array:
+        g.interpolate(expression, cells0=cells)
+        return g.x.array[dofs].copy()
+
+    return evaluate
+
+
+def _coefficients(
+    space: fem.FunctionSpace, value: Data, dofs: LocalIndices, name: str
+) -> Callable[[], Array]:
+    """As `evaluator`, in the Bernstein basis; the call is collective."""
+    wanted = marked(space, dofs)
+    known = np.flatnonzero(wanted).astype(np.int32)
+    cells, nodal = cells_with_dofs(space, wanted), nodal_space(space)
+    values_at = evaluator(nodal, value, known, name)
+
+    def evaluate() -> Array:
+        values = np.zeros(len(wanted))
+        values[known] = values_at()
+        return coefficients_of(space, values, cells)[dofs]
+
+    return evaluate
+
+
+def called(
+    comm: MPI.Comm, value: Callable[[Array], Any], x: Array, name: str = "obstacle"
+) -> Array:
+    """Return the values of a callable at points, shape (n,).
+
+    Args:
+        comm: The communicator; the call is collective.
+        value: The callable, which returns one value for each point or one for all; a callable is
+            not called where this rank has no point.
+        x: The points, shape (3, n).
+        name: The name of the argument.
+
+    Raises:
+        InputError: The callable raises an exception on some rank, or returns no such values; the
+            subject is the name of the argument.
+    """
+    values = np.zeros(x.shape[1])
+    with together(comm, name):
+        try:
+            found = np.asarray(value(x) if len(values) else 0.0)
+            if np.iscomplexobj(found):
+                raise TypeError("the values are complex")
+            values[:] = np.broadcast_to(found.astype(np.float64), values.shape)
+        except Exception as error:
+            message = f"the callable returned no values: {type(error).__name__}: {error}"
+            raise InputError(message, name) from error
+    return values
