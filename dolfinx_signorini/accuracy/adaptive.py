@@ -1,16 +1,16 @@
 """The adaptive loop: solve, estimate, mark, refine, until the solution is as accurate as asked."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.estimates import Hidden
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
-from dolfinx_signorini.accuracy.targets import Functional, Target, target
+from dolfinx_signorini.accuracy.targets import Functional, target
+from dolfinx_signorini.accuracy.terms import Term
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
@@ -33,7 +33,7 @@ from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewis
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 POLYGON = "the polygon is taken as the domain"
 BENDS = (
@@ -64,7 +64,7 @@ class AdaptiveSolution:
         notes: What is not known of the data, or not resolved by the first mesh, in words.
     """
 
-    problem: SignoriniProblem
+    problem: BoundConstrainedProblem
     sided: SidedMesh
     request: Request
     stopped: str
@@ -123,9 +123,6 @@ def solve_adaptively(
     budget: float | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
     on_step: Callable[[Step], None] = lambda step: None,
-    began: float | None = None,
-    hidden: Hidden | None = None,
-    fit: Callable[[SidedMesh], None] = lambda sided: None,
     geometry: Mapping[str, Projection | None] | None = None,
     read_data: bool = True,
 ) -> AdaptiveSolution:
@@ -143,11 +140,6 @@ def solve_adaptively(
         budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
         on_step: Is told of each step when the step has been done.
-        began: When the seconds began, by `time.perf_counter`; now by default.
-        hidden: Returns for each owned cell what the data add to the error inside of the cell, which
-            no comparison of solutions shows; its arguments are the solved problem and what is to be
-            accurate.
-        fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         geometry: For curved sides the projection onto the curve or surface, a function of points,
             shape (3, points), that returns the nearest points of the curve; "all" stands for the
             whole boundary. New vertices of the side go onto the curve, and what facets leave in
@@ -175,36 +167,60 @@ def solve_adaptively(
         budget=(budget, optional(positive)),
         max_unknowns=(max_unknowns, positive),
         on_step=(on_step, callable_),
-        began=(began, optional(instance(float, "a time of time.perf_counter"))),
-        hidden=(hidden, optional(callable_)),
-        fit=(fit, callable_),
         geometry=(geometry, optional(by_text)),
         read_data=(read_data, TRUTH),
     )
     request = Request(target(norm), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
-    began = time.perf_counter() if began is None else began
+    began = time.perf_counter()
     curves = CurvedSides(geometry or {})
     curves.check(sided)
-    polygonal = arcs(sided, curves.known)
-    for name, distance in polygonal.items():
-        log.warning(BENDS, name, POLYGON, distance)
     first, known = Resolved(sided, ()), None
     if read_data:
         first, known = _first_mesh(poses[min(poses)], sided, max_unknowns)
     for note in first.notes:
         log.warning("%s", note)
-    if known is not None:
-        poses = {degree: _piecewise(pose) for degree, pose in poses.items()}
+    if known is None:
+        return adapt(poses, first, request, on_step, began, curves)
+    return adapt(
+        {degree: _piecewise(pose) for degree, pose in poses.items()},
+        first,
+        request,
+        on_step,
+        began,
+        curves,
+        terms=[data_errors(coefficients_of)],
+        fit=lambda level: follow(level, known.entries),
+    )
 
-    def fitted(level: SidedMesh) -> None:
-        fit(level)
-        if known is not None:
-            follow(level, known.entries)
 
-    if hidden is None and known is not None:
-        hidden = _read_errors
-    loop = Loop(poses, first.sided, request, on_step, began, hidden, fitted, curves)
+def adapt(
+    poses: Mapping[int, Pose],
+    first: Resolved,
+    request: Request,
+    on_step: Callable[[Step], None],
+    began: float,
+    curves: CurvedSides,
+    *,
+    terms: Sequence[Term] = (),
+    fit: Callable[[SidedMesh], None] = lambda sided: None,
+) -> AdaptiveSolution:
+    """Run the adaptive loop for data that have been read, see `solve_adaptively`; collective.
+
+    Args:
+        poses: Functions that pose the problem on a mesh, by the degree of the elements.
+        first: The first mesh, with what is not known of the data.
+        request: What is asked for.
+        on_step: Is told of each step when the step has been done.
+        began: When the seconds began, by `time.perf_counter`.
+        curves: The curves that sides stand for, which have been checked.
+        terms: The terms of the error that the data have and no comparison shows.
+        fit: Moves vertices of a refined mesh onto what the mesh is to follow.
+    """
+    polygonal = arcs(first.sided, curves.known)
+    for name, distance in polygonal.items():
+        log.warning(BENDS, name, POLYGON, distance)
+    loop = Loop(poses, first.sided, request, on_step, began, terms, fit, curves)
     loop.run()
     return AdaptiveSolution(
         problem=loop.problem,
@@ -221,9 +237,9 @@ def solve_adaptively(
 def _piecewise(pose: Pose) -> Pose:
     """Return what poses a problem whose data are integrated piece by piece where they jump."""
 
-    def with_pieces(level: SidedMesh) -> SignoriniProblem:
+    def with_pieces(level: SidedMesh) -> BoundConstrainedProblem:
         problem = pose(level)
-        if isinstance(problem, SignoriniProblem):
+        if isinstance(problem, BoundConstrainedProblem):
             integrate_piecewise(problem)
         return problem
 
@@ -241,7 +257,7 @@ def _first_mesh(
         max_unknowns: The limit on the dofs of a mesh.
     """
     problem = posed(pose, sided)
-    if not isinstance(problem, SignoriniProblem):
+    if not isinstance(problem, BoundConstrainedProblem):
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
     problem.destroy()
@@ -256,8 +272,3 @@ def _first_mesh(
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
     return first_mesh(sided, data_on, known, most), known
-
-
-def _read_errors(problem: SignoriniProblem, goal: Target) -> Array:
-    """What the data leave in the error inside of cells, as far as the data are readable."""
-    return data_errors(problem, coefficients_of(problem), goal)

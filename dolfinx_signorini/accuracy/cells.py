@@ -34,9 +34,10 @@ def cell_norms(f: fem.Function, norm: Norm) -> Array:
     gradient = norm.derivatives > 0
     table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
     found = []
-    for start in range(0, max(len(owned_cells(domain)), 1), BLOCK):
-        cells = owned_cells(domain)[start : start + BLOCK]
-        values = f.x.array[space.dofmap.list[cells]]
+    owned = owned_cells(domain)
+    for start in range(0, max(len(owned), 1), BLOCK):
+        cells = owned[start : start + BLOCK]
+        values = f.x.array[space.dofmap.list[start : start + len(cells)]]
         edges = cell_edges(domain, cells)
         sizes = [values @ table[0].T]
         if gradient:
@@ -151,5 +152,10 @@ def _points(element: basix.finite_element.FiniteElement, norm: Norm) -> tuple[Ar
         kind = basix.LatticeType.equispaced
         lattice = np.array(basix.create_lattice(cell, 2 * degree + 4, kind, exterior=True))
         return lattice, np.ones(len(lattice))
-    exact = math.ceil(norm.p) * degree
-    return QuadratureRule("default", min(exact, max(MAX_DEGREE, 2 * degree))).points(cell)
+    return rule_of_powers(element, norm.p).points(cell)
+
+
+def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:
+    """Return the rule for the p-th powers of functions of an element."""
+    exact = math.ceil(p) * element.degree
+    return QuadratureRule("default", min(exact, max(MAX_DEGREE, 2 * element.degree)))

@@ -1,12 +1,13 @@
 """The cells at the ends of the contact set, where a solution is like r^{3/2} and not smoother.
 
-A few meshes do not tell the rate at these cells, but theory does: the discrete contact set ends at
-a dof, which is now nearer to the true end and now farther away.
+With an obstacle in the domain the contact set ends at curves in the plane and at surfaces in space,
+where the second derivatives of the solution jump. A few meshes do not tell the rate at these cells,
+but theory does: the discrete contact set ends at a dof, which is now nearer to the true end and now
+farther away.
 
-Source: Christof and Haubner, Section 2.2, for the singularity.
+Sources: Christof and Haubner, Section 2.2, for the singularity; Caffarelli, The obstacle problem
+revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacles in the domain.
 """
-
-import math
 
 import basix
 import numpy as np
@@ -18,28 +19,34 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.norms.orders import (
+    DETACHMENT_EXPONENT,
+    FREE_BOUNDARY_EXPONENT,
+    singular_order,
+)
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
-EXPONENT = 1.5  # of the distance
-CODIMENSION = 2  # of the ends: points in the plane, curves in space
 SAMPLES = 24  # on each edge of a facet
 
 
-def rate_at_ends(target: Target) -> float:
+def rate_at_ends(target: Target, in_domain: bool = False) -> float:
     """Return the rate with which divisions towards an end of the contact set reduce the error.
 
     Args:
         target: What is to be accurate.
+        in_domain: Whether the obstacle is in the domain.
     """
     if target.weighted or target.norm is None:
-        # In energy, the solution has r^{3/2}, and the dual solution r^{1/2}.
-        return 2.0 * EXPONENT - 1.0
-    share = 0.0 if math.isinf(target.norm.p) else CODIMENSION / target.norm.p
-    return EXPONENT - target.norm.derivatives + share
+        # In energy, the solution has r^{3/2}, and the dual solution r^{1/2}; in the domain they
+        # have the square of the distance, and the distance.
+        return 2.0 if in_domain else 2.0 * DETACHMENT_EXPONENT - 1.0
+    if in_domain:
+        return singular_order(target.norm, FREE_BOUNDARY_EXPONENT, 1)
+    return singular_order(target.norm, DETACHMENT_EXPONENT)  # points in the plane, curves in space
 
 
 def cells_at_contact_ends(
-    problem: SignoriniProblem, parents: LocalIndices, count: int
+    problem: BoundConstrainedProblem, parents: LocalIndices, count: int
 ) -> npt.NDArray[np.bool_]:
     """Tell which cells have an end of the contact set; the call is collective.
 
@@ -49,10 +56,11 @@ def cells_at_contact_ends(
         count: The number of owned coarse cells.
 
     Returns:
-        For each owned coarse cell whether the cell is at a facet with dofs in contact and others.
+        For each owned coarse cell whether the cell is at a facet with dofs in contact and others,
+        or is such a cell.
     """
     space = problem.space
-    _, dofs, touching = contact_on_facets(problem)
+    _, dofs, touching = contact_on_entities(problem)
     held = marked(space, problem.fixed_dofs)[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
     cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
@@ -61,21 +69,23 @@ def cells_at_contact_ends(
     return result
 
 
-def contact_on_facets(
-    problem: SignoriniProblem,
+def contact_on_entities(
+    problem: BoundConstrainedProblem, side: int | None = None
 ) -> tuple[LocalIndices, LocalIndices, npt.NDArray[np.bool_]]:
-    """Return the owned contact facets with their dofs, and whether the dofs are in contact.
+    """Return the owned facets or cells that have an obstacle, and which of their dofs touch one.
 
     Args:
         problem: The solved problem; the call is collective.
+        side: The number of the obstacle; by default any of them counts.
 
     Returns:
-        The (cell, local facet) pairs, and two arrays of the shape (facets, dofs of a facet).
+        The cells or the (cell, local facet) pairs, and two arrays of the shape (entities, dofs of
+        one): the dofs, and whether they are in contact.
     """
-    space = problem.space
-    pairs = problem.system.layout.facet_cells
-    dofs = facet_dofs(space, pairs)
-    return pairs, dofs, marked(space, problem.active)[dofs]
+    space, entities = problem.space, problem.system.layout.owned_entities
+    dofs = space.dofmap.list[entities] if problem.in_domain else facet_dofs(space, entities)
+    active = problem.active if side is None else problem.active_sides[side]
+    return entities, dofs, marked(space, active)[dofs]
 
 
 def facet_lattice(space: fem.FunctionSpace) -> Array:

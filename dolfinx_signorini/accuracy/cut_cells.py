@@ -19,11 +19,12 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import summed_at_vertices, total
-from dolfinx_signorini.accuracy.indicators import size
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, total
+from dolfinx_signorini.accuracy.marking import NOTABLE
+from dolfinx_signorini.accuracy.targets import Target, size
+from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.interface import interfaces
@@ -31,29 +32,28 @@ from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
-NOISE = 0.5  # of the flux next to a cell: how far off the mean flux of the cell may be
+SPREAD = 1.7  # times what cut cells add: the cells around have part in the error, as measured
 
 
-def cut_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -> Array:
+def cut_errors(solved: Solved, data: Coefficients) -> Array:
     """Return what the cells that are cut by jumps of the diffusion add to the error.
 
-    Args:
-        problem: The problem, which has been solved; the call is collective.
-        data: The coefficients of the problem.
-        target: What is to be accurate.
+    The parts of cells that are not cut are zero; see `terms.Term`.
 
-    Returns:
-        One value for each owned cell, 0 for cells that are not cut.
+    Args:
+        solved: The two solutions; the call is collective.
+        data: The coefficients of the finer problem.
     """
-    domain = problem.space.mesh
-    errors, comm = np.zeros(len(owned_cells(domain))), domain.comm
+    problem, target = solved.fine, solved.target
+    comm, errors = problem.comm, np.zeros(len(solved.parents))
+    nothing = np.zeros((2, solved.count))
     if not interfaces(*data.entries):
-        return errors
+        return nothing
     cuts = _Cuts(problem, data)
     if not comm.allreduce(len(cuts.cells)):
-        return errors
+        return nothing
     slopes, norm = cuts.errors(), target.norm
     if norm is None or norm.boundary or norm.derivatives == 0:
         strains = cuts.integrals(slopes[..., None] * cuts.normals) / cuts.volumes[:, None]
@@ -73,7 +73,8 @@ def cut_errors(problem: SignoriniProblem, data: Coefficients, target: Target) ->
         else:
             found = cuts.integrals((sizes**norm.p).sum(axis=2)) ** (1.0 / norm.p)
     errors[cuts.cells] = found
-    return errors
+    parts = SPREAD * collected(errors, solved.parents, solved.count, target.power)
+    return np.array([parts, parts])
 
 
 class _Cuts:
@@ -85,7 +86,7 @@ class _Cuts:
         across: n.A n.
     """
 
-    def __init__(self, problem: SignoriniProblem, data: Coefficients):
+    def __init__(self, problem: BoundConstrainedProblem, data: Coefficients):
         self.domain, self.problem = problem.space.mesh, problem
         self.u, self.space, self.rows = problem.u, problem.space, data.diffusion
         element = self.space.element.basix_element
@@ -125,7 +126,7 @@ class _Cuts:
         flux = (slopes * self.fluxes).sum(axis=2)
         beside = np.einsum("qpi,pi->qp", self.normals, self._beside()[self.owners])
         means, known = (self.integrals(f) / self.volumes for f in (flux, beside))
-        noisy = np.abs(means - known) > NOISE * np.abs(known)
+        noisy = np.abs(means - known) > NOTABLE * np.abs(known)
         sigma = np.where(noisy[self.owners], beside, self._projected(flux))
         with np.errstate(all="ignore"):
             errors = (sigma - flux) / self.across
@@ -156,7 +157,7 @@ class _Cuts:
     def widths(self) -> Array:
         """The widths of the cells along their normals."""
         means = self.integrals(self.normals)
-        means /= np.maximum(np.linalg.norm(means, axis=1), 1e-300)[:, None]
+        means /= np.maximum(np.linalg.norm(means, axis=1), TINY)[:, None]
         along = np.einsum("cij,ci->cj", self.edges, means)
         return along.max(axis=1, initial=0.0) - along.min(axis=1, initial=0.0)
 

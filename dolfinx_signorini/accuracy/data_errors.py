@@ -1,24 +1,26 @@
 """Errors from data that are not smooth inside of cells, which no comparison of solutions shows."""
 
-import numpy as np
+from collections.abc import Callable
 
+from dolfinx_signorini.accuracy.cells import joined
 from dolfinx_signorini.accuracy.cut_cells import cut_errors
 from dolfinx_signorini.accuracy.kinks import kink_errors
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 
-def data_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -> Array:
-    """Return what jumps and kinks of data inside of cells leave in the error.
+def data_errors(read: Callable[[BoundConstrainedProblem], Coefficients]) -> Term:
+    """Return what jumps and kinks of data inside of cells leave in the error, as a term.
 
     Args:
-        problem: The problem, which has been solved; the call is collective.
-        data: The coefficients of the problem.
-        target: What is to be accurate.
-
-    Returns:
-        One value for each owned cell.
+        read: Returns the coefficients of a problem.
     """
-    return np.maximum(cut_errors(problem, data, target), kink_errors(problem, data, target))
+
+    def term(solved: Solved, dual: Dual | None) -> Array:
+        data = read(solved.fine)
+        parts = cut_errors(solved, data), kink_errors(solved, data)
+        return joined(*parts, solved.target.power)
+
+    return term

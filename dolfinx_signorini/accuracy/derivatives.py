@@ -43,11 +43,15 @@ def left_by_derivatives(detail: fem.Function, derivatives: float) -> Array:
         nodes = np.poly(np.arange(degree + 1) / degree)
         extrema = np.roots(np.polyder(nodes)).real
         share = np.abs(np.polyval(nodes, extrema)).max() / math.factorial(degree + 1)
-    return EXCESS * share * _highest_derivatives(detail, derivatives)
+    return EXCESS * share * highest_derivatives(detail, derivatives)
 
 
-def _highest_derivatives(f: fem.Function, derivatives: float) -> Array:
-    """The sizes of the derivatives of the order k of the degree, times edges^(k - derivatives)."""
+def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
+    """Return the sizes of the derivatives of the order k of the degree, times h^(k - derivatives).
+
+    Args:
+        f, derivatives: See `left_by_derivatives`.
+    """
     space, domain = f.function_space, f.function_space.mesh
     element, dim = space.element.basix_element, domain.topology.dim
     degree, cells = element.degree, owned_cells(domain)
@@ -60,9 +64,9 @@ def _highest_derivatives(f: fem.Function, derivatives: float) -> Array:
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
         maps = size[:, None, None] * inverses(edges)
-        values = f.x.array[space.dofmap.list[block]] @ rows.T
+        values = f.x.array[space.dofmap.list[start : start + len(block)]] @ rows.T
         for _ in range(degree):  # from directions of the reference cell to coordinates
-            values = np.einsum("cjr,cji->cri", values.reshape(len(block), dim, -1), maps)
+            values = np.swapaxes(values.reshape(len(block), dim, -1), 1, 2) @ maps
         sizes = np.linalg.norm(values.reshape(len(block), -1), axis=1)
         found.append(sizes / size**derivatives)
     return np.concatenate(found)

@@ -16,8 +16,10 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
@@ -26,16 +28,12 @@ from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side, owned_cells
 
-ROUNDS = 14  # of refinements
 MOST_CELLS = 3_000
-# What the deviation of a datum from polynomials may be, of the norm of the datum.
-MASS_OF_CELL = 0.02
-MASS = 0.1  # in all cells
-BULK = 0.3  # of the largest deviation of a cell: such cells are refined where the sum is too large
-HEIGHT = 0.05
+# What the deviation of a datum from polynomials may be, of its norm: in all cells, and
+# the height in one. More than 0.02 overlooks narrow diffusions, and less than 0.05 refines
+# at each kink of an obstacle (tests/accuracy/test_data_in_python.py and test_narrow_data.py).
+MASS, HEIGHT = 0.02, 0.05
 JUMP = 1.0 / 32.0  # of the domain: where the values of a datum jump, cells are not made smaller
-INWARD = 1e-9  # how far nodes on facets are moved into their cell: data may jump across the facet
-NOTABLE = 0.1  # what one piece may hide of the norm of a datum, and no note tells
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST
     size = longest_side(comm, sided.mesh.geometry.x)
     fits = [_Interpolation(datum, sided.mesh, size) for datum in data]
     notes = [fit.doubt for fit in fits if fit.doubt]
-    for _ in range(ROUNDS):
+    while True:
         marks = np.zeros(len(owned_cells(sided.mesh)), dtype=bool)
         for fit in fits:
             marks |= fit.marks(sided.mesh)
@@ -128,7 +126,7 @@ class _Interpolation:
         self.deviations = np.zeros(len(self.samples.points))
         self._fit(_Cells(domain), np.arange(len(self.samples.points)))
         self.doubt = ""
-        if self.samples.hidden > NOTABLE:
+        if self.samples.hidden > HEIGHT:
             self.doubt = f"{self.name} may have features so narrow that they are overlooked"
 
     def marks(self, domain: mesh.Mesh) -> npt.NDArray[np.bool_]:
@@ -136,16 +134,13 @@ class _Interpolation:
         samples, count = self.samples, len(owned_cells(domain))
         if samples.norm == 0.0:
             return np.zeros(count, dtype=bool)
+        shares, wide = self._shares(count), widths(_Cells(domain).corners) / self.size
         if self.datum.measure == "height":
-            wide = widths(_Cells(domain).corners) > JUMP * self.size
             jumping = np.bincount(samples.owners, samples.unclear, count) > 0.0
-            return (self._shares(count) > HEIGHT) & (wide | ~jumping)
-        shares = self._shares(count)
-        marks = shares > MASS_OF_CELL
-        if domain.comm.allreduce(float(shares.sum())) > MASS:
-            largest = highest(domain.comm, shares)
-            marks |= shares > BULK * largest
-        return marks
+            return (shares > HEIGHT) & (wide > np.where(jumping, JUMP, HALF_OF_THE_DIGITS))
+        if domain.comm.allreduce(float(shares.sum())) <= MASS:
+            return np.zeros(count, dtype=bool)
+        return (shares > NOTABLE * highest(domain.comm, shares)) & (wide > HALF_OF_THE_DIGITS)
 
     def rough(self, domain: mesh.Mesh) -> bool:
         """Whether some cell is too large for the datum; the call is collective."""
@@ -178,7 +173,8 @@ class _Interpolation:
     def _fit(self, cells: "_Cells", rows: npt.NDArray[np.int64]) -> None:
         """Find the deviations of samples from the interpolation of the datum on their cells."""
         samples, nodes = self.samples, np.asarray(self.element.points, dtype=np.float64)
-        nodes = nodes + INWARD * (nodes.mean(axis=0) - nodes)
+        # Data may jump across a facet: nodes on facets are moved into their cell.
+        nodes = nodes + SOLVED * (nodes.mean(axis=0) - nodes)
         chosen, place = np.unique(samples.owners[rows], return_inverse=True)
         values = evaluated(self.datum.formula.root, inside(cells.corners[chosen], nodes)).T
         values = np.where(np.isfinite(values), values, 0.0)

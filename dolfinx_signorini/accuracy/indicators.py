@@ -6,53 +6,55 @@ where the difference comes from:
 
     W^{1,p}      the norm of w - u_h on each cell;
     L^inf        the largest w - I w on each cell, where I interpolates on the undivided mesh;
-    otherwise    |w - I w|_a |z - I z|_a on each cell, where the dual solution z tells how much an
-                 error at one place matters for the norm of the whole error, and what dofs add that
-                 are in contact in u_h or in w alone.
-
-Source: Becker and Rannacher, An optimal control approach to a posteriori error estimation in finite
-element methods, Acta Numerica 10 (2001) 1-102.
+    otherwise    the terms of the identity of the error on each cell, where a dual solution tells
+                 how much an error at one place matters for the whole, see `terms`.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import basix
+import basix.ufl
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, total
-from dolfinx_signorini.accuracy.contact_changes import contact_changes
-from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
+from dolfinx_signorini.accuracy.boundary_defects import (
+    dirichlet_data,
+    dirichlet_defects,
+    obstacle_defects,
+)
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined, rule_of_powers, total
+from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.accuracy.terms import (
+    TERMS,
+    Dual,
+    Solved,
+    Term,
+    algebra,
+    dual_solution,
+    product,
+    quadrature,
+)
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.meshes.elements import coefficients_of, constants, values_at_control_points
-from dolfinx_signorini.meshes.quadrature import FACET_RULE, QuadratureRule
-from dolfinx_signorini.meshes.refinement import Transfer
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
-from dolfinx_signorini.norms.error_norms import error_norms
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.meshes.elements import coefficients_of, values_at_control_points
+from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.quadrature import FACET_RULE
 
-HIGHEST_POWER = 1000.0  # of an error in a load: larger ones are loads at a point as well
-
-
-@dataclass(frozen=True)
-class Solution:
-    """What is kept of the solution on the undivided mesh:
-
-        coarse = Solution(problem.u, problem.forces)
-
-    Attributes:
-        u: The solution.
-        forces: The contact forces on the dofs.
-    """
-
-    u: fem.Function
-    forces: fem.Function
+AWAY = 2.0  # sizes of a cell: so near are singular points to cells that do not resolve them
+# Terms of the error of w, which no comparison shows.
+UNSEEN: tuple[Term, ...] = (
+    quadrature,
+    dirichlet_data,
+    dirichlet_defects,
+    obstacle_defects,
+    negative_pressure,
+)
 
 
 @dataclass(frozen=True)
@@ -61,19 +63,23 @@ class Indicators:
 
     For example:
 
-        found = indicators(coarse, fine, refinement.parents, target("L4"))
+        found = indicators(Solved(coarse, fine, refinement.parents, target("L4")))
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference, or the size of the functional of the difference.
+        difference: The norm of the difference; for a functional the sum of the sizes of what basis
+            functions add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
         local: For each cell the part of this number that the solution alone tells: with a dual
-            solution |w - I w|_a, which adds up in squares, and else the whole.
+            solution about the energy of w - I w, and else the whole.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
             `cells`.
         left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
-        gaps: In norms of the domain what gaps inside facets in contact add, which w does not see.
+        unseen: What the terms add to the error of w that no comparison shows.
+        algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
+        inside: In L^p norms the norm of w - I w on the cell; otherwise 0.
+        resolved: Whether the solutions are smooth in the cell, as far as their derivatives tell.
     """
 
     difference: float
@@ -81,72 +87,78 @@ class Indicators:
     local: Array
     moved: Array
     left: Array
-    gaps: Array
+    unseen: Array
+    algebra: float
+    inside: Array
+    resolved: npt.NDArray[np.bool_]
 
 
-def indicators(
-    coarse: Solution, fine: SignoriniProblem, parents: LocalIndices, target: Target
-) -> Indicators:
+def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
     """Compare a solution with the solution on the divided mesh; the call is collective.
 
     Args:
-        coarse: The solution on the coarse mesh.
-        fine: The solved problem on the mesh with every cell divided.
-        parents: For each owned cell of this mesh the coarse cell around the cell.
-        target: What is to be accurate.
+        solved: The two solutions.
+        unseen: The terms of the error that no comparison shows.
     """
-    space = coarse.u.function_space
-    transfer = Transfer(space, fine.space, parents)
-    error = difference(fine.u, transfer.prolong(coarse.u))
-    count = len(owned_cells(space.mesh))
-    norm, zero = target.norm, np.zeros(count)
-    gaps: Array = zero
-    if norm is not None and not norm.boundary:
-        gaps = collected(negative_pressure(fine, transfer, norm), parents, count, norm.p)
+    fine, parents, target, count = solved.fine, solved.parents, solved.target, solved.count
+    zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
     if target.weighted:
-        apart = size(error, target)
-        dual, forces = fine.solve_linearised(_density(error, target, apart))
-        details = [_detail(transfer, v) for v in (fine.u, dual)]
-        primal, weight = (np.sqrt(found) for found in _energies(fine, details, parents, count))
-        released = coarse.forces, transfer.restrict(dual)
-        changes = contact_changes(released, (forces, error), parents)
-        cells = primal * weight + changes
-        return Indicators(apart, cells, primal, cells, zero, gaps)
+        apart = solved.distance
+        dual = dual_solution(solved, _density(solved.error, target, apart))
+        # On the boundary the density of a norm is a polynomial, and J(w - u_h) nearly the norm.
+        scale = apart / abs(dual.value) if dual.value else 1.0
+        cells: Array = scale * np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
+        if norm is None:  # parts may cancel in one difference by chance
+            apart = max(apart, total(cells, 1.0, fine.comm))
+            resolved &= _resolved(solved, dual.z, dual.detail)
+        local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
+        rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
+        iterated = scale * abs(fine.comm.allreduce(float(left)))
+        inside: Array = zero
+        if norm is not None and not norm.boundary:
+            inside = collected(cell_norms(solved.detail, norm), parents, count, norm.p)
+        return Indicators(apart, cells, local, cells, zero, rest, iterated, inside, resolved)
     assert norm is not None
-    norms = cell_norms(error, norm)
-    apart, moved = total(norms, norm.p, space.mesh.comm), collected(norms, parents, count, norm.p)
+    rest = _together(unseen, solved, None)
+    norms = cell_norms(solved.error, norm)
+    apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, moved, moved, zero, gaps)
-    detail = _detail(transfer, fine.u)
+        return Indicators(apart, moved, moved, moved, zero, rest, 0.0, zero, resolved)
+    detail = solved.detail
     cells, left = (
         collected(values, parents, count, norm.p)
         for values in (cell_norms(detail, norm), left_by_derivatives(detail, norm.derivatives))
     )
-    return Indicators(apart, cells, cells, np.maximum(cells, moved), left, gaps)
+    moved = np.maximum(cells, moved)
+    return Indicators(apart, cells, cells, moved, left, rest, 0.0, zero, resolved)
 
 
-def difference(one: fem.Function, other: fem.Function) -> fem.Function:
-    """Return the difference of two functions of a space."""
-    result = fem.Function(one.function_space)
-    result.x.array[:] = one.x.array - other.x.array
+def _together(terms: Sequence[Term], solved: Solved, dual: Dual | None) -> Array:
+    """What terms add at most on each cell."""
+    parts: Array = np.zeros(solved.count)
+    for term in terms:
+        parts = joined(parts, term(solved, dual)[1], solved.target.power)
+    return parts
+
+
+def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> npt.NDArray[np.bool_]:
+    """Tell in which cells the highest derivatives of a function hardly change.
+
+    At the distance m h from a singular point, h the size of the cell, the derivatives of the degree
+    k and the next one have about the ratio k / (m h), and those of degree k change by a third of
+    this, times h, from a part of the cell to the whole. At the point itself both are of one size.
+    The dual solution of a norm changes from cell to cell, as the error does.
+
+    Args:
+        solved: The two solutions.
+        f: A function on the divided mesh.
+        detail: What f has beyond its interpolation on the undivided mesh.
+    """
+    result = np.ones(solved.count, dtype=bool)
+    near = solved.fine.space.element.basix_element.degree / (3.0 * AWAY)
+    sizes, changes = (highest_derivatives(part, 0.0) for part in (f, detail))
+    result[solved.parents[changes > near * sizes]] = False
     return result
-
-
-def _detail(transfer: Transfer, f: fem.Function) -> fem.Function:
-    """What a fine function has beyond its interpolation on the coarse mesh."""
-    return difference(f, transfer.prolong(transfer.restrict(f)))
-
-
-def size(error: fem.Function, target: Target) -> float:
-    """Return the norm of a function, or the size of the functional; the call is collective."""
-    comm, norm = error.function_space.mesh.comm, target.norm
-    if norm is None:
-        assert target.functional is not None
-        form = compiled.form(target.functional(error))
-        return abs(float(comm.allreduce(fem.assemble_scalar(form))))
-    if norm.boundary:
-        return error_norms(error, None, [target.name])[target.name]
-    return total(cell_norms(error, norm), norm.p, comm)
 
 
 def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
@@ -156,31 +168,23 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     if target.functional is not None:
         return target.functional(v)
     assert target.norm is not None
-    p = 2.0 if math.isinf(target.norm.p) else min(target.norm.p, HIGHEST_POWER)
-    largest = highest(space.mesh.comm, np.abs(error.x.array))
-    density = fem.Function(space)
-    if apart > 0.0 and largest > 0.0:
-        share = values_at_control_points(space, error.x.array) / largest
-        powers = np.abs(share) ** (p - 1.0) * np.sign(share) * (largest / apart) ** (p - 1.0)
-        density.x.array[:] = coefficients_of(space, powers)
+    p, largest = target.norm.p, highest(space.mesh.comm, np.abs(error.x.array))
+
+    def powers(values: Array) -> Array:
+        share = values / (largest or 1.0)
+        scale = (largest / apart) ** (p - 1.0) if apart > 0.0 else 0.0
+        return np.asarray(np.abs(share) ** (p - 1.0) * np.sign(share) * scale)
+
     if target.norm.boundary:
+        density = fem.Function(space)
+        values = values_at_control_points(space, error.x.array)
+        density.x.array[:] = coefficients_of(space, powers(values))
         return density * v * ufl.ds(metadata=FACET_RULE.metadata)
-    rule = QuadratureRule("default", 2 * space.element.basix_element.degree)
+    rule = rule_of_powers(space.element.basix_element, p)
+    kind = space.mesh.topology.cell_name()
+    at_points = basix.ufl.quadrature_element(kind, degree=rule.degree)
+    density = fem.Function(fem.functionspace(space.mesh, at_points))
+    cells = np.arange(len(space.dofmap.list), dtype=np.int32)
+    points = Points(space.mesh, cells, rule.points(basix.CellType[kind])[0])
+    density.x.array[density.function_space.dofmap.list] = powers(points.values(error)[0])
     return density * v * ufl.dx(metadata=rule.metadata)
-
-
-def _energies(
-    problem: SignoriniProblem, functions: Sequence[fem.Function], parents: LocalIndices, count: int
-) -> Iterator[Array]:
-    """The energy a(f, f) of each coarse cell, without the terms on the boundary."""
-    trial, test = problem.a.arguments()[::-1]
-    f, constant = fem.Function(problem.space), ufl.TestFunction(constants(problem.space.mesh))
-    terms = [
-        part.reconstruct(ufl.replace(part.integrand(), {trial: f, test: f}) * constant)
-        for part in problem.a.integrals_by_type("cell")
-    ]
-    form = compiled.form(ufl.Form(terms))
-    for function in functions:
-        f.x.array[:] = function.x.array
-        energies = fem.assemble_vector(form).array[: len(parents)]
-        yield collected(np.maximum(energies, 0.0), parents, count, 1.0)

@@ -17,8 +17,9 @@ import math
 import basix
 import numpy as np
 
-from dolfinx_signorini.accuracy.cells import norms_of_sizes, shared_out, total
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.cells import MAX_DEGREE, norms_of_sizes
+from dolfinx_signorini.accuracy.contact_ends import SAMPLES
+from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import Derivative
@@ -28,43 +29,36 @@ from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.quadrature import interior_rule
-from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_edges
 from dolfinx_signorini.norms.names import Norm
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
-SAMPLES = 12  # along the edge of a cell
-RULE = 20  # its degree, for integrals of functions with a kink
-NEARER = 0.45  # of what interpolation leaves: measured 0.25 to 0.85
+NEARER = 0.85  # of what interpolation leaves, at most: measured 0.25 to 0.85
 
 
-def kink_errors(problem: SignoriniProblem, data: Coefficients, target: Target) -> Array:
+def kink_errors(solved: Solved, data: Coefficients) -> Array:
     """Return what jumps and kinks of load and reaction inside cells leave in a norm of the error.
 
-    Args:
-        problem: The problem, which has been solved; the call is collective.
-        data: The coefficients of the problem.
-        target: What is to be accurate.
+    The parts are zero for functionals and norms of the boundary; see `terms.Term`.
 
-    Returns:
-        One value for each owned cell; 0 for cells without a jump or kink, and for functionals and
-        norms of the boundary.
+    Args:
+        solved: The two solutions; the call is collective.
+        data: The coefficients of the finer problem.
     """
-    domain, norm = problem.space.mesh, target.norm
-    errors = np.zeros(len(owned_cells(domain)))
+    problem, norm = solved.fine, solved.target.norm
     if norm is None or norm.boundary:
-        return errors
+        return np.zeros((2, solved.count))
+    domain, errors = problem.space.mesh, np.zeros(len(solved.parents))
     formulas = [formula for formula in (data.load, data.reaction) if formula is not None]
     parts = interfaces(*formulas)
     if not parts:
-        return errors
+        return np.zeros((2, solved.count))
     cells = broken_cells(formulas, domain).astype(np.int32)
     if len(cells):
         kinks = _Kinks(problem, cells, data, norm)
         # Parts of formulas may be zero at the same place: each tells the whole kink there.
         errors[cells] = np.max([kinks.left(interface) for interface in parts], axis=0)
-    if target.weighted:
-        return shared_out(errors, norm.p, total(errors, norm.p, domain.comm) or 1.0)
-    return errors
+    return solved.in_norm(errors)
 
 
 class _Kinks:
@@ -72,7 +66,7 @@ class _Kinks:
 
     def __init__(
         self,
-        problem: SignoriniProblem,
+        problem: BoundConstrainedProblem,
         cells: LocalIndices,
         data: Coefficients,
         norm: Norm,
@@ -85,10 +79,10 @@ class _Kinks:
         corners = x[domain.geometry.dofmap[cells]]
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
         nodal = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
-        points, self.weights = interior_rule(kind, RULE).points(kind)
+        points, self.weights = interior_rule(kind, MAX_DEGREE).points(kind)
         if math.isinf(norm.p):
             equispaced = basix.LatticeType.equispaced
-            points = np.array(basix.create_lattice(kind, SAMPLES, equispaced, exterior=True))
+            points = np.array(basix.create_lattice(kind, SAMPLES // 2, equispaced, exterior=True))
         self.table = np.asarray(nodal.tabulate(1, points))[..., 0]
         self.nodes, self.samples = (
             inside(corners, np.array(places, dtype=np.float64)) for places in (nodal.points, points)

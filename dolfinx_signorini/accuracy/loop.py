@@ -8,50 +8,46 @@ The first estimate is discarded: no convergence rate has been measured yet.
 import functools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.estimates import Estimator, Hidden
-from dolfinx_signorini.accuracy.indicators import Solution, size
-from dolfinx_signorini.accuracy.marking import GROWTH, Divided, mark, mark_worst
+from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
-from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.accuracy.targets import size
+from dolfinx_signorini.accuracy.terms import Solution, Solved, Term
+from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
-from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
 from dolfinx_signorini.solvers.cascade import Cascade
+from dolfinx_signorini.solvers.stop import SHARE
 
-AIM = 0.9  # estimate aimed at, over the accuracy
-LEAST = 0.8  # of the estimate: to fall less is not worth a step
-CLOSE = 1.5  # times the accuracy: further steps from here aim lower and lower
-GAIN = 0.6  # more than the conforming mesh gains on the prediction is not counted on
-SMALLEST_GROWTH = 1.2  # of the number of cells: a smaller one is not worth a step
-RESERVE = 1.2  # how much longer than predicted a step may take
 PATIENCE = 4  # steps in which the estimate does not fall
-RISEN = 20.0  # times the smallest estimate
-ROUNDING = 1e-7  # of the size of the solution: so small are estimates that may be rounding
-ALGEBRAIC = 1e-2  # of the last estimate: the residual to reach, where both are relative
-SMALLEST_RTOL = 1e-13
-ROUNDED_RTOL = 1e-11  # rounding may allow no residual below
 ROUNDED = "rounding"  # why a loop ended, in its first word
 
-# Up to which factor between the first estimate and the accuracy a degree takes the least time.
-ENOUGH = {1: 3.0, 2: 30.0, 3: 1000.0, 4: math.inf}
-RESOLVED = 0.5  # of the size of the solution: a larger first estimate tells nothing about degrees
+Pose = Callable[[SidedMesh], BoundConstrainedProblem]
 
-Pose = Callable[[SidedMesh], SignoriniProblem]
+# How many vertices, edges, facets and cells of a divided mesh lie in a vertex, an edge, a facet and
+# a cell of the mesh before.
+DIVIDED = {
+    2: np.array([[1, 1, 0], [0, 2, 3], [0, 0, 4]]),
+    3: np.array([[1, 1, 0, 0], [0, 2, 3, 1], [0, 0, 4, 8], [0, 0, 0, 8]]),
+}
 
 
-def posed(pose: Pose, sided: SidedMesh) -> SignoriniProblem:
+def posed(pose: Pose, sided: SidedMesh) -> BoundConstrainedProblem:
     """Pose a problem on a mesh by the user's function; the call is collective.
 
     Raises:
@@ -59,7 +55,7 @@ def posed(pose: Pose, sided: SidedMesh) -> SignoriniProblem:
     """
     with together(sided.mesh.comm, "pose"):
         problem = pose(sided)
-    if isinstance(problem, SignoriniProblem) and problem.space.mesh is not sided.mesh:
+    if isinstance(problem, BoundConstrainedProblem) and problem.space.mesh is not sided.mesh:
         raise InputError("poses the problem on another mesh than that of its argument", "pose")
     return problem
 
@@ -73,7 +69,7 @@ class Loop:
         request: What is asked for.
         on_step: Is told of each step.
         began: When the seconds began.
-        hidden: Returns what the data add to the error inside of each owned cell; None for nothing.
+        terms: The terms of the error that the data have and no comparison shows.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
 
@@ -81,26 +77,25 @@ class Loop:
         pose: The function that poses the problem, with elements of the present degree.
         problem: The problem that was solved last.
         division: The division of the present mesh.
-        owners: For each cell of the present mesh the cell of the last mesh; None on the first mesh.
         rounds: The number of steps with elements of the present degree.
-        predicted: The estimate that was predicted for the present mesh; 0 for none.
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
         best: The result with the least estimate.
         last: The result of the problem that was solved last.
         whole: The size of the last solution in the norm that is asked for.
+        rounded: Whether the residual that the last estimate asks for is below rounding.
+        early: Whether solves may stop where the discretisation error hides the rest.
         stopped: Why the loop ended.
         keywords: The keywords of the next solves.
     """
 
-    problem: SignoriniProblem
+    problem: BoundConstrainedProblem
     division: Refinement
     estimator: Estimator
-    owners: LocalIndices | None
     best: Result
     last: Result
     whole: float
-    _cascade: Cascade[SidedMesh, SignoriniProblem]
+    _cascade: Cascade[SidedMesh, BoundConstrainedProblem]
 
     def __init__(
         self,
@@ -109,16 +104,16 @@ class Loop:
         request: Request,
         on_step: Callable[[Step], None],
         began: float,
-        hidden: Hidden | None,
+        terms: Sequence[Term],
         fit: Callable[[SidedMesh], None],
         curves: CurvedSides,
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
-        self.comm, self.began, self.hidden, self.fit = sided.mesh.comm, began, hidden, fit
+        self.comm, self.began, self.terms, self.fit = sided.mesh.comm, began, terms, fit
         self.curves = curves
         self.steps: list[Step] = []
-        self.stopped = ""
+        self.rounded, self.early, self.stopped = False, True, ""
         self.keywords: dict[str, Any] = {}
 
     def run(self) -> None:
@@ -134,9 +129,7 @@ class Loop:
             self._require_room()
             self._begin()
             while True:
-                coarse = Solution(self.problem.u, self.problem.forces)
-                self._solve(self.division.sided)
-                self._estimate(coarse)
+                self._estimate(self._solve_divided())
                 if self._takes_another_degree():
                     self.division = refined(self.sided)  # with the vertices before they were moved
                     self._solve(self.sided)
@@ -148,52 +141,68 @@ class Loop:
                 self._solve(divided.sided)
             self._solve_best_again()
 
-    def _solve(self, sided: SidedMesh) -> None:
+    def _solve_divided(self) -> Solved:
+        """Solve on the mesh with every cell divided: from zero, so that no error is in both."""
+        coarse = Solution(self.problem.u, self.problem.forces)
+        self._solve(self.division.sided)
+        return Solved(coarse, self.problem, self.division.parents, self.request.target)
+
+    def _solve(
+        self,
+        sided: SidedMesh,
+        start: Callable[[BoundConstrainedProblem], fem.Function] | None = None,
+    ) -> None:
         """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""
         keywords = self.keywords
-        solve: Callable[..., object] = functools.partial(self._cascade.solve, sided)
+        solve: Callable[..., object] = functools.partial(self._cascade.solve, sided, start)
         while True:
             try:
                 solve(**keywords)
                 break
             except NotConvergedError:
                 rtol = 10.0 * keywords.get("rtol", DEFAULT_RTOL)
-                if rtol > ROUNDED_RTOL or self._cascade.problem is None:
+                if rtol > SOLVED or self._cascade.problem is None:
                     raise
                 keywords = {"rtol": rtol}
                 solve = functools.partial(self._cascade.problem.solve, coarse=self._cascade.coarse)
         assert self._cascade.problem is not None
         self.problem = self._cascade.problem
 
-    def _estimate(self, coarse: Solution) -> None:
+    def _estimate(self, solved: Solved) -> None:
         """Compare the solution with the one on the mesh before the division, and note the step."""
-        cells = self.division.parents, self.owners
-        value = self.estimator.compared(coarse, self.problem, *cells)
-        target, u = self.request.target, self.problem.u
-        moved = MovedSides(self.curves, self.sided, self.division, u, target)
+        target, estimator = self.request.target, self.estimator
+        estimator.compare(solved, measure=self.rounds > 0)
+        moved = MovedSides(self.curves, self.sided, self.division, solved.fine.u, target)
         if moved:
             self._solve(self.division.sided)
-        self._note(self.estimator.settled(value, self.problem, *cells, moved))
+            estimator.add_polygon(moved, replace(solved, fine=self.problem))
+        self._note(estimator.estimate)
 
     def _solve_best_again(self) -> None:
-        """Solve on the mesh of the best result again if rounding has spoilt the results since."""
+        """Solve from the best result again if rounding has spoilt the results since."""
         if not self.stopped.startswith(ROUNDED) or self.last is self.best:
             return
         self.last, self.keywords = self.best, dict(self.best.keywords)
-        self._solve(self.best.division.sided)
+
+        def start(problem: BoundConstrainedProblem) -> fem.Function:
+            found = fem.Function(problem.space)
+            found.x.array[:] = self.best.values
+            return found
+
+        self._solve(self.best.division.sided, start)
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         self._tell(replace(self.best.step, seconds=seconds))
 
     def _require_room(self) -> None:
-        needed = _unknowns(self.division.sided, self.problem.space)
+        needed = _unknowns(self.sided, self.problem.space)
         if needed > self.request.max_unknowns:
             message = f"the coarsest meshes need {needed}, not {self.request.max_unknowns}"
             raise InputError(message, "max_unknowns")
 
     def _begin(self) -> None:
         """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
-        self.estimator = Estimator(self.problem.space, self.request.target, self.hidden)
-        self.owners, self.rounds, self.predicted = None, 0, 0.0
+        self.estimator = Estimator(self.problem.space, self.request.target, self.terms)
+        self.rounds = 0
 
     def _takes_another_degree(self) -> bool:
         """Choose the degree when the first step with the lowest one has been done."""
@@ -201,34 +210,39 @@ class Loop:
         if accuracy is None or len(self.steps) > 1:
             return False
         estimate = self.steps[0].estimate
-        if estimate > RESOLVED * self.whole:
+        if len(self.poses) == 1 or estimate > self.whole:  # which tells nothing
             return False
         # Facets in place of curves leave the same with all degrees.
-        ratio = (estimate - self.estimator.polygon) / accuracy
-        best = next((k for k in sorted(self.poses) if ratio <= ENOUGH.get(k, math.inf)), lowest)
-        more = (best / lowest) ** self.sided.mesh.topology.dim if lowest else 1.0
+        ratio = max((estimate - self.estimator.polygon) / accuracy, 1.0)
+        dim, order = self.sided.mesh.topology.dim, self.request.target.order
+        # A mesh has k^d dofs for each of its cells, whose number grows with the power d / order.
+        best = min(self.poses, key=lambda k: (k**dim * ratio ** (dim / order(k)), k))
+        more = (best / lowest) ** dim
         room = more * self.steps[0].unknowns <= self.request.max_unknowns
-        if best == lowest or not room or self._affordable() < SMALLEST_GROWTH * more:
+        if best == lowest or not room or self._affordable() < SAFETY * more:
             return False
         self.pose = self.poses[best]
         return True
 
     def _note(self, estimate: float) -> None:
         """Note the step, after which the algebraic error is to be far below the estimate."""
-        seconds = self.comm.bcast(time.perf_counter() - self.began)
-        step = Step(self.problem.unknowns, estimate, seconds)
-        remaining = self.estimator.prediction.remaining
-        self.last = Result(step, self.division, remaining, self.keywords)
-        if not self.steps or estimate < self.best.step.estimate:
-            self.best = self.last
         self.whole = size(self.problem.u, self.request.target)
         if self.whole > 0.0:
             share = self._share_in_derivatives()
-            rtol = ALGEBRAIC * estimate / self.whole * share
-            # The stop of a solve by default looks at values and not at derivatives.
-            free = share == 1.0 and rtol >= DEFAULT_RTOL
-            rtol = min(max(rtol, SMALLEST_RTOL), DEFAULT_RTOL)
+            rtol = SHARE * estimate / self.whole * share
+            self.rounded = rtol < tolerances.ROUNDING
+            # The stop of a solve by default looks at values, and neither at derivatives nor at a
+            # functional in which the errors of the elements cancel.
+            self.early &= share == 1.0 and self.estimator.found.algebra <= SHARE * estimate
+            free = self.early and rtol >= DEFAULT_RTOL
+            rtol = min(max(rtol, tolerances.ROUNDING), DEFAULT_RTOL)
             self.keywords = {} if free else {"rtol": rtol}
+        seconds = self.comm.bcast(time.perf_counter() - self.began)
+        step = Step(self.problem.unknowns, estimate, seconds)
+        values, remaining = self.problem.u.x.array.copy(), self.estimator.prediction.remaining
+        self.last = Result(step, self.division, values, remaining, self.keywords)
+        if not self.steps or estimate < self.best.step.estimate:
+            self.best = self.last
         self._tell(step)
 
     def _tell(self, step: Step) -> None:
@@ -268,43 +282,37 @@ class Loop:
             if self._standing():
                 self.stopped = f"{ROUNDED}: the estimate does not fall any more"
                 return None
-            goal = 0.0
-            if accuracy is not None:
-                close = sum(step.estimate <= CLOSE * accuracy for step in self.steps)
-                goal = AIM * accuracy / (estimate * self._gain(estimate))
-                goal = min(goal, LEAST ** max(close, 1))
+            # A step costs as much as all before: what gains too little is not worth a step.
+            # The estimate may come out above the aim by chance: the aim leaves room for half of the
+            # safety factor's digits in the number of cells, which costs less than another step.
+            room = SAFETY ** (0.5 * rates.order / self.sided.mesh.topology.dim)
+            goal = 0.0 if accuracy is None else accuracy / (room * estimate)
             growth = self._affordable()
-            if growth < SMALLEST_GROWTH:
+            if growth < SAFETY:
                 return None
-            marks = mark(self.sided, self.estimator.prediction, goal, min(growth, GROWTH))
+            predictions = self.estimator.predictions
+            marks = mark_for_all(self.sided, predictions, goal, min(growth, GROWTH))
             if not highest(self.comm, marks.levels) > 0.0:
                 self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None
             divided = marks.apply(self.sided, self.curves.fit)
-            self.predicted = marks.factor * estimate
-        with together(self.comm, "fit"):
-            self.fit(divided.sided)
-        division = refined(divided.sided)
-        if _unknowns(division.sided, self.problem.space) > self.request.max_unknowns:
+        self.fit(divided.sided)
+        if _unknowns(divided.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
             return None
         rates.refine(self.sided.mesh, found.local, marks, divided)
-        self.sided, self.division, self.owners = divided.sided, division, divided.owners
+        self.sided, self.division = divided.sided, refined(divided.sided)
         return divided
 
-    def _gain(self, estimate: float) -> float:
-        """The estimate over what was predicted: cells that only follow others gain, too."""
-        if self.predicted == 0.0 or math.isinf(self.estimator.rates.power):
-            return 1.0
-        return min(max(estimate / self.predicted, GAIN), 1.0)
-
     def _standing(self) -> bool:
-        """Whether the estimate is small, and has risen far, or not fallen in the last steps."""
-        estimates = [step.estimate for step in self.steps]
-        late, early = estimates[-PATIENCE:], estimates[:-PATIENCE]
-        if estimates[-1] < RISEN * min(estimates) and min(late) <= min(early, default=math.inf):
-            return False
-        return estimates[-1] < ROUNDING * self.whole
+        """Whether the estimate is as small as rounding, and has not fallen in the last steps.
+
+        One step tells where solves cannot be as accurate as the estimate wants them to be.
+        """
+        estimates, last = [step.estimate for step in self.steps], 1 if self.rounded else PATIENCE
+        late, early = estimates[-last:], estimates[:-last]
+        fallen = SAFETY * min(late) < min(early, default=math.inf)
+        return not fallen and late[-1] < DEFAULT_RTOL * self.whole
 
     def _affordable(self) -> float:
         """By how much the mesh may grow; where that is too little, note why."""
@@ -314,17 +322,18 @@ class Loop:
         if request.budget is not None:
             spent = last.seconds - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
             left = request.budget - self.comm.bcast(time.perf_counter() - self.began)
-            if left / (RESERVE * spent) < growth:
-                growth = left / (RESERVE * spent)
+            if left / (SAFETY * spent) < growth:
+                growth = left / (SAFETY * spent)
                 self.stopped = "the next step would take longer than the time that is left"
         return growth
 
 
 def _unknowns(sided: SidedMesh, space: fem.FunctionSpace) -> int:
-    """The number of dofs that a space of the same kind has on another mesh."""
-    topology, count = sided.mesh.topology, 0
-    for dim, dofs in enumerate(space.element.basix_element.num_entity_dofs):
-        if dofs[0]:
-            topology.create_entities(dim)
-            count += dofs[0] * topology.index_map(dim).size_global
-    return int(count)
+    """The number of dofs that a space of the same kind has on a mesh with every cell divided."""
+    topology = sided.mesh.topology
+    dims = range(topology.dim + 1)
+    for dim in dims:
+        topology.create_entities(dim)
+    entities = np.array([topology.index_map(dim).size_global for dim in dims])
+    dofs = [numbers[0] for numbers in space.element.basix_element.num_entity_dofs]
+    return int(dofs @ DIVIDED[topology.dim] @ entities)

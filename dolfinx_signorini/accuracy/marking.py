@@ -6,7 +6,7 @@ point is divided towards the point: only the part at the point is divided again.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,23 +14,28 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, volumes
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import TINY
+from dolfinx_signorini.base.tolerances import (
+    HALF_OF_THE_DIGITS,
+    HALVINGS,
+    PRECISION,
+    ROUNDING,
+    TINY,
+)
+from dolfinx_signorini.meshes.balance import balanced
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
-GROWTH = 3.0  # the largest ratio of the numbers of cells of successive meshes
-DEEPEST, DEEPER, DEEP = 12, 4, 2  # divisions at a confirmed singular point, a new one, elsewhere
-BISECTIONS = 60  # of the interval that the threshold is in
-AHEAD = 0.3  # of what the slowest cells come to: so small may others be made in a sup norm
-SLACK = 1.2  # what deeper divisions would gain, and is given up
-NOTABLE = 0.1  # of the largest part: smaller parts do not tell a line from a point
-BULK = 0.5  # of the error: Doerfler's parameter, the cells that make up so much are divided
-DOUBT = 0.25  # of the part of a divided cell: a smaller error is raised to this share
-SMALLEST = 1e-11  # of the coordinates: rounding spoils the shape of smaller cells
-NEAR = 1e-6  # of the size of a cell
+# By how much what measured rates say may be off, of errors, sizes and seconds.
+SAFETY = 1.3
+# The largest ratio of the numbers of cells of successive meshes: all together have 3/2 times the
+# cells of the last one, if they grow so.
+GROWTH = 3.0
+DEEP = 2  # divisions, except at singular points that were seen twice
+NOTABLE = 0.5  # of the largest value: smaller ones, and differences that are smaller, may be chance
 
 
 @dataclass(frozen=True)
@@ -72,13 +77,13 @@ class Marks:
             many as the mesh has dimensions make a division.
         singular: Whether the cell is divided towards a point.
         points: For each cell the point, shape (cells, 3).
-        factor: By how much the divisions are predicted to multiply the error.
+        growth: By how much they are predicted to multiply the number of cells, at most.
     """
 
     levels: Array
     singular: npt.NDArray[np.bool_]
     points: Array
-    factor: float = 1.0
+    growth: float = 1.0
 
     def apply(
         self, sided: SidedMesh, fit: Callable[[SidedMesh], object] = lambda sided: None
@@ -90,49 +95,58 @@ class Marks:
             fit: Moves new vertices, after each division: deep inside of the cells of a division,
                 vertices have less room.
         """
-        owners, comm, dimension = owned_cells(sided.mesh), sided.mesh.comm, sided.mesh.topology.dim
-        levels: Array = np.zeros(len(owners))
+        comm, dimension = sided.mesh.comm, sided.mesh.topology.dim
+        first = sided.mesh.topology.index_map(dimension).local_range[0]
+        owners = Lookup(comm, len(self.levels), first + np.arange(len(self.levels)))
+        levels: Array = np.zeros(len(self.levels))
         while True:
             # What has been divided for the sake of other cells need not be divided again.
-            singular, at = self.singular[owners], self._at_point(sided, owners)
-            left: Array = np.rint(dimension * (self.levels[owners] - levels))  # bisections
+            wanted, singular, points = map(owners.of, (self.levels, self.singular, self.points))
+            at = _at_points(sided, points)
+            left: Array = np.rint(dimension * (wanted - levels))  # bisections
             left = np.where(singular & ~at, 0.0, left)
             if highest(comm, left) == 0.0:
                 return Divided(sided, owners, np.round(levels, 3), singular & ~at)
             tips, whole = _numbers(singular & (left > 0)), _numbers(~singular & (left >= dimension))
             halved = _numbers(~singular & (left > 0) & (left < dimension))
-            step = refined(sided, whole, (tips, self.points[owners[tips]]), halved)
-            shares = volumes(sided.mesh)[step.parents] / volumes(step.sided.mesh)
-            levels = levels[step.parents] + np.log2(shares) / dimension
+            step = balanced(refined(sided, whole, (tips, points[tips]), halved))
+            shares = step.parents.of(volumes(sided.mesh)) / volumes(step.sided.mesh)
+            levels = step.parents.of(levels) + np.log2(shares) / dimension
             fit(step.sided)
-            sided, owners = step.sided, owners[step.parents]
+            sided, owners = step.sided, owners.through(step.parents)
 
-    def _at_point(self, sided: SidedMesh, owners: LocalIndices) -> npt.NDArray[np.bool_]:
-        domain = sided.mesh
-        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
-        distance = np.linalg.norm(x - self.points[owners][:, None], axis=2).min(axis=1)
-        size = volumes(domain) ** (1.0 / domain.topology.dim)
-        return np.asarray(distance < NEAR * size)
+
+def _at_points(sided: SidedMesh, points: Array) -> npt.NDArray[np.bool_]:
+    """Whether each owned cell has a vertex at its point."""
+    domain = sided.mesh
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    distance = np.linalg.norm(x - points[:, None], axis=2).min(axis=1)
+    size = volumes(domain) ** (1.0 / domain.topology.dim)
+    return np.asarray(distance < HALF_OF_THE_DIGITS * size)
 
 
 @dataclass(frozen=True)
 class Divided:
-    """A mesh after the divisions of `Marks`:
+    """A mesh after the divisions of `Marks`, whose cells the ranks may share anew:
 
         divided = marks.apply(sided)
-        old = values[divided.owners]
+        old = divided.owners.of(values)
 
     Attributes:
         sided: The mesh with its sides.
-        owners: For each owned cell the cell around it before the divisions.
+        owners: Asks for the cell around each owned cell before the divisions.
         levels: How often that cell has been halved in every direction on the way to this one.
         away: Whether that cell has a singular point, which this cell does not have.
     """
 
     sided: SidedMesh
-    owners: LocalIndices
+    owners: Lookup
     levels: Array
     away: npt.NDArray[np.bool_]
+
+    def collected(self, values: Array, power: float) -> Array:
+        """Put values of cells together for each cell before the divisions, see `collected`."""
+        return collected(self.owners.sent(values), self.owners.items, self.owners.count, power)
 
 
 def _numbers(chosen: npt.NDArray[np.bool_]) -> LocalIndices:
@@ -152,7 +166,7 @@ def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Ma
     largest = highest(sided.mesh.comm, cells)
     shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
     fall = order + (0.0 if math.isinf(power) else dimension / power)
-    levels = _rounded_up(1.0 + np.log2(shares / DOUBT) / fall, 1.0 / dimension)
+    levels = _rounded_up(1.0 + np.log2(shares / NOTABLE) / fall, 1.0 / dimension)
     return Marks(np.clip(levels, 0.0, 1.0), np.zeros(count, bool), np.zeros((count, 3)))
 
 
@@ -161,32 +175,47 @@ def _rounded_up(levels: Array, multiple: Array | float) -> Array:
     return np.asarray(np.ceil(levels / multiple) * multiple)
 
 
+def mark_for_all(
+    sided: SidedMesh, predictions: Sequence[Prediction], goal: float, growth: float
+) -> Marks:
+    """Choose how often to divide cells so that several errors fall, the first ones first.
+
+    Args:
+        sided, goal: See `mark`.
+        predictions: What the cells leave in each of the errors.
+        growth: The largest ratio of the numbers of cells, of which later errors have the rest.
+    """
+    marks = mark(sided, predictions[0], goal, growth)
+    for prediction in predictions[1:]:
+        other = mark(sided, prediction, goal, max(growth - marks.growth + 1.0, 1.0))
+        deeper = other.levels > marks.levels
+        marks = Marks(
+            np.where(deeper, other.levels, marks.levels),
+            np.where(deeper, other.singular, marks.singular),
+            np.where(deeper[:, None], other.points, marks.points),
+            marks.growth + other.growth - 1.0,
+        )
+    return marks
+
+
 def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -> Marks:
     """Choose how often to divide the cells of a mesh; the call is collective.
 
     Args:
         sided: The mesh.
         prediction: What the cells leave in the error, and how fast that falls.
-        goal: By how much the error is to be multiplied. A smaller factor than a division of all
-            cells gives smooth solutions is not aimed at.
+        goal: By how much the error is to be multiplied, in this step or in several ones.
         growth: The largest ratio of the numbers of cells.
     """
     comm = sided.mesh.comm
     points, isolated = _points(sided.mesh, prediction.remaining, prediction.singular)
     choice = _Choice(comm, replace(prediction, singular=isolated), sided.mesh)
-    aim = max(goal, 2.0**-prediction.order)
-    low, high = 1e-14, 1.0
-    for _ in range(BISECTIONS):
-        threshold = math.sqrt(low * high)
-        levels = choice.levels(threshold)
-        if choice.is_short_of(aim, threshold, levels) and choice.growth(levels) < growth:
-            high = threshold
-        else:
-            low = threshold
-    least = np.where(choice.bulk(), choice.finest, 0.0)
-    levels = np.maximum(choice.levels(low), np.minimum(least, choice.deepest))
-    factor = (choice.error(levels) / choice.present) ** (1.0 / choice.exponent)
-    return Marks(levels, choice.singular, points, factor)
+    levels = choice.levels_for(goal, math.inf)
+    whole = choice.growth(levels)
+    if whole > growth > 1.0:  # a short last step would cost as much as others: all have one ratio
+        steps = math.ceil(math.log(whole) / math.log(growth))
+        levels = choice.levels_for(goal, whole ** (1.0 / steps))
+    return Marks(levels, choice.singular, points, choice.growth(levels))
 
 
 class _Choice:
@@ -195,7 +224,7 @@ class _Choice:
     def __init__(self, comm: MPI.Comm, prediction: Prediction, domain: mesh.Mesh):
         dimension = domain.topology.dim
         x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
-        room = volumes(domain) ** (1.0 / dimension) / (SMALLEST * np.abs(x).max(axis=(1, 2)))
+        room = volumes(domain) ** (1.0 / dimension) / (ROUNDING * np.abs(x).max(axis=(1, 2)))
         self.comm, self.singular, self.power = comm, prediction.singular, prediction.power
         self.dimension, remaining = dimension, prediction.remaining
         largest = highest(self.comm, remaining) or 1.0
@@ -203,14 +232,14 @@ class _Choice:
         power = 1.0 if sup else self.power
         self.exponent = 1.0 if sup else prediction.exponent
         self.parts = np.maximum((remaining / largest) ** power, TINY)
-        self.factors = np.clip(prediction.factors**self.exponent, TINY, 0.95)
+        self.factors = np.clip(prediction.factors**self.exponent, TINY, 1.0 - ROUNDING)
         # What one of the parts of a divided cell has.
         shared = self.factors if sup else self.factors / 2.0**self.dimension
         child = np.where(self.singular, self.factors, shared)
         self._logarithms, self._steps = np.log(self.parts), -np.log(child)
-        towards = np.where(prediction.confirmed, DEEPEST, DEEPER)
-        deepest = np.where(self.singular, towards, DEEP)
-        self.deepest = np.minimum(deepest, np.floor(np.log2(np.maximum(room, 1.0))))
+        room = np.floor(np.log2(np.maximum(room, 1.0)))
+        towards = self.singular & prediction.confirmed
+        self.deepest = np.where(towards, room, np.minimum(DEEP, room))
         # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.
         self.finest = np.where(self.singular | sup, 1.0, 1.0 / dimension)
         self.least = self.error(self.deepest)
@@ -221,26 +250,30 @@ class _Choice:
         needed = (self._logarithms - math.log(threshold)) / self._steps
         return np.clip(_rounded_up(needed, self.finest), 0.0, self.deepest)
 
+    def levels_for(self, factor: float, growth: float) -> Array:
+        """The divisions with the largest threshold that multiply the error by a factor.
+
+        Args:
+            factor: The factor.
+            growth: The largest ratio of the numbers of cells.
+        """
+        # One cell may be the worst by chance: in a sup norm those that are nearly so are divided.
+        low, high = PRECISION, NOTABLE if math.isinf(self.power) else 1.0
+        for _ in range(HALVINGS):
+            threshold = math.sqrt(low * high)
+            levels = self.levels(threshold)
+            if self.is_short_of(factor, threshold, levels) and self.growth(levels) < growth:
+                high = threshold
+            else:
+                low = threshold
+        return self.levels(low)
+
     def error(self, levels: Array) -> float:
         """The error after divisions, to the power."""
         after = self.parts * self.factors**levels
         if math.isinf(self.power):
             return highest(self.comm, after)
         return float(self.comm.allreduce(float(after.sum())))
-
-    def bulk(self) -> npt.NDArray[np.bool_]:
-        """The cells with the largest errors, which together make up a part of the whole."""
-        if math.isinf(self.power):
-            return self.parts > BULK
-        low, high = 0.0, 1.0
-        for _ in range(BISECTIONS):
-            threshold = 0.5 * (low + high)
-            inside = float(self.parts[self.parts > threshold].sum())
-            if self.comm.allreduce(inside) >= BULK * self.present:
-                low = threshold
-            else:
-                high = threshold
-        return self.parts > low
 
     def is_short_of(self, factor: float, threshold: float, levels: Array) -> bool:
         """Whether divisions do not multiply the error by a factor, and deeper ones would be better.
@@ -255,8 +288,8 @@ class _Choice:
         """
         aim = self.present * factor**self.exponent
         if math.isinf(self.power):
-            return threshold > max(aim, AHEAD * self.least)
-        return self.error(levels) > max(aim, SLACK * self.least)
+            return threshold > max(aim, self.least)
+        return self.error(levels) > max(aim, SAFETY * self.least)
 
     def growth(self, levels: Array) -> float:
         """About by how much the number of cells grows."""

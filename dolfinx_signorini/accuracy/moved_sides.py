@@ -14,17 +14,16 @@ import math
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, total
-from dolfinx_signorini.accuracy.indicators import difference, size
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.cells import cell_norms, total
+from dolfinx_signorini.accuracy.rates import SLOWEST
+from dolfinx_signorini.accuracy.targets import Target, size
+from dolfinx_signorini.accuracy.terms import Dual, Solved, difference
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, with_nodes_moved
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
-
-LEAST, MOST = 0.25, 0.9  # of what is between facets and curves: what halved facets leave of that
 
 
 class MovedSides:
@@ -33,7 +32,7 @@ class MovedSides:
         moved = MovedSides(curves, sided, division, problem.u, target)
         if moved:
             ...  # solve again
-            value, cells = moved.left(problem.u)
+            parts = moved(solved, None)
 
     Args:
         curves: The curved sides.
@@ -55,14 +54,14 @@ class MovedSides:
         target: Target,
     ):
         self._target, self._u, self._moved = target, u, False
-        self._parents: LocalIndices = division.parents
         if not curves.projections:
             return
         comm = sided.mesh.comm
         self._gaps = curves.gaps(sided)
         whole, halved = (total(g, 1.0, comm) for g in (self._gaps, curves.gaps(sided, 2)))
-        share = min(max(halved / whole, LEAST), MOST) if whole > 0.0 else LEAST
-        self.factor = share ** (0.5 * self._order())
+        smooth = 2.0**-2.0  # what halved facets leave of the distance to a smooth curve
+        share = max(halved / whole, smooth) if whole > 0.0 else smooth
+        self.factor = min(share, 2.0**-SLOWEST) ** (0.5 * self._order())
         self._value = self._functional(u)
 
         def move() -> None:
@@ -73,29 +72,28 @@ class MovedSides:
     def __bool__(self) -> bool:
         return self._moved
 
-    def left(self, u: fem.Function) -> tuple[float, Array]:
-        """Return what the facets leave in the error, as a whole and for each undivided cell.
+    def __call__(self, solved: Solved, dual: Dual | None) -> Array:
+        """Return what the facets leave in the error on each cell, see `terms.Term`.
 
         Args:
-            u: The solution on the moved mesh; the call is collective.
+            solved: The solution on the moved mesh as the finer one; the call is collective.
+            dual: Not used.
         """
-        target, comm = self._target, u.function_space.mesh.comm
+        target, u, comm = self._target, solved.fine.u, solved.fine.comm
         rest = self.factor / (1.0 - self.factor)
         detail = difference(u, self._before)
+        if not target.weighted and target.norm is not None:
+            return solved.in_norm(rest * cell_norms(detail, target.norm))
         if target.norm is None:
             whole = rest * abs(self._functional(u) - self._value)
         else:
             whole = rest * size(detail, target)
-        count = len(self._gaps)
-        if not target.weighted and target.norm is not None:
-            cells = rest * cell_norms(detail, target.norm)
-            return whole, collected(cells, self._parents, count, target.power)
         # Where the sides have moved, the solution tells how much that means.
         slopes = cell_norms(difference(self._u, self._before), parse_norm("W1_1"))
-        parts = collected(slopes, self._parents, count, 1.0)
-        if total(parts, 1.0, comm) == 0.0:
-            parts = self._gaps
-        return whole, np.asarray(parts * (whole / (total(parts, 1.0, comm) or 1.0)))
+        parts = solved.on_parents(np.array([slopes, slopes]))
+        if total(parts[1], 1.0, comm) == 0.0:
+            parts = np.array([self._gaps, self._gaps])
+        return np.asarray(parts * (whole / (total(parts[1], 1.0, comm) or 1.0)))
 
     def _order(self) -> float:
         """The order of convergence of polygons to a curved domain."""

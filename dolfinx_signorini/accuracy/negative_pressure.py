@@ -4,13 +4,13 @@ An obstacle pushes and never pulls. The forces on the dofs in contact are not ne
 density of the pressure may be negative between the dofs: there the contact set has a gap that is
 narrower than the distance of the dofs. Two solutions that both hold the facet do not show the gap.
 If the density is -q on a part of the length 2 a, the solution leaves the obstacle by up to q a, as
-a crack of this length is opened by the stress q, and its derivatives are wrong by about q, as far
-from the facet as the part is long.
+a crack of this length is opened by the mean stress q, and its derivatives are wrong by about the
+largest one, as far from the facet as the part is long.
 
 The density is the function of the space whose products with the basis functions, integrated over
-the contact boundary, are the contact forces. The density has an error of its own, which its
-difference to its interpolation on the undivided mesh shows: so much below 0 does not count. Facets
-with Dirichlet data show no gap: the forces on their dofs are those of the data, too.
+the contact boundary, are the contact forces. Where the pressure is like a root, at the ends of the
+contact set, the density is below 0 by a share of its size on the cell, and so is the error there.
+Facets with Dirichlet data show no gap: the forces on their dofs are those of the data, too.
 
 Source: Sneddon, The distribution of stress in the neighbourhood of a crack in an elastic solid,
 Proc. R. Soc. Lond. A 187 (1946) 229-260.
@@ -25,54 +25,51 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
-from dolfinx_signorini.accuracy.contact_ends import contact_on_facets, facet_lattice
+from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice
+from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
-from dolfinx_signorini.meshes.refinement import Transfer
-from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices, owned_cells
-from dolfinx_signorini.norms.names import Norm
-from dolfinx_signorini.problem.signorini import SignoriniProblem
-
-DOUBT = 2.0  # times the difference to the interpolation: more than the error of the density
+from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 
-def negative_pressure(problem: SignoriniProblem, transfer: Transfer, norm: Norm) -> Array:
-    """Return what gaps between dofs in contact add to the error on each owned cell.
+def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
+    """Return what gaps between dofs in contact add to the error on each cell, see `terms.Term`.
 
-    Args:
-        problem: The solved problem, on the divided mesh; the call is collective.
-        transfer: Between the space on the undivided mesh and that of the problem.
-        norm: An L^p or W^{1,p} norm of the domain.
+    The parts are zero for functionals, and for obstacles in the domain, where the load tells the
+    pressure at each point.
     """
+    problem, norm = solved.fine, solved.target.norm
+    if norm is None or problem.in_domain:
+        return np.zeros((2, solved.count))
     space, domain = problem.space, problem.space.mesh
-    dim, count = domain.topology.dim, len(owned_cells(domain))
-    pairs, dofs, touching = contact_on_facets(problem)
+    dim = domain.topology.dim
+    pairs, dofs, touching = contact_on_entities(problem)
     fixed = marked(space, problem.fixed_dofs)[dofs]
     held = touching.any(axis=1) & ~fixed.any(axis=1)
     if not problem.comm.allreduce(bool(held.any()), op=MPI.LOR):
-        return np.zeros(count)
-    density, error = pressure_density(problem), fem.Function(space)
-    error.x.array[:] = density.x.array - transfer.prolong(transfer.restrict(density)).x.array
+        return np.zeros((2, solved.count))
     lattice = facet_lattice(space)
-    points = Points(domain, pairs[held], lattice)
-    (pressure,), (unsure,) = (points.values(f) for f in (density, error))
+    (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(problem))
     negative = pressure < 0.0
-    lack = np.where(negative, -pressure, 0.0).max(axis=1, initial=0.0)
-    lack -= DOUBT * np.abs(unsure).max(axis=1, initial=0.0)
-    size = facet_scale(domain, pairs[held]) * negative.mean(axis=1)
+    lack = np.maximum(-pressure, 0.0)
+    share = negative.mean(axis=1)
+    length = (facet_scale(domain, pairs[held]) * share) ** (1.0 / (dim - 1.0))
     rim = np.column_stack((1.0 - lattice.sum(axis=1), lattice)).min(axis=1) < SOLVED
     across = negative[:, rim].any(axis=1)  # the facet beside has a part of the gap, too
-    length = size ** (1.0 / (dim - 1.0)) * np.where(across, 2.0, 1.0)
-    parts = np.maximum(lack, 0.0) * (1.0 if norm.derivatives else 0.5 * length)
+    half = 0.5 * length * np.where(across, 2.0, 1.0)
+    opened = half * lack.mean(axis=1) / np.where(share > 0.0, share, 1.0)
+    # Of order 1/2 between values and derivatives.
+    parts = opened ** (1.0 - norm.derivatives) * lack.max(axis=1, initial=0.0) ** norm.derivatives
     if not math.isinf(norm.p):
-        parts *= length ** (dim / norm.p)
-    return collected(parts, pairs[held, 0], count, norm.p)
+        parts *= length ** ((dim - norm.boundary) / norm.p)
+    return solved.in_norm(collected(parts, pairs[held, 0], len(solved.parents), norm.p))
 
 
-def pressure_density(problem: SignoriniProblem) -> fem.Function:
+def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     """Return the density of the contact pressure, a function of the space on the contact boundary.
 
     Unlike `SignoriniProblem.pressure`, a mean around each dof that is nowhere negative, the density
@@ -84,8 +81,8 @@ def pressure_density(problem: SignoriniProblem) -> fem.Function:
         problem: The solved problem; the call is collective.
     """
     space, comm = problem.space, problem.comm
-    pairs, dofs, _ = contact_on_facets(problem)
-    owned, density = problem.system.layout.boundary_dofs, fem.Function(space)
+    pairs, dofs, _ = contact_on_entities(problem)
+    owned, density = problem.system.layout.obstacle_dofs, fem.Function(space)
     first = sum(comm.allgather(len(owned))[: comm.rank])
     density.x.array[owned] = np.arange(first, first + len(owned))
     density.x.scatter_forward()

@@ -23,20 +23,17 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices
-from dolfinx_signorini.accuracy.marking import Divided, Marks, Prediction
+from dolfinx_signorini.accuracy.cells import summed_at_vertices
+from dolfinx_signorini.accuracy.marking import NOTABLE, Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
-UNKNOWN = 0.35  # of the rate for smooth solutions: before any measurement
-NEARLY = 0.9  # of the rate for smooth solutions: next to a singular point
-STEEPEST = 4.0  # power of the weights in averages of rates
-NOTABLE = 0.5  # of the largest indicator of the parts of a cell
-SINGULAR = 0.75  # of the rate for smooth solutions: a cell with a smaller rate has a singular point
-AT_ENDS = 2.0  # of the indicator, at least, in sup norms: what cells leave where contact ends
+# Of the rate for smooth solutions: slower cells have a singular point, unknown ones are just not.
+SINGULAR = 0.5
 
 
 class Rates:
@@ -64,9 +61,10 @@ class Rates:
         self.order, self.dimension = target.order(degree), dimension
         self.power, self.exponent = target.power, target.exponent
         self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
-        self.values: Array = np.full(count, UNKNOWN * self.order)
+        self.values: Array = np.full(count, SINGULAR * self.order)
         self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
+        self._measured: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
 
     def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
         """Take some cells to be no faster than theory says.
@@ -77,6 +75,29 @@ class Rates:
         """
         self.values = np.where(cells, np.minimum(self.values, rate), self.values)
         self._limited = cells
+
+    def assume(self, resolved: npt.NDArray[np.bool_]) -> None:
+        """Take cells whose rates have not been measured to be smooth where they look so.
+
+        Args:
+            resolved: Whether a cell looks smooth, see `Indicators`.
+        """
+        unknown = np.where(resolved, self.order, SINGULAR * self.order)
+        self.values = np.where(self._measured, self.values, unknown)
+
+    def local_prediction(self, norms: Array, p: float) -> Prediction:
+        """Return what cells leave in an L^p norm by themselves.
+
+        Args:
+            norms: The L^p norms of w - I w on the cells.
+            p: The exponent.
+        """
+        rates = np.minimum(self.values / self._times + self.dimension / p, self.order)
+        smooth = self.values >= (1.0 - ROUNDING) * self.order
+        rho = 2.0 ** -np.where(smooth, self.order, rates)
+        singular = self.values < SINGULAR * self.order
+        remaining = norms * rho / (1.0 - rho)
+        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.order)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -91,7 +112,7 @@ class Rates:
         singular = self.values < SINGULAR * self.order
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
-        at_ends = np.maximum(rho / (1.0 - rho), AT_ENDS) if np.isinf(self.power) else 1.0
+        at_ends = rho / (1.0 - rho) if np.isinf(self.power) else 1.0
         remaining = cells * np.where(self._limited, at_ends, rho / rest)
         return Prediction(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
@@ -106,10 +127,10 @@ class Rates:
             marks: How the cells were to be divided.
             divided: The mesh that came out.
         """
-        smooth = NEARLY * self.order
-        self._slow = self.values[divided.owners]
-        self.values = np.where(divided.away, smooth, self.values[divided.owners])
-        self._confirmed = self._confirmed[divided.owners] & ~divided.away
+        self._slow = divided.owners.of(self.values)
+        self.values = np.where(divided.away, self.order, self._slow)
+        self._confirmed = divided.owners.of(self._confirmed) & ~divided.away
+        self._measured = divided.owners.of(self._measured)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
 
@@ -120,29 +141,29 @@ class Rates:
             cells: The local indicators of the divided mesh.
         """
         before, singular, divided = self._before, self._marks.singular, self._divided
-        owners, levels = divided.owners, divided.levels
-        count, dim = len(before), self.dimension
-        deepest = np.zeros(count)
-        np.maximum.at(deepest, owners, levels)
+        owned, levels = divided.owners.of, divided.levels
+        deepest, towards = divided.collected(levels, np.inf), owned(singular)
         # Towards a singular point the cells at the point tell, elsewhere all of them.
-        counted = ~singular[owners] | (levels == deepest[owners])
-        now = collected(np.where(counted, cells, 0.0), owners, count, self._power)
-        parts = np.bincount(owners, minlength=count)
-        depth = np.where(singular, deepest, np.log2(np.maximum(parts, 1)) / dim)
-        divided_enough = np.where(singular, deepest > 0.0, parts >= 2**dim)
+        counted = np.where(~towards | (levels == owned(deepest)), cells, 0.0)
+        now = divided.collected(counted, self._power)
+        parts = divided.collected(np.ones(len(cells)), 1.0)
+        depth = np.where(singular, deepest, np.log2(np.maximum(parts, 1.0)) / self.dimension)
+        divided_enough = np.where(singular, deepest > 0.0, parts >= 2.0**self.dimension)
         told = divided_enough & (before > 0.0) & (now > 0.0)
         with np.errstate(all="ignore"):
             rates = np.clip(-self._times * np.log2(now / before) / depth, SLOWEST, self.order)
-        rates = self._smoothed(rates, before, told)
-        self.values = np.where(told[owners] & ~divided.away, rates[owners], self.values)
+        rates, told = owned(self._smoothed(rates, before, told)), owned(told)
+        new = told & ~divided.away
+        self.values = np.where(new, rates, self.values)
+        self._measured |= new | divided.away
         # The slow part of a slow cell is where most of the error is left, and is at the point.
-        largest = collected(np.where(counted, cells, 0.0), owners, count, np.inf)
-        slow = told[owners] & (rates[owners] < SINGULAR * self.order)
-        smooth = slow & (cells < NOTABLE * largest[owners])
-        self.values = np.where(smooth, NEARLY * self.order, self.values)
-        self._confirmed |= slow & ~smooth & singular[owners] & ~divided.away
+        largest = owned(divided.collected(counted, np.inf))
+        slow = told & (rates < SINGULAR * self.order)
+        smooth = slow & (cells < NOTABLE * largest)
+        self.values = np.where(smooth, self.order, self.values)
+        self._confirmed |= slow & ~smooth & towards & ~divided.away
         # A cell away from the point may have the singular point itself, which is no vertex yet.
-        similar = before[owners] * 2.0 ** (-self._slow / self._times * levels)
+        similar = owned(before) * 2.0 ** (-self._slow / self._times * levels)
         missed = divided.away & (cells > NOTABLE * similar)
         self.values = np.where(missed, np.minimum(self._slow, self.values), self.values)
 
@@ -157,8 +178,7 @@ class Rates:
             told: Whether the rate of a cell is known.
         """
         largest = highest(self._domain.comm, weights) or 1.0
-        power = min(self._power, STEEPEST)
-        shares = np.where(told, (weights / largest) ** power, 0.0)
+        shares = np.where(told, weights / largest, 0.0)
         cells = owned_cells(self._domain)
         known = np.where(told, rates, 0.0)
         sums = summed_at_vertices(self._domain, shares, cells)

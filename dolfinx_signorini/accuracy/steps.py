@@ -32,17 +32,19 @@ class Step:
 class Result:
     """What a step of the loop came to:
 
-        result = Result(step, division, remaining, keywords={})
+        result = Result(step, division, values, remaining, keywords={})
 
     Attributes:
         step: The step.
         division: The division of the mesh, on which the better solution is.
+        values: The dofs of this solution on this rank, ghosts included.
         remaining: What each owned cell of the mesh leaves in the error of this solution.
         keywords: The keywords of the solve.
     """
 
     step: Step
     division: Refinement
+    values: Array
     remaining: Array
     keywords: Mapping[str, Any]
 

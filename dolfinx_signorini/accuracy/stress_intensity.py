@@ -31,7 +31,7 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED, TINY
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, QuadratureRule
@@ -42,12 +42,11 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_nodes,
 )
 from dolfinx_signorini.problem.detachment import DetachmentPoint
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
 NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends
 SLACK = 2.0  # edges about the point in which contact may end
-AFFINE = 1e-8  # of the largest |u|: rounding of the obstacle
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ def stress_intensity(
         InputError: No contact ends near the point, or the radius is too large.
     """
     check(
-        problem=(problem, instance(SignoriniProblem, "a solved problem")),
+        problem=(problem, one_sided),
         point=(getattr(point, "position", point), coordinates(2)),
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
         radius=(radius, optional(positive)),
@@ -210,7 +209,7 @@ def _affine_obstacle(
     slope, level = np.polyfit(s, g, 1)
     scale = highest(problem.comm, np.abs(problem.u.x.array))
     defect = float(np.abs(level + slope * s - g).max())
-    affine = defect <= AFFINE * max(scale, 1e-300)
+    affine = defect <= HALF_OF_THE_DIGITS * max(scale, TINY)
     require(problem.comm, affine, "is not affine along the boundary at the point", "obstacle")
     return float(level), float(slope)
 

@@ -9,9 +9,11 @@ import ufl
 from dolfinx import fem, la
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.cells import cell_norms, total
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 
 Functional = Callable[[Expr], ufl.Form]
@@ -47,12 +49,6 @@ class Target:
         return norm is None or norm.boundary or (norm.derivatives == 0 and not math.isinf(norm.p))
 
     @property
-    def is_energy(self) -> bool:
-        """Whether the target is the H1 norm: errors of levels are almost orthogonal in H1."""
-        norm = self.norm
-        return norm is not None and norm.derivatives == 1 and norm.p == 2.0
-
-    @property
     def power(self) -> float:
         """The exponent with which the indicators of cells add up."""
         return 1.0 if self.weighted or self.norm is None else self.norm.p
@@ -61,10 +57,13 @@ class Target:
     def exponent(self) -> float:
         """The exponent with which errors at separate places add up.
 
-        A dual solution of an L^p norm looks where the error is large: when the error at some cells
-        falls by a factor, what these cells add falls by the p-th power of the factor.
+        The dual solution of an L^p norm of the boundary looks where the error is large: when the
+        error at some cells falls by a factor, what these cells add falls by the p-th power of the
+        factor. In the domain, the norms of cells tell that.
         """
-        return 1.0 if self.norm is None else self.norm.p
+        norm = self.norm
+        alone = norm is None or (self.weighted and not norm.boundary)
+        return 1.0 if alone or norm is None else norm.p
 
     def order(self, degree: int) -> float:
         """Return the order of convergence for smooth solutions.
@@ -105,6 +104,18 @@ def target(norm: str | Functional) -> Target:
     if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
         parsed = replace(parsed, boundary=False)
     return Target(norm, parsed)
+
+
+def size(error: fem.Function, target: Target) -> float:
+    """Return the norm of a function, or the size of the functional; the call is collective."""
+    comm, norm = error.function_space.mesh.comm, target.norm
+    if norm is None:
+        assert target.functional is not None
+        form = compiled.form(target.functional(error))
+        return abs(float(comm.allreduce(fem.assemble_scalar(form))))
+    if norm.boundary:
+        return error_norms(error, None, [target.name])[target.name]
+    return total(cell_norms(error, norm), norm.p, comm)
 
 
 def check_functional(target: Target, space: fem.FunctionSpace) -> None:

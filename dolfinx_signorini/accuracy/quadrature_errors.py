@@ -1,0 +1,75 @@
+"""What quadrature leaves in the error, which all solutions share that are compared.
+
+A rule of a higher degree gives other integrals of data that are no polynomials. With these loads
+L+ and forms a+ the solution w has the residual (L+ - L)(v) - (a+ - a)(w, v), and a dual solution
+tells what the residual is worth.
+
+Source: Strang and Fix, An Analysis of the Finite Element Method, Prentice-Hall (1973), Section 4.3.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import ufl
+from dolfinx import fem
+from ufl.algorithms import estimate_total_polynomial_degree
+from ufl.algorithms.expand_indices import expand_indices
+from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.accuracy.cells import MAX_DEGREE
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
+from dolfinx_signorini.data.reading import lowered
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
+
+HIGHER = 6  # degrees: rules of nearly twice the points in each direction
+
+# For forms on all meshes, by signature: the degree of the rule of each integral, see `_few_points`.
+_few: dict[str, list[int | None]] = {}
+
+
+def missed_by_quadrature(a: ufl.Form, L: ufl.Form, w: fem.Function) -> list[ufl.Form]:
+    """Return the forms of (L+ - L)(v) and -(a+ - a)(w, v), as far as the rules differ.
+
+    Args:
+        a, L: The forms, whose subdomains may differ.
+        w: The solution.
+    """
+    forms = [ufl.Form(list(_raised(form, w))) for form in (L, -ufl.action(a, w))]
+    return [form for form in forms if not form.empty()]
+
+
+def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:
+    """The integrals with more points, less those of a form, where that makes a difference."""
+    key = form.signature()
+    if key not in _few:
+        _few[key] = [_few_points(integral, (*form.arguments(), w)) for integral in form.integrals()]
+    for integral, degree in zip(form.integrals(), _few[key], strict=True):
+        if degree is None:
+            continue
+        rule = QuadratureRule("default", max(min(degree + HIGHER, MAX_DEGREE), degree + 1))
+        same = {**integral.metadata(), "quadrature_degree": degree}
+        yield integral.reconstruct(metadata=rule.metadata)
+        yield integral.reconstruct(integrand=-integral.integrand(), metadata=same)
+
+
+def _few_points(integral: ufl.Integral, functions: Sequence[Expr]) -> int | None:
+    """The degree of the rule of an integral if the rule is not exact; otherwise None."""
+    integrand, degree = integral.integrand(), integral.metadata().get("quadrature_degree", -1)
+    if not isinstance(degree, int) or degree < 0:
+        degree = estimate_total_polynomial_degree(integrand)
+        degree = max(degree) if isinstance(degree, tuple) else degree
+    known = _degree(integrand, functions)
+    return None if known is not None and known <= degree else int(degree)
+
+
+def _degree(integrand: Expr, functions: Sequence[Expr]) -> int | None:
+    """The degree of an integrand that is a polynomial on each cell; None for others."""
+    degree = functions[0].ufl_function_space().element.basix_element.degree
+    domain = functions[-1].ufl_function_space().mesh
+    x, dim = ufl.SpatialCoordinate(domain)[0], domain.geometry.dim
+    known: dict[Expr, Expr] = {}
+    for f in functions:
+        known |= {f: x**degree, ufl.grad(f): ufl.as_vector(dim * [x ** (degree - 1)])}
+    return polynomial_degree(
+        expand_indices(ufl.replace(remove_complex_nodes(lowered(integrand)), known))
+    )

@@ -1,0 +1,310 @@
+"""The identity of the error, term by term, with signs, on the cells of a mesh.
+
+Let u_h be the solution on a mesh, w the solution on the divided mesh, and J a functional. The dual
+solution z on the divided mesh has a(z, v) = J(v) + G(v), where z vanishes at the dofs in contact in
+w and at those with Dirichlet data, and the forces G hold z there. For the interpolation I on the
+undivided mesh,
+
+    J(w - u_h) = R(z - I z) - F(I z) - G(w - u_h) + Q(I z),      R(v) = L(v) - a(u_h, v),
+
+with the contact forces F of u_h. The first term has the residuals in cells, the jumps of the flux
+and the conditions on it; the second one the dofs in contact that w has released; the third one
+those that w has caught, and the Dirichlet data between the nodes of u_h; and Q = R + F what
+rounding and the quadrature on the undivided mesh leave of the equations of u_h. All sums are over
+basis functions, so that each term is known with its sign where its functions are.
+
+A norm of w - u_h is J(w - u_h), where J is the derivative of the norm. What w itself leaves, and no
+comparison shows, has further terms, among them what quadrature leaves: a rule of a higher degree
+gives a load L+ and a form a+, with which w has the residual (L+ - L)(v) - (a+ - a)(w, v). The
+iterations of the solve leave the residual R_w(v) = L(v) - a(w, v) at the free dofs.
+
+Sources: Becker and Rannacher, An optimal control approach to a posteriori error estimation in
+finite element methods, Acta Numerica 10 (2001) 1-102; Blum and Suttmeier, An adaptive finite
+element discretisation for a simplified Signorini problem, Calcolo 37 (2000) 65-77, for contact;
+Richter and Wick, Variational localizations of the dual weighted residual estimator, J. Comput.
+Appl. Math. 279 (2015) 192-208, for sums over basis functions in place of integrals over cells.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, shared_out, total
+from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
+from dolfinx_signorini.accuracy.targets import Target, size
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.meshes.refinement import Transfer
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.solvers.stop import SHARE
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What is kept of the solution on the undivided mesh:
+
+        coarse = Solution(problem.u, problem.forces)
+
+    Attributes:
+        u: The solution.
+        forces: The contact forces on the dofs, not negative.
+    """
+
+    u: fem.Function
+    forces: fem.Function
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solution, and the solved problem on the mesh with every cell divided:
+
+        coarse = Solution(problem.u, problem.forces)
+        solved = Solved(coarse, fine, refinement.parents, target("L4"))
+
+    Attributes:
+        coarse: The solution u_h on the mesh.
+        fine: The solved problem on the divided mesh.
+        parents: For each owned cell of this mesh the cell of the undivided mesh around the cell.
+        target: What is to be accurate.
+    """
+
+    coarse: Solution
+    fine: BoundConstrainedProblem
+    parents: LocalIndices
+    target: Target
+
+    @functools.cached_property
+    def transfer(self) -> Transfer:
+        """Carries functions between the two spaces."""
+        return Transfer(self.coarse.u.function_space, self.fine.space, self.parents)
+
+    @functools.cached_property
+    def prolonged(self) -> fem.Function:
+        """The solution u_h as a function on the divided mesh."""
+        return self.transfer.prolong(self.coarse.u)
+
+    @functools.cached_property
+    def error(self) -> fem.Function:
+        """The difference w - u_h."""
+        return difference(self.fine.u, self.prolonged)
+
+    @functools.cached_property
+    def distance(self) -> float:
+        """The size of this difference, as the target measures it."""
+        return size(self.error, self.target)
+
+    @functools.cached_property
+    def residual(self) -> fem.Function:
+        """R(v) = L(v) - a(u_h, v) for each basis function v on the divided mesh."""
+        loads = assembled(self.fine.assembled_forms[1], self.fine.space)
+        return difference(loads, self.acting(self.prolonged))
+
+    @functools.cached_property
+    def algebraic_residual(self) -> fem.Function:
+        """R_w(v) = L(v) - a(w, v) for each basis function v on the divided mesh."""
+        loads = assembled(self.fine.assembled_forms[1], self.fine.space)
+        return difference(loads, self.acting(self.fine.u))
+
+    @functools.cached_property
+    def quadrature_defect(self) -> fem.Function:
+        """(L+ - L)(v) - (a+ - a)(w, v) for each basis function v, see `quadrature_errors`."""
+        result, space = fem.Function(self.fine.space), self.fine.space
+        for form in missed_by_quadrature(*self.fine.assembled_forms, self.fine.u):
+            result.x.array[:] += assembled(form, space).x.array
+        return result
+
+    @functools.cached_property
+    def detail(self) -> fem.Function:
+        """What w has beyond its interpolation on the undivided mesh."""
+        return self.beyond(self.fine.u)
+
+    def beyond(self, f: fem.Function) -> fem.Function:
+        """Return f - I f for a function on the divided mesh."""
+        return difference(f, self.transfer.prolong(self.transfer.restrict(f)))
+
+    def acting(self, f: fem.Function) -> fem.Function:
+        """Return a(f, v) for each basis function v on the divided mesh, Dirichlet data or not."""
+        placed, form = self._action
+        placed.x.array[:] = f.x.array
+        return _assembled(form, self.fine.space)
+
+    @functools.cached_property
+    def _action(self) -> tuple[fem.Function, fem.Form]:
+        f = fem.Function(self.fine.space)
+        return f, compiled.form(ufl.action(self.fine.assembled_forms[0], f))
+
+    def on_cells(self, values: fem.Function) -> Array:
+        """Return values of dofs on the divided mesh, shared out to the cells of the undivided one.
+
+        Args:
+            values: The values as coefficients.
+
+        Returns:
+            Their sums and the sums of their sizes, shape (2, cells).
+        """
+        return self.on_parents(shared_by_cells(values))
+
+    def on_parents(self, values: Array) -> Array:
+        """Return the sums of values of the cells of the divided mesh on the undivided cells.
+
+        Args:
+            values: The values, shape (n, cells).
+        """
+        return np.array([np.bincount(self.parents, row, self.count) for row in values])
+
+    @functools.cached_property
+    def count(self) -> int:
+        """The number of owned cells of the undivided mesh."""
+        return len(owned_cells(self.coarse.u.function_space.mesh))
+
+    def in_norm(self, parts: Array) -> Array:
+        """Return a part of the error without a sign as a term, see `Term`; collective.
+
+        Args:
+            parts: The norm of the part on each cell of the divided mesh.
+        """
+        assert self.target.norm is not None
+        p = self.target.norm.p
+        parts = collected(parts, self.parents, self.count, p)
+        if self.target.weighted:  # parts of cells add up as they are
+            parts = shared_out(parts, p, total(parts, p, self.fine.comm) or 1.0)
+        return np.array([parts, parts])
+
+
+@dataclass(frozen=True)
+class Dual:
+    """A dual solution on the divided mesh:
+
+        dual = dual_solution(solved, load)
+
+    Attributes:
+        z: The dual solution, which vanishes at the dofs in contact and at those with Dirichlet
+            data.
+        detail: What z has beyond its interpolation on the undivided mesh.
+        restricted: This interpolation.
+        forces: G(v) = a(z, v) - J(v) for each basis function v.
+        value: J(w - u_h).
+    """
+
+    z: fem.Function
+    detail: fem.Function
+    restricted: fem.Function
+    forces: fem.Function
+    value: float
+
+
+# A term of the error: two values for each owned cell of the undivided mesh, the part with its sign,
+# and the sum of the sizes of what the basis functions have there, not small by chance. What has no
+# sign stands twice. The sizes add up with the power of the target. In W^{1,p} and sup norms, which
+# no dual solution weighs, the terms of a dual solution are norms on the cells.
+Term: TypeAlias = Callable[[Solved, Dual | None], Array]
+
+
+def dual_solution(solved: Solved, load: ufl.Form) -> Dual:
+    """Return the dual solution of a functional; the call is collective.
+
+    Args:
+        solved: The two solutions.
+        load: The functional J, a linear form on the divided mesh.
+    """
+    J = assembled(load, solved.fine.space)
+    z, _ = solved.fine.solve_linearised(J)
+    restricted = solved.transfer.restrict(z)
+    forces = difference(solved.acting(z), J)
+    detail = difference(z, solved.transfer.prolong(restricted))
+    count = solved.fine.space.dofmap.index_map.size_local
+    own = float(J.x.array[:count] @ solved.error.x.array[:count])
+    return Dual(z, detail, restricted, forces, solved.fine.comm.allreduce(own))
+
+
+def residuals(solved: Solved, dual: Dual) -> Array:
+    """Return R(z - I z) on each cell: the residuals of the equations with the details of z."""
+    return solved.on_cells(product(solved.residual, dual.detail))
+
+
+def released(solved: Solved, dual: Dual) -> Array:
+    """Return -F(I z) on each cell: the contact forces of dofs that w has released."""
+    parts = shared_by_cells(product(solved.coarse.forces, dual.restricted))
+    return parts * [[-solved.fine.sign], [1.0]]
+
+
+def held(solved: Solved, dual: Dual) -> Array:
+    """Return -G(w - u_h) on each cell: dofs that w has caught, and Dirichlet data."""
+    return solved.on_cells(product(dual.forces, solved.error)) * [[-1.0], [1.0]]
+
+
+TERMS = (residuals, released, held)
+
+
+def algebra(solved: Solved, dual: Dual) -> Array:
+    """Return R_w(z) on each cell: what the iterations of the solve have left of the equations.
+
+    The sum of all cells with their signs tells the error: the error of an iteration is smooth, and
+    does not cancel in a functional as that of the elements may do; the residual oscillates.
+    """
+    return solved.on_cells(product(solved.algebraic_residual, dual.z))
+
+
+def quadrature(solved: Solved, dual: Dual | None) -> Array:
+    """Return (L+ - L)(z) - (a+ - a)(w, z) on each cell, or the norms of what w moves by."""
+    defect, norm = solved.quadrature_defect, solved.target.norm
+    if highest(solved.fine.comm, np.abs(defect.x.array)) == 0.0:
+        return np.zeros((2, solved.count))
+    if dual is None:
+        assert norm is not None
+        return solved.in_norm(cell_norms(solved.fine.solve_linearised(defect)[0], norm))
+    parts = solved.on_cells(product(defect, dual.z))
+    seen = total(parts[1], 1.0, solved.fine.comm)
+    if norm is None or norm.boundary or seen <= SHARE * solved.distance:
+        return parts
+    # The dual solution may look elsewhere.
+    return parts * max(size(solved.fine.solve_linearised(defect)[0], solved.target) / seen, 1.0)
+
+
+def difference(one: fem.Function, other: fem.Function) -> fem.Function:
+    """Return the difference of two functions of a space."""
+    result = fem.Function(one.function_space)
+    result.x.array[:] = one.x.array - other.x.array
+    return result
+
+
+def product(one: fem.Function, other: fem.Function) -> fem.Function:
+    """Return the products of the coefficients of two functions of a space."""
+    result = fem.Function(one.function_space)
+    result.x.array[:] = one.x.array * other.x.array
+    return result
+
+
+def assembled(form: ufl.Form, space: fem.FunctionSpace) -> fem.Function:
+    """Return the values of a linear form for all basis functions, as coefficients; collective."""
+    return _assembled(compiled.form(form), space)
+
+
+def _assembled(form: fem.Form, space: fem.FunctionSpace) -> fem.Function:
+    result = fem.Function(space)
+    fem.assemble_vector(result.x.array, form)
+    result.x.scatter_reverse(la.InsertMode.add)
+    result.x.scatter_forward()
+    return result
+
+
+def shared_by_cells(values: fem.Function) -> Array:
+    """Return the sums of the values of the dofs of each owned cell, and those of their sizes.
+
+    Each dof is shared evenly by the cells of all ranks that have the dof; the call is collective.
+
+    Args:
+        values: The values as coefficients.
+    """
+    space = values.function_space
+    cells = space.dofmap.list[: len(owned_cells(space.mesh))]
+    number = summed(space.dofmap.index_map, cells)
+    shares = (values.x.array / np.maximum(number, 1.0))[cells]
+    return np.array([shares.sum(axis=1), np.abs(shares).sum(axis=1)])
