@@ -20,6 +20,7 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.norms.references import Reference, interpolated
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import Scene, SceneResult, load_scene, solve_scene
 from dolfinx_signorini.solvers import METHODS
@@ -40,6 +41,7 @@ __all__ = [
     "InputError",
     "ManufacturedSolution",
     "NotConvergedError",
+    "ObstacleProblem",
     "QuadratureRule",
     "Reference",
     "Scene",
@@ -68,4 +70,4 @@ __all__ = [
     "stress_intensity",
 ]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -4,7 +4,7 @@ import argparse
 
 from mpi4py import MPI
 
-from dolfinx_signorini.base.logs import telling
+from dolfinx_signorini.base.logs import Progress
 from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
@@ -33,19 +33,19 @@ def run(args: argparse.Namespace) -> int:
         InputError: The scene is refused.
     """
     comm = MPI.COMM_WORLD
-    with telling("reading the scene"):
+    with Progress("reading the scene"):
         scene = load_scene(args.scene, comm, args.overrides)
     with naming_the_file(args.scene, scene):
-        with telling("coarsest mesh and its matrix"):
+        with Progress("coarsest mesh and its matrix"):
             posed = pose(scene.levels()[0], comm)
         try:
-            with telling("orders to expect"):
+            with Progress("orders to expect"):
                 expectation = expect(scene, posed.sided)
             if scene.accuracy is not None:
                 check_norms([scene.norm], expectation, "norm")
             if scene.solution is not None:
                 check_norms(scene.norms, expectation, "norms")
-            with telling("values of the solution"):
+            with Progress("values of the solution"):
                 check_solution(posed, scene.norms)
         finally:
             posed.problem.destroy()

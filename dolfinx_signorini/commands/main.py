@@ -30,8 +30,14 @@ JOBS = {
     "sweep": (sweep, "solve a scene file for several values of one key: a table and a plot"),
     "check": (check, "what a scene file needs and costs, without solving it"),
     "reproduce": (reproduce, "the paper's experiment: both tables and the pictures"),
-    "theory": (theory, "the paper's statements as experiments, proven beside measured"),
-    "tradeoff": (tradeoff, "speed against accuracy: errors and seconds on a grid of meshes"),
+    "theory": (
+        theory,
+        "the paper's statements as experiments, proven beside measured (over a minute)",
+    ),
+    "tradeoff": (
+        tradeoff,
+        "speed against accuracy: errors and seconds on a grid of meshes (some minutes)",
+    ),
 }
 
 

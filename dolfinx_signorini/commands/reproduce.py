@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.costs import Cost, cost_text
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import Progress, log, say
 from dolfinx_signorini.base.records import check_outputs, on_first, versions, write_file
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
@@ -72,8 +72,9 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(comm, args.out, (*TABLES, *picture_files(PICTURES)))
     first, second, *_ = map(int, paper_table(1))
     rows = run_study(comm, range(first, args.max_n + 1, second - first), settings, args.out)
-    picture = pictures.paper_picture(comm, first)
-    on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
+    with Progress("tables and pictures"):
+        picture = pictures.paper_picture(comm, first)
+        on_first(comm, args.out, lambda: _write(args.out, rows, settings, picture))
     if args.costs and comm.rank == 0:
         print(f"Costs of N = {rows[-1]['n']}:")
         print(cost_text(Cost(**cost) for cost in rows[-1].get("costs", [])), flush=True)
@@ -104,7 +105,7 @@ def _write(
     if len(rows) > 1:
         tables.append(order_table(rows, settings.norms))
     for number, table in enumerate(tables, start=1):
-        print(table.text(), flush=True)
+        say(table.text())
         write_file(folder / f"table{number}.md", table.markdown())
         write_file(folder / f"table{number}.csv", table.csv())
     write_file(folder / "tables.txt", "\n".join(table.text() for table in tables))

@@ -12,7 +12,7 @@ from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.costs import cost_text
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import Progress, log, say
 from dolfinx_signorini.base.records import folder_name
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands.options import add_scene
@@ -102,17 +102,19 @@ def run(args: argparse.Namespace) -> int:
     with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:
         phases.lap("reading")
         with naming_the_file(args.scene, scene):
-            result = solve_scene(scene, comm, **asked, on_step=_progress, phases=phases)
+            result = _solve(scene, comm, **asked, phases=phases)
         try:
-            boundary = scene_boundary(result)
-            summary = summarise(result, boundary, args.bound)
+            with Progress("summary"):
+                boundary = scene_boundary(result)
+                summary = summarise(result, boundary, args.bound)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
                 _print(result, summary)
                 if costs is not None:
                     print(cost_text(costs), end="")
             if part is not None:
-                write_results(result, summary, boundary, outputs, part)
+                with Progress("files"):
+                    write_results(result, summary, boundary, outputs, part)
         finally:
             result.destroy()
     if outputs:
@@ -124,10 +126,15 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.found is None or result.found.reached else NotConvergedError.exit_code
 
 
-def _progress(step: Step) -> None:
-    """Print a step of the adaptive loop on rank 0, unless the program is to be quiet."""
-    if MPI.COMM_WORLD.rank == 0 and log.isEnabledFor(logging.INFO):
-        print(step_line(step), flush=True)
+def _solve(scene: Scene, comm: MPI.Comm, **options: Any) -> SceneResult:
+    """Solve the scene; print each step of the adaptive loop, unless the program is to be quiet."""
+
+    def told(step: Step) -> None:
+        if comm.rank == 0 and log.isEnabledFor(logging.INFO):
+            say(step_line(step))
+
+    with Progress("solution"):
+        return solve_scene(scene, comm, **options, on_step=told)
 
 
 def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:

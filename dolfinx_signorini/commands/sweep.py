@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import Progress, log
 from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first, write_file
 from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.commands.options import add_out, add_scene
@@ -58,22 +59,26 @@ def run(args: argparse.Namespace) -> int:
     settings = {"scene": text, "set": args.overrides, "key": args.key}
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
     done = {row["value"]: row for row in records.rows}
+    missing = [value for value in values if value not in done]
     for value in values:
-        if value in done:
+        if value not in missing:
             log.info("%s = %s: already done", args.key, value)
-            continue
-        if value in scenes:
-            try:
-                with naming_the_file(args.scene, scenes[value]):
-                    row = _row(scenes[value], comm)
-            except (InputError, NotConvergedError) as error:
-                failures[value] = error
-        if value in failures:
-            log.warning("%s = %s: %s: %s", args.key, value, FAILED, failures[value])
-            continue
-        records.append({"value": value} | row)
-        done[value] = row = records.rows[-1]
-        log.info("%s = %s: %d unknowns, %.2f s", args.key, value, row["unknowns"], row["seconds"])
+    with Progress("sweep", len(missing)) as progress:
+        for value in missing:
+            if value in scenes:
+                try:
+                    with naming_the_file(args.scene, scenes[value]):
+                        row = _row(scenes[value], comm)
+                except (InputError, NotConvergedError) as error:
+                    failures[value] = error
+            progress.advance()
+            if value in failures:
+                log.warning("%s = %s: %s: %s", args.key, value, FAILED, failures[value])
+                continue
+            records.append({"value": value} | row)
+            done[value] = row = records.rows[-1]
+            told = args.key, value, row["unknowns"], row["seconds"]
+            log.info("%s = %s: %d unknowns, %.2f s", *told)
     rows = [done.get(v) or {"value": v, FAILED: str(failures[v])} for v in values]
     on_first(comm, args.out, lambda: _write(args.out, args.key, rows))
     return min((error.exit_code for error in failures.values()), default=0)
@@ -158,13 +163,18 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
         for k, name in enumerate(names):
             y = [row.get(name, float("nan")) for row in rows]
             label = typeset_norm(name.removeprefix("error "))
-            axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], color=COLOURS[k], label=label)
+            line = "-" if numeric else ":"  # nothing lies between two formulas
+            marker = MARKERS[k % len(MARKERS)]
+            axes.plot(x, y, line, marker=marker, color=COLOURS[k], label=label)
         axes.set(xlabel=key, ylabel="error" if names is errors else names[0])
         if names is errors:
             axes.set_yscale("log")
-            if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):
-                axes.set_xscale("log")
             axes.legend(frameon=False)
+        if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
         if not numeric:
             axes.set_xticks(
                 x, [str(row["value"]).replace("$", r"\$") for row in rows], rotation=30, ha="right"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import Progress, log, say
 from dolfinx_signorini.base.records import check_outputs, on_first, write_file
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.pictures.picture import picture_files
@@ -22,10 +22,10 @@ from dolfinx_signorini.studies.paper.theory.figures import FIGURES, draw_one_sid
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, one_sided_approximation
 from dolfinx_signorini.studies.paper.theory.report import PICTURES, Document
 from dolfinx_signorini.studies.paper.theory.statements import MEASURED, Statement, select
-from dolfinx_signorini.studies.paper.theory.tables import FINE
 
 SMALLEST = 201  # cells per side of the finest mesh
 DOCUMENT, ONE_SIDED = "theory.md", "one_sided"
+FINE = 49  # cells per side of the mesh on which w_h is drawn
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--statement",
         action="append",
         metavar="NUMBER",
-        help="a statement, may be repeated; all by default: " + ", ".join(s.key for s in MEASURED),
+        help="a statement, may be repeated, whose tables are printed; all by default, which take "
+        "more than a minute: " + ", ".join(s.key for s in MEASURED),
     )
     parser.add_argument(
         "--max-n",
@@ -47,7 +48,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute what is missing, print the tables and write the document on rank 0.
+    """Compute what is missing, and write the document and print its summary on rank 0.
+
+    The tables of statements that were asked for are printed, too.
 
     Raises:
         InputError: An argument makes no sense or the folder cannot be used.
@@ -61,11 +64,12 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(comm, args.out, (DOCUMENT, *files))
     rows = run_experiments(comm, names, args.max_n, args.out)
     approximation = None
-    if any(statement.figure == ONE_SIDED for statement in chosen):
-        discretisation = discretise(comm, paper_example(), FINE)
-        approximation = one_sided_approximation(discretisation)
-        discretisation.destroy()
-    on_first(comm, args.out, lambda: _write(args, chosen, rows, approximation))
+    with Progress("document and pictures"):
+        if any(statement.figure == ONE_SIDED for statement in chosen):
+            discretisation = discretise(comm, paper_example(), FINE)
+            approximation = one_sided_approximation(discretisation)
+            discretisation.destroy()
+        on_first(comm, args.out, lambda: _write(args, chosen, rows, approximation))
     return 0
 
 
@@ -75,13 +79,11 @@ def _write(
     rows: Mapping[str, list[Row]],
     approximation: OneSided | None,
 ) -> None:
-    """Print the tables and write the document; rank 0 only."""
+    """Print the summary and write the document with the tables; rank 0 only."""
     document = Document(chosen, rows)
-    for statement in chosen:
-        if statement.checks:
-            print(document.section(statement), flush=True)
-    count = sum(map(len, document.verdicts.values()))
-    print(f"{count - len(document.failing)} of {count} checks hold", flush=True)
+    say(document.summary())
+    for statement in chosen if args.statement else ():
+        say("\n" + document.section(statement))
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
     for name in {statement.figure for statement in chosen if statement.checks} & FIGURES.keys():
@@ -89,7 +91,7 @@ def _write(
     if approximation is not None:
         draw_one_sided(approximation).save(pictures / ONE_SIDED)
     write_file(args.out / DOCUMENT, document.text(_command(args)))
-    log.info("document and pictures: %s/", args.out)
+    log.info("tables: %s, pictures beside it", args.out / DOCUMENT)
 
 
 def _statements(args: argparse.Namespace) -> list[Statement]:

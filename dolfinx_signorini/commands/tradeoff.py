@@ -2,11 +2,13 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import Progress, log
 from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -18,7 +20,12 @@ from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compar
 from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
 from dolfinx_signorini.studies.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
 from dolfinx_signorini.studies.tradeoff.measuring import Meter
-from dolfinx_signorini.studies.tradeoff.results import result_files, write_page, write_results
+from dolfinx_signorini.studies.tradeoff.results import (
+    TARGETS,
+    result_files,
+    write_page,
+    write_results,
+)
 
 NORMS = "L4,Linf,W1_4,W1_inf"
 
@@ -38,7 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=110_000,
         metavar="N",
-        help="limit on the unknowns (default %(default)s; 1100000 for the paper's finest mesh)",
+        help="limit on the unknowns (default %(default)s; 1100000 for the paper's finest mesh, "
+        "which takes much longer)",
     )
     parser.add_argument(
         "--repeats", type=int, default=3, help="how often to time each solve (default %(default)s)"
@@ -58,7 +66,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the grid, and write rows, tables and diagrams; print the tables on rank 0.
+    """Measure the grid, and write rows, tables and diagrams; print a summary on rank 0.
 
     Raises:
         InputError: An argument makes no sense or the folder cannot be used.
@@ -89,9 +97,11 @@ def run(args: argparse.Namespace) -> int:
     rows = meter.measured(configurations)
     rows += _adapted(meter, rows, args.max_unknowns, family.dimension)
     meter.destroy()
-    tables = on_first(comm, args.out, lambda: write_results(args.out, rows, settings))
+    with Progress("tables and diagrams"):
+        summary = on_first(comm, args.out, lambda: write_results(args.out, rows, settings))
     if comm.rank == 0:
-        print(tables, end="", flush=True)
+        print(summary, end="", flush=True)
+    log.info("tables: %s, diagrams beside it", args.out / TARGETS)
     if page := args.page:
         limit = args.max_unknowns
         on_first(comm, page.parent, lambda: write_page(page, records.rows, norms, limit))
@@ -100,14 +110,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _adapted(meter: Meter, rows: Sequence[Row], max_unknowns: int, dimension: int) -> list[Row]:
     """Measure the adaptive loop, asked for the accuracies that other rows reach."""
-    return [
-        row
-        for norm in meter.norms
-        for kind in adapted_kinds(max_unknowns, dimension)
-        for row in meter.climbed(
-            ladder(kind, norm, accuracies(compared(rows, norm), norm), max_unknowns, dimension)
-        )
-    ]
+    found: list[Row] = []
+    kinds = adapted_kinds(max_unknowns, dimension)
+    with Progress("adapted meshes", len(meter.norms) * len(kinds)) as progress:
+        for norm, kind in product(meter.norms, kinds):
+            wanted = accuracies(compared(rows, norm), norm)
+            found += meter.climbed(ladder(kind, norm, wanted, max_unknowns, dimension))
+            progress.advance()
+    return found
 
 
 def _norms(args: argparse.Namespace) -> list[str]:

@@ -14,7 +14,7 @@ from dolfinx_signorini.pictures.picture import Picture
 
 PRESSURE = r"contact pressure $\lambda$"
 PEAK = 8.0  # of the pressure, relative to its 98 per cent quantile; a higher one is cut off
-MARKED = 40  # points of a curve up to which each of them is marked
+MARKED = 40  # points of the longest curve up to which each point is marked
 
 
 def draw_contact(boundary: ContactBoundary) -> Picture:
@@ -25,11 +25,12 @@ def draw_contact(boundary: ContactBoundary) -> Picture:
 def _draw_lines(boundary: ContactBoundary) -> Picture:
     figure = Picture(figsize=(7.6, 5.4))
     above, below = both = figure.panels(2, sharex=True)
-    start = 0.0
-    for chain in boundary.chains():
+    start, chains = 0.0, boundary.chains()
+    # All curves alike: a short one beside a long one is no less a curve.
+    marker = "." if max(map(len, chains), default=0) <= MARKED else ""
+    for chain in chains:
         x = boundary.points[chain]
         s = start + np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(x, axis=0).T))))
-        marker = "." if len(chain) <= MARKED else ""
         for axes, column, colour in ((above, 1, COLOURS[0]), (below, 2, COLOURS[1])):
             if start > 0.0:
                 axes.axvline(start, color="black", linewidth=0.8, linestyle=":")
@@ -114,6 +115,8 @@ def draw_faces(axes: Any, triangles: Array, values: Array) -> Poly3DCollection:
         getattr(axes, f"set_{label}label")(f"${label}$")
         if flat:
             getattr(axes, f"set_{label}ticks")([a], [f"{round(a, 6) + 0.0:g}"])
+        else:
+            axes.locator_params(axis=label, nbins=5)
     axes.set_box_aspect(np.maximum(high - low, 0.1 * size), zoom=0.85)
     return faces
 

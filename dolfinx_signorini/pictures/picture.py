@@ -15,7 +15,6 @@ from matplotlib.tri import Triangulation
 
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 
-DPI = 150
 SUFFIXES = (".png", ".svg")  # of the files of a picture
 NORM = re.compile(r"(L|W1_|H)(inf|\d+(?:\.\d+)?)(_2)?(_boundary)?(_\w+)?")
 
@@ -122,7 +121,7 @@ class Picture(Figure):
         Args:
             options: The arguments of matplotlib's `Figure`.
         """
-        super().__init__(**{"dpi": DPI, "layout": "constrained", **options})
+        super().__init__(**{"dpi": 150, "layout": "constrained", **options})
 
     def panels(self, rows: int = 1, columns: int = 1, **options: Any) -> list[Axes]:
         """Return axes with a grid, row by row.

@@ -1,25 +1,29 @@
-"""The pictures of a solved problem: the contact boundary, and the solution."""
+"""The pictures of a solved problem: the contact boundary, and the solution in plane or space."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
-from dolfinx import fem
+import numpy as np
+from dolfinx import fem, mesh
+from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d import Axes3D
 
-from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.meshes.sided_meshes import facet_nodes
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
     Solved,
     gather_contact_boundary,
 )
-from dolfinx_signorini.pictures.contact_pictures import draw_contact
-from dolfinx_signorini.pictures.palette import CONTACT, IN_CONTACT
-from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.plane_field import draw_plane_field, gather_facets
-from dolfinx_signorini.pictures.solid_pictures import draw_solid
-from dolfinx_signorini.pictures.triangles import gather_triangles
+from dolfinx_signorini.pictures.contact_pictures import draw_contact, draw_faces
+from dolfinx_signorini.pictures.palette import COLOUR_MAP, CONTACT, IN_CONTACT
+from dolfinx_signorini.pictures.picture import Picture, add_triangles
+from dolfinx_signorini.pictures.triangles import Triangles, gather_triangles
 
 PICTURES = ("contact", "solution")
+TITLE = 180  # characters of a title that are drawn
 
 
 def draw_problem(
@@ -74,8 +78,86 @@ def draw_solution(
     domain, drawn = u.function_space.mesh, gather_triangles(u)
     if domain.topology.dim == 3:
         return None if drawn is None else draw_solid(drawn, boundary, title)
-    edges = gather_facets(domain, parts)
+    edges = _gather_facets(domain, parts)
     if drawn is None or edges is None or boundary is None:
         return None
     edges["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
-    return draw_plane_field(drawn, edges, {**styles, "in contact": IN_CONTACT}, points, title)
+    styles = {**styles, "in contact": IN_CONTACT}
+    return _draw_plane(drawn, edges, styles, points, title)
+
+
+def _gather_facets(domain: mesh.Mesh, parts: Mapping[str, LocalIndices]) -> dict[str, Array] | None:
+    """The ends of the facets of each part, shape (facets, 2, 2), on rank 0; None on the others."""
+    count = domain.topology.index_map(1).size_local
+    ends = {
+        name: domain.geometry.x[facet_nodes(domain, part[part < count])][:, :, :2]
+        for name, part in parts.items()
+    }
+    found = domain.comm.gather(ends, root=0)
+    if found is None:
+        return None
+    return {name: np.concatenate([part[name] for part in found]) for name in parts}
+
+
+def _draw_plane(
+    field: Triangles,
+    parts: Mapping[str, Array],
+    styles: Mapping[str, Mapping[str, Any]],
+    points: Sequence[Sequence[float]],
+    title: str,
+) -> Picture:
+    """A picture of a function with the parts of the boundary, given by the ends of their facets."""
+    width, height = np.ptp(field.points, axis=0)
+    # The height that the colour bar and the legend need is about 1.4 inches.
+    size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
+    figure = Picture(figsize=size)
+    axes: Any = figure.add_subplot()
+    drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
+    figure.colorbar(drawn, ax=axes, label="solution $u$", fraction=0.06, pad=0.03)
+    for name, edges in parts.items():
+        if len(edges):
+            axes.add_collection(LineCollection(list(edges), label=name, zorder=3, **styles[name]))
+    if len(points):
+        axes.plot(
+            *np.transpose(points),
+            linestyle="",
+            marker="o",
+            markersize=8,
+            markerfacecolor="white",
+            markeredgecolor="black",
+            zorder=4,
+            label="detachment point",
+        )
+    axes.set(xlabel="$x$", ylabel="$y$", aspect="equal")
+    shown = textwrap.fill(textwrap.shorten(title, TITLE, placeholder=" ..."), TITLE // 3)
+    axes.set_title(shown, parse_math=False)
+    axes.margins(0.04)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def draw_solid(
+    surface: Triangles, contact: ContactBoundary | None = None, title: str = ""
+) -> Picture:
+    """Return a picture of a function on a solid's boundary, from where most contact is seen."""
+    figure = Picture(figsize=(7.6, 5.4))
+    axes = cast(Axes3D, figure.add_subplot(projection="3d"))
+    values = surface.values[surface.triangles].mean(axis=1)
+    faces = draw_faces(axes, surface.points[surface.triangles], values)
+    faces.set(edgecolor=(0.0, 0.0, 0.0, 0.15), linewidth=0.3)
+    view = view_of(surface, contact)
+    azimuth = np.degrees(np.arctan2(view[1], view[0])) + 10.0
+    axes.view_init(elev=30.0 * view[2], azim=azimuth)
+    figure.colorbar(faces, ax=axes, label="solution $u$", shrink=0.7, pad=0.1)
+    axes.set_title(title, parse_math=False)
+    return figure
+
+
+def view_of(surface: Triangles, contact: ContactBoundary | None) -> Array:
+    """Return the direction from a solid to the eye, -1 or 1 along each axis: where contact is."""
+    view = np.ones(3)
+    if contact is not None and len(contact.pieces):
+        low, high = surface.points.min(axis=0), surface.points.max(axis=0)
+        middle = contact.points[contact.pieces].mean(axis=(0, 1))
+        view[middle < low + 0.4 * (high - low)] = -1.0
+    return view

@@ -25,7 +25,7 @@ class Triangles:
 
         drawn = gather_triangles(problem.u)
         if drawn is not None:
-            draw_plane_field(drawn).savefig("solution.png")
+            print(drawn.values.max())
 
     Attributes:
         points: Coordinates of the vertices, shape (points, dimension).

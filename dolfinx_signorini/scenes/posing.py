@@ -1,4 +1,4 @@
-"""From a scene to a discrete problem, with the forms and data that the scene mentions."""
+"""The discrete problem of a scene, with the forms and data that the scene mentions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.jumps import integrable, integrable_on_facets
-from dolfinx_signorini.data.interfaces.roughness import jumps
+from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.jumps import integrable
 from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for, measure_for_load
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
@@ -57,6 +58,7 @@ class PosedScene:
         exact: The exact solution, or None where it is not known.
         scene: The scene.
         sided: The mesh with its sides.
+        parts: See `boundary_parts`.
         a, L: The forms of the problem.
         sources: The load and the fluxes by name: an integrand, and the measure of the part of the
             domain or of its boundary that the integral is over.
@@ -67,6 +69,7 @@ class PosedScene:
     exact: ManufacturedSolution | None
     scene: Scene
     sided: SidedMesh
+    parts: dict[type[BoundaryCondition], LocalIndices]
     a: ufl.Form
     L: ufl.Form
     sources: Terms
@@ -109,25 +112,11 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         bound=scene.contact.bound,
         bcs=[bc for bc in conditions if bc is not None],
     )
-    return PosedScene(
-        problem=problem,
-        exact=setting.exact,
-        scene=scene,
-        sided=sided,
-        a=a,
-        L=L,
-        sources=sources,
-        reactions=reactions,
-    )
+    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
 
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
-    """Return the contact conditions that the exact solution of a scene does not satisfy.
-
-    Args:
-        scene: The scene.
-        sided: A mesh of the domain of the scene; the call is collective.
-    """
+    """Return the contact conditions that the exact solution of a scene violates; collective."""
     exact = _exact_solution(scene, sided)
     if exact is None:
         return []
@@ -178,12 +167,7 @@ def _exact_solution(scene: Scene, sided: SidedMesh) -> ManufacturedSolution | No
 
 
 def diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
-    """Return the diffusion of a scene, a scalar or a matrix; None for 1.
-
-    Args:
-        scene: The scene.
-        value: Makes an expression of each entry.
-    """
+    """Return the diffusion of a scene, made of expressions of its entries; None for 1."""
     rows = [[value(entry) for entry in row] for row in scene.diffusion]
     if len(rows) <= 1:
         return rows[0][0] if rows else None
@@ -204,35 +188,27 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     domain, degree = setting.sided.mesh, scene.degree
     sources: Terms = {}
     reactions: Terms = {}
-    load: Expr | None = None
-    datum: Formula | ManufacturedSolution | None = scene.load
-    if scene.manufactured and setting.exact is not None:
-        load, datum = setting.exact.load, setting.exact
-        if not isinstance(load, Zero):
-            load = integrable(_formulas_of_exact(scene)[0], domain, degree, load)
-    elif scene.load is not None:
-        load = integrable(scene.load, domain, degree)
-    if load is not None and datum is not None and not isinstance(load, Zero):
-        dx = measure_for_load(domain, datum, degree)
-        sources |= {} if dx is None else {LOAD: (load, dx)}
+    exact, formula = setting.exact if scene.manufactured else None, coefficients(scene).load
+    follows = None if exact is None else exact.load
+    if formula is not None and not isinstance(follows, Zero):
+        load = integrable(formula, domain, degree, follows)
+        dx = measure_for_load(domain, exact or formula, degree)
+        if dx is not None and not isinstance(load, Zero):
+            sources[LOAD] = load, dx
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         c = integrable(scene.reaction, domain, 2 * degree)  # of u v
         reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
     return sources, reactions
 
 
-def _load_of(scene: Scene) -> Formula | None:
-    """The load of a scene, or the load that follows from its solution; None for zero."""
-    return _formulas_of_exact(scene)[0] if scene.manufactured else scene.load
-
-
 def coefficients(scene: Scene) -> Coefficients:
-    """Return the coefficients and the load of a scene."""
-    return Coefficients(_load_of(scene), scene.reaction, scene.diffusion)
+    """Return the coefficients of a scene, and the load, given or made for the solution."""
+    load = load_and_flux(scene)[0] if scene.manufactured else scene.load
+    return Coefficients(load, scene.reaction, scene.diffusion)
 
 
-def _formulas_of_exact(scene: Scene) -> tuple[Formula, list[Formula]]:
-    """The load of a manufactured solution u, and the components of A grad u."""
+def load_and_flux(scene: Scene) -> tuple[Formula, list[Formula]]:
+    """Return the load of a manufactured solution u, and the components of A grad u."""
     assert scene.solution is not None
     dim = scene.domain.dimension
     return load_and_current(scene.solution, scene.diffusion, scene.reaction, dim)
@@ -243,7 +219,7 @@ def _exact_flux(scene: Scene, setting: Setting, facets: LocalIndices) -> Expr:
     domain, degree = setting.sided.mesh, scene.degree
     assert setting.exact is not None
     flux, normal = setting.exact.flux, ufl.FacetNormal(domain)
-    current = _formulas_of_exact(scene)[1]
+    current = load_and_flux(scene)[1]
     if not any(map(jumps, current)):
         return flux
     parts = [integrable_on_facets(w, domain, facets, degree) for w in current]
@@ -298,10 +274,6 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measu
 def _zero_form(v: Expr) -> ufl.Form:
     """Return a load that integrates over no cell at all."""
     domain = v.ufl_function_space().mesh
-    none = ufl.Measure(
-        "dx",
-        domain,
-        subdomain_data=[(1, np.empty(0, dtype=np.int32))],
-        metadata=QuadratureRule("default", 0).metadata,
-    )
+    metadata, nowhere = QuadratureRule("default", 0).metadata, [(1, np.empty(0, dtype=np.int32))]
+    none = ufl.Measure("dx", domain, subdomain_data=nowhere, metadata=metadata)
     return fem.Constant(domain, default_scalar_type(0.0)) * v * none(1)

@@ -1,4 +1,4 @@
-"""How smooth a solution can be expected to be, from the angles and conditions of its domain.
+"""The regularity to expect of a solution, from the angles and conditions of its domain.
 
 Near a boundary point with interior angle w the solution behaves like r^a, for constant isotropic
 diffusion and smooth data with
@@ -22,15 +22,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, marked, summed
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
 
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
-RATIOS = 1e-4, 1e-6  # of a cell, at which a known solution is looked at near a corner
+RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
 SMOOTH = 0.99  # an exponent of a known solution that is not less is that of a smooth one
 
 
@@ -63,12 +64,7 @@ class Corner:
 
 
 def exponent(angle: float, kinds: int) -> float:
-    """Return the leading exponent at a corner.
-
-    Args:
-        angle: The interior angle, in radians.
-        kinds: How many kinds of condition meet at the corner.
-    """
+    """Return the leading exponent at a corner with an angle where some kinds of condition meet."""
     return math.pi / angle if kinds == 1 else math.pi / (2.0 * angle)
 
 
@@ -86,7 +82,8 @@ def singular_corners(
     space = fem.functionspace(domain, ("Lagrange", 1))
     angles = _vertex_angles(space)
     seen = angles if diffusion is None else _vertex_angles(space, diffusion)
-    meeting = {kind: _touched(space, facets[kind]) for kind in facets}
+    dofs = {kind: facet_dofs(space, facet_cells(domain, on)) for kind, on in facets.items()}
+    meeting = {kind: marked(space, touched)[: len(angles)] for kind, touched in dofs.items()}
     found = []
     x = control_points(space)
     for i in np.flatnonzero(np.any(list(meeting.values()), axis=0)):
@@ -114,14 +111,15 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
     x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :3, :2]
     offset = x - np.array(corner.point)
     distances = np.hypot(offset[:, :, 0], offset[:, :, 1])
-    edges = offset[(distances <= 1e-9 * distances.max(axis=1, keepdims=True)).any(axis=1)]
+    edges = offset[(distances <= SOLVED * distances.max(axis=1, keepdims=True)).any(axis=1)]
     middles = edges.mean(axis=1)
     towards = np.concatenate([middles, *(edges[:, k] + middles for k in range(3))])
     variation = []
     for ratio in RATIOS:
-        values = [solution.value(np.array(corner.point) + ratio * v) for v in towards]
-        found = [v for part in domain.comm.allgather(values) for v in part if math.isfinite(v)]
-        variation.append(max(found) - min(found) if found else 0.0)
+        values = evaluated(solution.root, np.array(corner.point) + ratio * towards)
+        found = np.concatenate(domain.comm.allgather(values))
+        found = found[np.isfinite(found)]
+        variation.append(np.ptp(found) if len(found) else 0.0)
     if min(variation) <= 0.0:
         return replace(corner, exponent=math.inf)
     slope = math.log(variation[1] / variation[0]) / math.log(RATIOS[1] / RATIOS[0])
@@ -135,12 +133,6 @@ def largest_angle(domain: mesh.Mesh) -> float:
     # Inside the domain the angles add up to 2 pi.
     boundary = angles[angles < 2.0 * math.pi - 1e-6]
     return highest(domain.comm, boundary)
-
-
-def _touched(space: fem.FunctionSpace, facets: LocalIndices) -> Mask:
-    """Return whether each owned vertex belongs to one of some facets, on whatever rank."""
-    dofs = facet_dofs(space, facet_cells(space.mesh, facets))
-    return marked(space, dofs)[: space.dofmap.index_map.size_local]
 
 
 def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:

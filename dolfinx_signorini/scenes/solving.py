@@ -1,4 +1,4 @@
-"""Solving a scene: on its own mesh by the cascade, or on adapted meshes."""
+"""The solve of a scene: on its own mesh by the cascade, or on adapted meshes."""
 
 import time
 from collections.abc import Callable
@@ -11,10 +11,11 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, solve_adaptively
+from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, adapt
 from dolfinx_signorini.accuracy.data_errors import data_errors
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
-from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
+from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
     TEXT,
@@ -25,12 +26,12 @@ from dolfinx_signorini.base.kinds import (
     optional,
     positive,
 )
-from dolfinx_signorini.base.logs import tell_duration
+from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.following import follow
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.sampling import Datum
+from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
@@ -190,9 +191,9 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
     degrees = _degrees(scene) if degree is None else (degree,)
-    norm = scene.norm if norm is None else norm
-    asked = {"accuracy": accuracy, "budget": budget, "on_step": on_step}
-    return _solve_on_adapted_meshes(scene, comm, phases, degrees, norm, max_unknowns, **asked)
+    wanted = target(scene.norm if norm is None else norm)
+    request = Request(wanted, accuracy, budget, max_unknowns)
+    return _solve_on_adapted_meshes(scene, comm, phases, degrees, request, on_step)
 
 
 def _solve_on_adapted_meshes(
@@ -200,15 +201,14 @@ def _solve_on_adapted_meshes(
     comm: MPI.Comm,
     phases: Phases,
     degrees: tuple[int, ...],
-    norm: str,
-    max_unknowns: int,
-    **asked: Any,
+    request: Request,
+    on_step: Callable[[Step], None],
 ) -> SceneResult:
     """Solve a scene by the adaptive loop; see `solve_adaptively` for what is asked."""
     scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
-    expectation = _look_at_solution(scene, comm, norm)
+    expectation = _look_at_solution(scene, comm, request.target.name)
     began = time.perf_counter()
-    first = _first_mesh(scene, comm, max_unknowns)
+    first = _first_mesh(scene, comm, request.max_unknowns)
     expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
     phases.lap("first mesh")
     posed: list[PosedScene] = []
@@ -217,17 +217,17 @@ def _solve_on_adapted_meshes(
         posed[:] = [pose(replace(scene, degree=degree), comm, sided)]
         return posed[0].problem
 
-    found = solve_adaptively(
+    curves = CurvedSides(scene.domain.geometry or {})
+    curves.check(first.sided)
+    found = adapt(
         {degree: partial(pose_on, degree) for degree in degrees},
-        first.sided,
-        norm=norm,
-        max_unknowns=max_unknowns,
-        **asked,
-        began=began,
-        hidden=lambda problem, target: data_errors(problem, coefficients(scene), target),
+        replace(first, notes=()),
+        request,
+        on_step,
+        began,
+        curves,
+        terms=[data_errors(lambda _: coefficients(scene))],
         fit=lambda refined: follow(refined, scene.diffusion_entries),
-        geometry=scene.domain.geometry,
-        read_data=False,
     )
     if _diffusion_is_cut(scene, found.sided):
         expectation = replace(expectation, notes=(*expectation.notes, CUT))
@@ -263,11 +263,7 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
     sided = scene.domain.make(comm)
-    return first_mesh(sided, partial(_data_on, scene), known, max_unknowns // per_cell)
-
-
-def _data_on(scene: Scene, sided: SidedMesh) -> list[Datum]:
-    return list(data_of(scene, sided))
+    return first_mesh(sided, partial(data_of, scene), known, max_unknowns // per_cell)
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
@@ -285,18 +281,7 @@ def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneRes
 
 
 class _Ascent:
-    """Poses a scene on the meshes of the cascade, and notes what each of them took.
-
-    Args:
-        scene: The scene.
-        comm: The communicator that shares the meshes.
-        phases: The stopwatch.
-
-    Attributes:
-        posed: The scene on the last mesh.
-        expectation: What is to be expected of the scene, found on the first mesh.
-        levels: The meshes that the scene has been solved on.
-    """
+    """Poses a scene on the meshes of the cascade, and notes what each of them took."""
 
     posed: PosedScene
     expectation: Expectation
@@ -329,7 +314,7 @@ class _Ascent:
         self.levels.append(level)
         self.began = self.phases.total
         text = "%8d unknowns, %d linear solves, %.2f s"
-        tell_duration(level.seconds, text, level.unknowns, level.linear_solves, level.seconds)
+        log.debug(text, level.unknowns, level.linear_solves, level.seconds)
 
 
 def _result(

@@ -1,4 +1,4 @@
-"""What a domain of scenes is: its mesh, its meshes of other widths, and its sides.
+"""Domains of scenes: each with a mesh, meshes of other widths, and sides.
 
 A side is a named part of the boundary that conditions can be put on. How solutions are drawn
 follows from the dimension of the domain.
@@ -69,12 +69,7 @@ class Domain(ABC):
         """Make the mesh, which the ranks of a communicator share."""
 
     def make_after(self, coarser: "Domain", sided: SidedMesh) -> SidedMesh:
-        """Make the mesh where a coarser one has been made: by refinement where that leads to it.
-
-        Args:
-            coarser: One of the `levels`.
-            sided: The mesh of this level.
-        """
+        """Make the mesh, by refinement of that of a coarser one of the `levels` where possible."""
         return self.make(sided.mesh.comm)
 
     @property

@@ -18,8 +18,6 @@ from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.meshes.mesh_defects import cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 
-TRIANGLE, TETRAHEDRON = 2, 4  # element types of gmsh
-
 
 def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMesh:
     """Let gmsh make or read a mesh on rank 0, and share the mesh.
@@ -59,13 +57,7 @@ def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMe
 
 
 def with_tags(domain: mesh.Mesh, tags: Any, names: dict[int, str]) -> SidedMesh:
-    """Return a mesh with the facets of each tag; a tag with a name has its number as well.
-
-    Args:
-        domain: The mesh.
-        tags: The facet tags of the mesh.
-        names: The name of each tag.
-    """
+    """Return a mesh with the facets of each tag, by its number and by its name."""
     sides = {}
     for tag, name in names.items():
         sides[name] = sides[str(tag)] = tags.find(tag)
@@ -101,7 +93,8 @@ def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
             f"{path.name}: there are no triangles of a plane mesh and no tetrahedra; gmsh writes "
             "the cells only where they have a physical group, as the sides have"
         )
-    if kinds != {{2: TRIANGLE, 3: TETRAHEDRON}[dimension]}:
+    simplex = {2: "triangle", 3: "tetrahedron"}[dimension]
+    if kinds != {mesh_of.getElementType(simplex, 1)}:
         raise InputError(
             f"{path.name}: only straight-sided triangles in the plane and tetrahedra are solved on"
         )
@@ -116,11 +109,7 @@ def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
 
 
 def _announced(path: Path) -> dict[str, int]:
-    """Return how many nodes and elements a .msh file says that the file has.
-
-    Raises:
-        InputError: A section has no end, or there is no section of nodes or of elements.
-    """
+    """Return how many nodes and elements a .msh file says that the file has."""
     content = path.read_bytes()
     sections: dict[str, bytes] = {}
     start = re.compile(rb"^\$(\w+)[ \t\r]*(?:\n|\Z)", re.MULTILINE)

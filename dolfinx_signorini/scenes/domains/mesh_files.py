@@ -16,8 +16,8 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
-from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
@@ -66,8 +66,7 @@ class MeshFile(RefinedDomain):
         Args:
             comm: The communicator; the call is collective.
             path: A file that ends in .msh or .xdmf.
-            grid: The name of the mesh in an XDMF file.
-            tags: The name of the facet tags in an XDMF file.
+            grid, tags: The names of the mesh and of its facet tags in an XDMF file.
 
         Raises:
             InputError: The file cannot be read, or is not a mesh of triangles or tetrahedra with
@@ -80,19 +79,13 @@ class MeshFile(RefinedDomain):
     @classmethod
     def read(cls, table: TomlTable, folder: Path, comm: MPI.Comm, sized: bool) -> "MeshFile":
         path = folder / table.text("file")
-        names = {key: table.text(key) for key in ("grid", "tags") if table.has(key)}
-        try:
-            found = cls.open(comm, path, **names)
-            times = (
-                table.integer("refinements", 0, MAX_VERTICES.bit_length())
-                if table.has("refinements")
-                else 0
-            )
-            vertices = found.vertices << found.dimension * times
-            found = replace(found, refinements=times, vertices=vertices)
-        except InputError as error:
-            raise table.error("file", error.message) from None
-        return replace(found, curves=_read_curves(table, found))
+        names = table.text("grid", cls.grid), table.text("tags", cls.tags)
+        times = table.integer("refinements", 0, MAX_VERTICES.bit_length(), 0)
+        with table.naming("file"):
+            found = cls.open(comm, path, *names)
+        vertices = found.vertices << found.dimension * times
+        curves = _read_curves(table, found)
+        return replace(found, refinements=times, vertices=vertices, curves=curves)
 
     @property
     def geometry(self) -> dict[str, Projection]:
@@ -203,13 +196,12 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
 
 def _projection(formula: Formula, dimension: int) -> Projection:
     """Newton's method along the gradient of a formula."""
-    slopes = [Derivative(k)(formula.root) for k in range(dimension)]
+    side = Interface(formula.root)
 
     def onto(points: Array) -> Array:
         x: Array = points[:dimension].T.copy()
         for _ in range(HALVINGS):
-            values = evaluated(formula.root, x)
-            slope = np.stack([evaluated(node, x) for node in slopes], axis=1)
+            values, slope = side.values(x), side.gradients(x)
             with np.errstate(all="ignore"):
                 step = np.where(values, values / (slope**2).sum(axis=1), 0.0)[:, None] * slope
             x -= step

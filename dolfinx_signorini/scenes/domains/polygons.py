@@ -64,7 +64,7 @@ class Polygon(RefinedDomain):
         across = self.size / self.width
         count = min(across * across * 2.0 / math.sqrt(3.0), 1e18)
         vertices = math.ceil(count) + len(self.corners)
-        coarsest = min(self.size / COARSE, _shortest(self.corners))
+        coarsest = min(self.size / COARSE, _lengths(self.corners).min())
         times = max(0, math.floor(math.log2(min(coarsest / self.width, 1e18)) + SOLVED))
         object.__setattr__(self, "refinements", times)
         object.__setattr__(self, "vertices", vertices)
@@ -117,10 +117,10 @@ def _size(corners: Corners) -> float:
     return float(np.ptp(np.array(corners), axis=0).max()) if corners else 0.0
 
 
-def _shortest(corners: Corners) -> float:
-    """Return the length of the shortest edge of a polygon."""
+def _lengths(corners: Corners) -> Array:
+    """Return the lengths of the edges of a polygon."""
     points = np.array(corners)
-    return float(np.hypot(*(np.roll(points, -1, axis=0) - points).T).min())
+    return np.asarray(np.hypot(*(np.roll(points, -1, axis=0) - points).T))
 
 
 def _area(corners: Corners) -> float:
@@ -134,15 +134,13 @@ def _check(corners: Corners) -> None:
     """Refuse what is no simple polygon, with the subject "vertices"."""
     if len(corners) < 3:
         raise InputError(f"a polygon has at least three, not {len(corners)}", "vertices")
-    size, points = _size(corners), np.array(corners)
+    size, lengths = _size(corners), _lengths(corners)
     if size < MIN_SIZE:
         raise InputError(f"a polygon smaller than {MIN_SIZE:g}", "vertices")
-    lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
     if not lengths.min() > SMALLEST * size:
         k = int(np.argmin(lengths)) + 1
         raise InputError(f"edge {k} of the polygon has (almost) no length", "vertices")
-    crossing = _crossing(points)
-    if crossing is not None:
+    if (crossing := _crossing(np.array(corners))) is not None:
         raise InputError("edges {} and {} of the polygon meet".format(*crossing), "vertices")
     if _area(corners) < SMALLEST * size**2:
         raise InputError("the polygon has (almost) no area", "vertices")

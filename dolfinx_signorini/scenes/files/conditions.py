@@ -19,11 +19,12 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.data.formulas import Formula, number
-from dolfinx_signorini.data.interfaces.jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cells_with_dofs
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, matching_obstacle
 from dolfinx_signorini.pictures.palette import COLOURS, CONTACT
-from dolfinx_signorini.problem.assembly import evaluator, restricted
+from dolfinx_signorini.problem.assembly import restricted
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
@@ -106,12 +107,7 @@ class BoundaryCondition(ABC):
 
     @classmethod
     def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "BoundaryCondition":
-        """Return the condition of one table.
-
-        Args:
-            table: The table.
-            domain, manufactured: See `read_all`.
-        """
+        """Return the condition of one table; see `read_all`."""
         sides = table.sides(domain.side_names)
         value = table.optional_formula(cls.value_key)
         if manufactured and value is not None:
@@ -181,7 +177,7 @@ class Contact(BoundaryCondition):
     @classmethod
     def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "Contact":
         sides = table.sides(domain.side_names)
-        bound = table.choice("bound", ("lower", "upper")) if table.has("bound") else "lower"
+        bound = table.choice("bound", ("lower", "upper"), "lower")
         obstacle = table.optional_formula("obstacle")
         table.finish()
         if obstacle is None and not manufactured:
@@ -227,19 +223,13 @@ class Dirichlet(BoundaryCondition):
         return f"Dirichlet data {text} {self.on_sides()}"
 
     def dirichlet(self, setting: Setting) -> fem.DirichletBC:
-        space, facets = setting.space, setting.sided.facets(self.sides)
-        dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
         if self.value is not None:
             data = setting.data(self.value)
         elif setting.exact is not None:
             data = setting.exact.u
         else:
             raise InputError("data follow from manufactured solutions only", "dirichlet")
-        owned = dofs[dofs < space.dofmap.index_map.size_local]
-        values = fem.Function(space)
-        values.x.array[owned] = evaluator(space, data, owned)()
-        values.x.scatter_forward()
-        return fem.dirichletbc(values, dofs)
+        return dirichlet(setting.space, setting.sided.facets(self.sides), data)
 
     @classmethod
     def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
@@ -283,12 +273,7 @@ CONDITIONS: tuple[type[BoundaryCondition], ...] = (Contact, Dirichlet, Neumann)
 def read_conditions(
     top: TomlTable, domain: Domain, manufactured: bool
 ) -> tuple[BoundaryCondition, ...]:
-    """Return the conditions of a scene file.
-
-    Args:
-        top: The file.
-        domain: The domain.
-        manufactured: Whether the data follow from a manufactured solution.
+    """Return the conditions of a scene file, see `BoundaryCondition.read_all`.
 
     Raises:
         InputError: A table makes no sense, or a side belongs to two conditions.

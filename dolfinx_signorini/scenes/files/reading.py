@@ -108,11 +108,11 @@ def parse_scene(
         solution=u,
         manufactured=manufactured,
         norms=_norms(solution),
-        degree=top.integer("degree", 1, HIGHEST_DEGREE) if top.has("degree") else Scene.degree,
+        degree=top.integer("degree", 1, HIGHEST_DEGREE, Scene.degree),
         rtol=_rtol(top),
         accuracy=accuracy,
         norm=norm,
-        title=top.text("title") if top.has("title") else path.stem,
+        title=top.text("title", path.stem),
         outputs=_outputs(top),
         text=text,
         overrides=tuple(overrides),
@@ -124,12 +124,7 @@ def parse_scene(
 
 @contextmanager
 def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
-    """Give errors that arise when a scene is posed or solved their place in the scene file.
-
-    Args:
-        path: The file.
-        scene: The scene that was read from the file.
-    """
+    """Give errors of a scene that is posed or solved their place in the file of the scene."""
     try:
         yield
     except InputError as error:
@@ -193,9 +188,11 @@ def _diffusion(table: TomlTable, dimension: int) -> Tensor:
 
 def _accuracy(top: TomlTable) -> tuple[float | None, str]:
     """Return the error asked for, and the norm of the error."""
-    norm = _norm(top, "norm", top.text("norm")) if top.has("norm") else Scene.norm
+    norm = top.text("norm", Scene.norm)
+    with top.naming("norm"):
+        parse_norm(norm)
     if not top.has("accuracy"):
-        if "norm" in top.data:
+        if top.has("norm"):
             raise top.error("norm", "there is no 'accuracy' to measure in it")
         return None, norm
     accuracy = top.real("accuracy")
@@ -214,23 +211,17 @@ def _rtol(top: TomlTable) -> float | None:
 
 
 def _norms(table: TomlTable) -> tuple[str, ...]:
-    if not table.has("norms"):
-        return Scene.norms
-    if "u" not in table.data:
+    if table.has("norms") and not table.has("u"):
         raise table.error("norms", "there is no solution 'u' to measure an error against")
-    return tuple(_norm(table, "norms", name) for name in table.texts("norms"))
-
-
-def _norm(table: TomlTable, key: str, name: str) -> str:
-    try:
-        parse_norm(name)
-    except InputError as error:
-        raise table.error(key, error.message) from None
-    return name
+    names = table.texts("norms", Scene.norms)
+    with table.naming("norms"):
+        for name in names:
+            parse_norm(name)
+    return names
 
 
 def _outputs(top: TomlTable) -> tuple[str, ...]:
-    outputs = top.texts("outputs") if top.has("outputs") else ()
+    outputs = top.texts("outputs", Scene.outputs)
     for name in outputs:
         if name not in OUTPUTS:
             raise top.error("outputs", f"unknown {name!r}{suggestion(name, OUTPUTS)}")

@@ -6,6 +6,9 @@ and, where it is known, the solution. What a scene does not name is neither asse
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
@@ -79,6 +82,13 @@ class Scene:
     def diffusion_entries(self) -> list[Formula]:
         """The entries of the diffusion, row by row."""
         return [entry for row in self.diffusion for entry in row]
+
+    @property
+    def constant_diffusion(self) -> Array | None:
+        """The matrix of a constant diffusion, or its one entry; None for any other, and for 1."""
+        values = [[entry.constant for entry in row] for row in self.diffusion]
+        known = values and all(value is not None for row in values for value in row)
+        return np.array(values, dtype=np.float64) if known else None
 
     def levels(self) -> list["Scene"]:
         """Return the scene on the meshes of the cascade, from the coarsest to its own."""

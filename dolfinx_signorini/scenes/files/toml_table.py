@@ -5,7 +5,8 @@ import math
 import re
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import basix.ufl
@@ -46,12 +47,7 @@ class TomlTable:
         self.asked: set[str] = set()
 
     def error(self, key: str | None, message: str) -> InputError:
-        """Return an error.
-
-        Args:
-            key: The key that is wrong; None for the table itself.
-            message: What is wrong.
-        """
+        """Return an error about a key, or about the table itself for None."""
         return self.file.error(self.key if key is None else (*self.key, key), message)
 
     def has(self, key: str) -> bool:
@@ -59,14 +55,27 @@ class TomlTable:
         self.asked.add(key)
         return key in self.data
 
-    def value(self, key: str, kind: type | tuple[type, ...], wanted: str) -> Any:
-        """Return the value of a key that the table must have.
+    @contextmanager
+    def naming(self, key: str) -> Iterator[None]:
+        """Give the errors of a block the place of a key."""
+        try:
+            yield
+        except InputError as error:
+            raise self.error(key, error.message) from None
+
+    def value(
+        self, key: str, kind: type | tuple[type, ...], wanted: str, default: Any = None
+    ) -> Any:
+        """Return the value of a key.
 
         Args:
             key: The key.
             kind: The type, or types, that the value must have; true and false are no numbers.
             wanted: The type in words, for the message.
+            default: The value where the table does not have the key; None if the table must.
         """
+        if not self.has(key) and default is not None:
+            return default
         if not self.has(key):
             others = [other for other in self.data if other not in self.asked]
             for near in difflib.get_close_matches(key, others, n=1):
@@ -77,24 +86,24 @@ class TomlTable:
             raise self.error(key, f"must be {wanted}")
         return value
 
-    def text(self, key: str) -> str:
-        """Return a text."""
-        return str(self.value(key, str, "a text in quotes"))
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return a text; for defaults see `value`."""
+        return str(self.value(key, str, "a text in quotes", default))
 
-    def choice(self, key: str, choices: tuple[str, ...]) -> str:
+    def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
         """Return one of some texts."""
-        text = self.text(key)
+        text = self.text(key, default)
         if text not in choices:
             raise self.error(key, f"unknown {text!r}{suggestion(text, choices)}")
         return text
 
     def flag(self, key: str) -> bool:
         """Return true or false; false where the table does not have the key."""
-        return bool(self.value(key, bool, "true or false")) if self.has(key) else False
+        return bool(self.value(key, bool, "true or false", False))
 
-    def integer(self, key: str, low: int, high: int) -> int:
+    def integer(self, key: str, low: int, high: int, default: int | None = None) -> int:
         """Return an integer between two bounds, both of them allowed."""
-        value = int(self.value(key, int, "an integer"))
+        value = int(self.value(key, int, "an integer", default))
         if not low <= value <= high:
             raise self.error(key, f"must lie between {low} and {high}")
         return value
@@ -114,16 +123,16 @@ class TomlTable:
                 return result
         raise self.error(key, "must be a finite number")
 
-    def items(self, key: str) -> list[Any]:
+    def items(self, key: str, default: Sequence[Any] | None = None) -> list[Any]:
         """Return a list."""
-        values = self.value(key, list, "a list")
+        values = self.value(key, list, "a list", default)
         if len(values) > MAX_ITEMS:
             raise self.error(key, f"a list of more than {MAX_ITEMS} items")
         return list(values)
 
-    def texts(self, key: str) -> tuple[str, ...]:
+    def texts(self, key: str, default: Sequence[str]) -> tuple[str, ...]:
         """Return a list of texts, without repetitions."""
-        values = self.items(key)
+        values = self.items(key, default)
         if not all(isinstance(value, str) for value in values):
             raise self.error(key, "must be a list of texts in quotes")
         return tuple(dict.fromkeys(values))
@@ -153,7 +162,7 @@ class TomlTable:
 
     def table(self, key: str) -> "TomlTable":
         """Return a table; an empty one where the table does not have the key."""
-        data = self.value(key, dict, f"one table, written as [{key}]") if self.has(key) else {}
+        data = self.value(key, dict, f"one table, written as [{key}]", {})
         return TomlTable(data, self.file, (*self.key, key))
 
     def tables(self, key: str) -> list["TomlTable"]:
@@ -161,18 +170,13 @@ class TomlTable:
         wanted = f"must be tables, each written as [[{key}]]"
         if self.has(key) and isinstance(self.data[key], dict):
             raise self.error(key, wanted)
-        entries = self.items(key) if self.has(key) else []
+        entries = self.items(key, [])
         if not all(isinstance(entry, dict) for entry in entries):
             raise self.error(key, wanted)
         return [TomlTable(e, self.file, (*self.key, key, k)) for k, e in enumerate(entries)]
 
     def formula(self, key: str, value: Any = None) -> Formula:
-        """Return a formula, written as a text or as a number.
-
-        Args:
-            key: The key.
-            value: An item of the list that the key has; by default the value of the key.
-        """
+        """Return the formula of a key, or of an item of its list: a text or a number."""
         if value is None:
             value = self.value(key, (str, int, float), "a formula in quotes or a number")
         if not isinstance(value, str):
@@ -240,9 +244,7 @@ class TomlFile:
     def error(self, key: Key, message: str) -> InputError:
         """Return an error whose subject is file, line and key.
 
-        Args:
-            key: The key; the line is that of the key or, without one, of the table around it.
-            message: What is wrong.
+        The line is that of the key or, without one, of the table around it.
         """
         name = ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
         if any(key[: len(path)] == path for path in self.overridden):

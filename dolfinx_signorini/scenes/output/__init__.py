@@ -1,1 +1,1 @@
-"""What a solved scene writes: fields, tables, pictures, the record and the report."""
+"""The output of a solved scene: fields, tables, pictures, the record and the report."""

@@ -51,11 +51,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
 
 
 def masks(result: SceneResult) -> list[fem.Function]:
-    """Return functions that are 1 at the contact dofs, and at those in contact, and 0 elsewhere.
-
-    Args:
-        result: The solved scene; the call is collective.
-    """
+    """Return functions that are 1 at the contact dofs, and at those in contact; collective."""
     problem = result.posed.problem
     found = []
     for name, dofs in (("contact_boundary", problem.contact_dofs), ("in_contact", problem.active)):
@@ -67,11 +63,7 @@ def masks(result: SceneResult) -> list[fem.Function]:
 
 
 def indicator(result: SceneResult) -> list[fem.Function]:
-    """Return the estimated errors of cells as a function: at each dof the largest one around.
-
-    Args:
-        result: The solved scene; without an adaptive loop nothing is returned.
-    """
+    """Return the estimated errors of cells as a function: at each dof the largest one around."""
     if result.found is None:
         return []
     space = result.posed.problem.space

@@ -71,12 +71,7 @@ def boundary_csv(boundary: ContactBoundary) -> str:
 
 
 def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
-    """Return everything that is needed to repeat a run; rank 0 only.
-
-    Args:
-        result: The solved scene.
-        summary: The numbers of the result.
-    """
+    """Return everything that is needed to repeat a run; rank 0 only."""
     scene, found = result.posed.scene, result.found
     asked: dict[str, Any] = {"rtol": scene.rtol}
     if found is not None:

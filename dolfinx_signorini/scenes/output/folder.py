@@ -9,6 +9,7 @@ files of its run: a later run replaces these files, and no others.
 import errno
 import json
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -53,12 +54,7 @@ def output_folder(comm: MPI.Comm, folder: Path, outputs: Sequence[str]) -> Itera
 
 
 def reserve(folder: Path, size: int) -> None:
-    """Raise an OSError unless some bytes fit into a folder.
-
-    Args:
-        folder: The folder.
-        size: The number of bytes.
-    """
+    """Raise an OSError unless some bytes fit into a folder."""
     with tempfile.TemporaryFile(dir=folder) as file:
         try:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -75,12 +71,14 @@ def _prepare(folder: Path, outputs: Sequence[str], stack: ExitStack) -> Path:
         raise InputError("cannot be written, it is no folder", subject)
     own = _own_files(folder)
     refuse_foreign(folder, (RECORD, *(name for output in outputs for name in FILES[output])), own)
-    folder.mkdir(exist_ok=True)
+    # A signal may stop the run at any instruction: what is made is to be removed before it exists.
     if made:
         stack.callback(_remove_empty, folder)
+    folder.mkdir(exist_ok=True)
     stack.enter_context(in_use(folder, PART + 8 * "?"))
-    part = Path(tempfile.mkdtemp(prefix=PART, dir=folder))
+    part = folder / f"{PART}{secrets.token_hex(4)}"
     stack.callback(shutil.rmtree, part, ignore_errors=True)
+    part.mkdir()
     reserve(part, PROBE)
     return part
 

@@ -10,16 +10,11 @@ from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_problem, draw_solution
 from dolfinx_signorini.scenes.files.toml_table import ALL
-from dolfinx_signorini.scenes.posing import boundary_parts
 from dolfinx_signorini.scenes.solving import SceneResult
 
 
 def scene_boundary(result: SceneResult) -> ContactBoundary | None:
-    """Return the contact boundary of a solved scene on rank 0, with the sides that the scene names.
-
-    Args:
-        result: The solved scene; the call is collective.
-    """
+    """Return the contact boundary of a scene on rank 0, with its names of sides; collective."""
     return gather_contact_boundary(result.posed.problem, _sides(result))
 
 
@@ -64,7 +59,7 @@ def _sides(result: SceneResult) -> dict[str, LocalIndices]:
 
 def _parts(result: SceneResult) -> dict[str, Any]:
     """The parts of the boundary of a scene, how they are drawn, and its title."""
-    kinds = boundary_parts(result.posed.scene, result.posed.sided)
+    kinds = result.posed.parts
     return {
         "parts": {kind.name: facets for kind, facets in kinds.items()},
         "styles": {kind.name: kind.style for kind in kinds},

@@ -53,13 +53,7 @@ CAPTIONS = {
 
 
 def write_report(record: Mapping[str, Any], summary: Summary, pictures: Mapping[str, bytes]) -> str:
-    """Return the page.
-
-    Args:
-        record: The record of the run, see `files.make_record`.
-        summary: The numbers of the scene.
-        pictures: PNG images by name.
-    """
+    """Return the page, of the record of a run, the numbers of the scene and PNG images by name."""
     repeat = [*record["versions"].items(), ("ranks", record["ranks"]), *record["options"].items()]
     return PAGE.substitute(
         title=html.escape(record["title"]),

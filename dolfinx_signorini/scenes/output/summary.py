@@ -10,18 +10,17 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
-from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.scenes.posing import LOAD
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
 
 MAX_DIGITS = 8  # of a coordinate
-MAX_POINTS = 8  # detachment points that are listed
-ALIKE = 3  # digits of a coordinate: what differs by less does not change the order of points
 
 
 @dataclass(frozen=True)
@@ -128,9 +127,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
         rows.append(("undecided", text))
     if s.detachment_points:
         both = zip(s.detachment_points, s.uncertainties, strict=True)
-        points = [_place(*point) for point in both][:MAX_POINTS]
-        more = len(s.detachment_points) - len(points)
-        rows.append(("detachment", ", ".join(points) + (f" and {more} more" if more else "")))
+        rows.append(("detachment", listed([_place(*point) for point in both])))
     rows += [(f"force of {name}", f"{force:.6g}") for name, force in s.forces.items()]
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))

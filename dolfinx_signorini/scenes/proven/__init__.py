@@ -1,1 +1,1 @@
-"""What the proven energy bound takes from the formulas of a scene."""
+"""Data of the proven energy bound, from the formulas of a scene."""

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+from ufl.core.expr import Expr
+
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann, Setting
-from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, diffusion, facets_by_kind
+from dolfinx_signorini.scenes.posing import PosedScene, diffusion, facets_by_kind
 from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
@@ -36,35 +38,30 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
 
 
 def energy_terms(posed: PosedScene) -> EnergyTerms:
-    """Return the strong form of a scene, with its formulas as they are.
-
-    Args:
-        posed: The scene on a mesh; the call is collective.
-    """
-    scene, sided = posed.scene, posed.sided
-    exact = posed.exact if isinstance(posed.exact, ManufacturedSolution) else None
+    """Return the strong form of a scene on a mesh, with its formulas as they are; collective."""
+    scene, sided, exact = posed.scene, posed.sided, posed.exact
     setting = Setting(sided, posed.problem.space, exact)
-    manufactured = exact if scene.manufactured else None
-    neumann, robin, dirichlet = [], [], []
-    for condition in scene.conditions:
-        facets = sided.facets(condition.sides)
-        load, coefficient = condition.load(setting), condition.coefficient(setting)
-        if load is not None:
-            neumann.append((load, facets))
-        if coefficient is not None:
-            robin.append((coefficient, facets))
-        if isinstance(condition, Dirichlet):
-            value = None if condition.value is None else condition.value.ufl(setting.x)
-            dirichlet.append((value if manufactured is None else manufactured.u, facets))
-    if manufactured is not None:
-        free = facets_by_kind(boundary_parts(scene, sided))[Neumann.acts_like]
-        neumann.append((manufactured.flux, free))
-    load = None if scene.load is None else scene.load.ufl(setting.x)
-    return EnergyTerms(
+    conditions = [(condition, sided.facets(condition.sides)) for condition in scene.conditions]
+    given = [(condition.load(setting), facets) for condition, facets in conditions]
+    coefficients = [(condition.coefficient(setting), facets) for condition, facets in conditions]
+
+    def expression(formula: Formula | None) -> Expr | None:
+        return None if formula is None else formula.ufl(setting.x)
+
+    terms = EnergyTerms(
         diffusion=diffusion(scene, lambda entry: entry.ufl(setting.x)),
-        reaction=None if scene.reaction is None else scene.reaction.ufl(setting.x),
-        load=load if manufactured is None else manufactured.load,
-        neumann=neumann,
-        robin=robin,
-        dirichlet=dirichlet,
+        reaction=expression(scene.reaction),
+        load=expression(scene.load),
+        neumann=[(load, facets) for load, facets in given if load is not None],
+        robin=[(k, facets) for k, facets in coefficients if k is not None],
+        dirichlet=[(expression(c.value), on) for c, on in conditions if isinstance(c, Dirichlet)],
+    )
+    if not scene.manufactured or exact is None:
+        return terms
+    free = facets_by_kind(posed.parts)[Neumann.acts_like]
+    return replace(
+        terms,
+        load=exact.load,
+        neumann=[*terms.neumann, (exact.flux, free)],
+        dirichlet=[(exact.u, facets) for _, facets in terms.dirichlet],
     )

@@ -1,8 +1,8 @@
 """The data of a scene as a bound needs them: polynomials, and bounds of what these miss.
 
 The formulas of a scene file are known at every point. A formula that is no polynomial is replaced
-by polynomials on cells or facets, and the differences are enclosed, see `fits`. Where a formula has
-no bounded enclosure, the formula stays, and is known at points only.
+by polynomials on cells or facets, and the differences are enclosed, see `approximated`. A formula
+without a bounded enclosure stays, and is known at points only.
 """
 
 import math
@@ -22,18 +22,20 @@ from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import others
 from dolfinx_signorini.bounds.remainders import MORE, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
-from dolfinx_signorini.data.cell_polynomials import cell_function, is_polynomial
-from dolfinx_signorini.data.choices import decided
-from dolfinx_signorini.data.derivatives import load_and_current
+from dolfinx_signorini.data.approximations import ORDERS, approximated, followed_in_parts
+from dolfinx_signorini.data.branches import decided
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices, nowhere_negative
-from dolfinx_signorini.data.fits import ORDERS, fit, followed_in_parts
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.smoothness import load_is_a_function
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, longest_side
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
-from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind
-from dolfinx_signorini.scenes.proven.known_diffusion import with_known_diffusion
+from dolfinx_signorini.scenes.posing import PosedScene, coefficients, facets_by_kind, load_and_flux
+from dolfinx_signorini.scenes.proven.known_diffusion import (
+    cell_function,
+    is_polynomial,
+    with_known_diffusion,
+)
 
 Known = tuple[EnergyTerms, Remainders]
 
@@ -74,12 +76,10 @@ class KnownData:
         x: Array = np.asarray(self.domain.geometry.x[:, : self.d], dtype=np.float64)
         self.corners = x[self.domain.geometry.dofmap[:count]]
         self.width = longest_side(self.comm, x)
-        self.load, self.solution = self.scene.load, None
-        self.current: list[Formula] = []  # A grad u of a manufactured solution u
-        if self.scene.manufactured and self.scene.solution is not None:
-            self.solution, scene = self.scene.solution, self.scene
-            found = load_and_current(self.solution, scene.diffusion, scene.reaction, self.d)
-            self.load, self.current = found
+        made, self.load = self.scene.manufactured, coefficients(self.scene).load
+        self.solution = self.scene.solution if made else None
+        self.current = load_and_flux(self.scene)[1] if made else []
+        self.free = facets_by_kind(posed.parts)[Neumann.acts_like]
         self.size, self.hidden = self._load_on_cells(), 0.0
 
     def enclosed(self, terms: EnergyTerms, tolerance: float) -> Known:
@@ -166,7 +166,7 @@ class KnownData:
         for formula, at, corners, factors in self._flux_terms(parts):
             share = np.abs(factors)
             weights = np.stack((FACET * inner[at], outer[at])) * share
-            found = fit(formula, self.comm, corners, degree, weights, tolerance)
+            found = approximated(formula, self.comm, corners, degree, weights, tolerance)
             self.hidden = max(self.hidden, found.hidden)
             if self._any(~np.isfinite(found.missed)):
                 return terms, rest
@@ -179,10 +179,9 @@ class KnownData:
         return replace(terms, neumann=[(flux, np.unique(sides))]), known
 
     def _given_fluxes(self) -> list[tuple[LocalIndices, list[Formula]]]:
-        """LocalIndices with formulas of their flux, or of the components of a vector A grad u."""
+        """Facets with formulas of their flux, or of the components of a vector A grad u."""
         if self.current:
-            kinds = facets_by_kind(boundary_parts(self.scene, self.sided))
-            return [(kinds[Neumann.acts_like], self.current)]
+            return [(self.free, self.current)]
         return [
             (self.sided.facets(c.sides), [c.value])
             for c in self.scene.conditions
@@ -225,12 +224,9 @@ class KnownData:
     def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
         """Polynomials for the obstacle on facets in space, and what these polynomials miss."""
         contact = self.scene.contact
-        if (
-            self.d == 2
-            or contact.value is None
-            or is_polynomial(contact.value, self.domain, self.degree)
-        ):
+        if self.d == 2 or is_polynomial(contact.value, self.domain, self.degree):
             return None
+        assert contact.value is not None
         degree = min(self.degree + MORE[3], ORDERS[2] // 2)
         cells, facets, corners = self._facets(self.sided.facets(contact.sides))
         shape = self.frames.facets.shape
@@ -242,19 +238,16 @@ class KnownData:
         return FacetPolynomials(degree, coefficients), missed
 
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
-        """LocalIndices of the mesh as facets of frames, with their vertices."""
+        """Facets of the mesh as facets of frames, with their vertices."""
         frames = self.frames
-        marks = on_frames(frames, [sides])
-        marks &= on_frames(frames, [boundary_facets(self.domain)])
+        marks = on_frames(frames, [sides]) & on_frames(frames, [boundary_facets(self.domain)])
         cells, facets = np.nonzero(marks)
         return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
 
     def _weights(self, rest: Remainders) -> Array:
         """The energies of unit values, and of unit means, on cells of size 1."""
         a = 1.0 if rest.least_diffusion is None else rest.least_diffusion
-        constant = [e.constant for row in self.scene.diffusion for e in row]
-        if constant and None not in constant:
-            matrix = np.array(constant, dtype=np.float64).reshape(len(self.scene.diffusion), -1)
+        if (matrix := self.scene.constant_diffusion) is not None:
             a = float(np.linalg.eigvalsh(matrix)[0])
         known = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
         c: float | Array = 0.0 if known is None else known
@@ -279,7 +272,7 @@ class KnownData:
             part = parts[k] if k < len(parts) else nothing
             cells, share = part.cells, part.shares
             where = self.corners[cells], degree, weights[:, cells]
-            found = fit(part.formula, self.comm, *where, tolerance)
+            found = approximated(part.formula, self.comm, *where, tolerance)
             coefficients[cells] = found.coefficients
             missed[cells] = found.missed + np.sqrt(share) * part.apart
             mean[cells] = found.mean + share * part.apart

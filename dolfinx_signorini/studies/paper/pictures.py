@@ -35,7 +35,7 @@ class PaperPicture:
 
         picture = paper_picture(comm, 101)
         if picture is not None:
-            save(draw_bottom_edge(picture), Path("bottom_edge"))
+            draw_bottom_edge(picture).save(Path("bottom_edge"))
 
     Attributes:
         n: Cells per side.

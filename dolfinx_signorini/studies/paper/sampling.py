@@ -63,7 +63,7 @@ def paper_errors(
     Args:
         u_h: The discrete solution on triangles.
         exact: The known solution; None for the norms of u_h itself.
-        names: Names of norms, see `norm_names.parse_norm`, and those of `PAPER_NAMES`.
+        names: Names of norms, see `names.parse_norm`, and those of `PAPER_NAMES`.
         rule: Quadrature rule of the norms on the domain with p < inf and of W1_inf_sampled.
 
     Returns:

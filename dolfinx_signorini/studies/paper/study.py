@@ -8,15 +8,15 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.costs import Cost
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import ROWS, Records
+from dolfinx_signorini.base.records import ROWS, Records, Wanted
 from dolfinx_signorini.base.timing import Phases
-from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
-from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.sampling import H1_2, LINF, W1_INF, paper_errors
-from dolfinx_signorini.studies.paper.solution import PAPER_RULE, christof_haubner, paper_problem
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
+from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 
 PAPER_NORMS = ("L4", "L16", LINF, "W1_4", "W1_16", W1_INF, H1_2)
 
@@ -67,35 +67,27 @@ def run_study(
         NotConvergedError: Some problem could not be solved.
     """
     records = Records(comm, folder / ROWS, asdict(settings), keys=("n", "errors"))
-    return [records.row(f"N = {n}", {"n": n}, partial(_row, comm, n, settings)) for n in cells]
+    rows = [Wanted(f"N = {n}", {"n": n}, partial(_row, comm, n, settings), n**2) for n in cells]
+    return records.table("table", rows)
 
 
 def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     """Compute one row."""
     log.debug("N = %d", n)
-    phases, coarse, rtol = Phases(comm), None, settings.rtol
-    if rtol is None and settings.method == "cascade":
+    method, rtol = settings.method, settings.rtol
+    if rtol is None and method == "cascade":
         rtol = TIGHT_RTOL
-    if settings.method == "cascade" and (levels := coarse_levels(n)):
-        with phases("coarse"):
-            coarser = solve_cascade(lambda m, _: _problem(comm, m), levels, rtol=DEFAULT_RTOL)
-            coarse = coarser.contact_state()
-            coarser.destroy()
-    with phases("mesh"):
-        exact = christof_haubner(friedrichs_keller(comm, n))
-    with phases("assembly"):
-        problem = paper_problem(exact)
-    with phases("solve"):
-        u = problem.solve(settings.method, coarse=coarse, rtol=rtol)
+    wanted = Configuration(UNIFORM_P1, n, method=method, rtol=rtol)
+    run, phases = solve_configuration(comm, paper_family(), wanted), Phases(comm)
+    problem, result = run.posed.problem, run.result
     with phases("errors"):
-        errors = paper_errors(u, exact, settings.norms, PAPER_RULE)
-    seconds, result = phases.seconds, problem.result
-    assert result is not None
-    problem.ledger.add("phase", "errors against the exact solution", seconds=seconds["errors"])
+        errors = paper_errors(run.u, run.posed.exact, settings.norms, PAPER_RULE)
+    seconds = run.seconds | phases.seconds
+    measured = Cost("phase", "errors against the exact solution", 1, 0, seconds["errors"])
     told = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
     log.info("N = %d: %s", n, told)
     row = {
-        "unknowns": problem.unknowns,
+        "unknowns": run.unknowns,
         "errors": errors,
         "active_dofs": result.active_dofs,
         "natural_residual": result.natural_residual,
@@ -105,11 +97,7 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
         "linear_iterations": result.linear_iterations,
         "ranks": comm.size,
         "seconds": seconds,
-        "costs": [asdict(cost) for cost in problem.costs()],
+        "costs": [asdict(cost) for cost in (*problem.costs(), measured)],
     }
-    problem.destroy()
+    run.destroy()
     return row
-
-
-def _problem(comm: MPI.Comm, n: int) -> SignoriniProblem:
-    return paper_problem(christof_haubner(friedrichs_keller(comm, n)))

@@ -1,4 +1,7 @@
-"""Measured rows compared: the Pareto front, and the cheapest configuration for an error."""
+"""Measured rows compared: the Pareto front, and the cheapest configuration for an error.
+
+Functions of a norm, given by its name, take rows that are compared in this norm, see `compared`.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,12 +29,7 @@ def kind_of(row: Row) -> Kind:
 
 
 def of_kind(rows: Iterable[Row], kind: Kind) -> list[Row]:
-    """Return the rows of one kind of mesh and elements.
-
-    Args:
-        rows: Any rows.
-        kind: The kind.
-    """
+    """Return the rows of one kind of mesh and elements."""
     return [row for row in rows if kind_of(row) == kind]
 
 
@@ -42,12 +40,7 @@ def describe(row: Row) -> str:
 
 
 def compared(rows: Sequence[Row], norm: str) -> list[Row]:
-    """Return the rows that are compared in a norm: no sweeps, no meshes adapted for other norms.
-
-    Args:
-        rows: All rows.
-        norm: The norm of the error.
-    """
+    """Return the rows that are compared in a norm: no sweeps, no meshes adapted for other norms."""
     return [
         row
         for row in rows
@@ -62,18 +55,10 @@ def is_baseline(row: Row) -> bool:
     return kind_of(row) == UNIFORM_P1 and row["method"] == "cascade"
 
 
-def finest(rows: Sequence[Row]) -> Row:
-    """Return the row of the finest uniform P1 mesh."""
-    return max((row for row in rows if is_baseline(row)), key=lambda row: row["n"])
-
-
 def pareto_front(rows: Sequence[Row], norm: str, cost: str = "total") -> list[Row]:
     """Return the rows that no other row beats in both error and cost, cheapest first.
 
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
-        cost: The entry of a row that is its cost, "total" for seconds or "unknowns".
+    The cost is an entry of a row: "total" for seconds, or "unknowns".
     """
     front: list[Row] = []
     for row in sorted(rows, key=lambda row: (row[cost], row["errors"][norm])):
@@ -83,24 +68,13 @@ def pareto_front(rows: Sequence[Row], norm: str, cost: str = "total") -> list[Ro
 
 
 def cheapest(rows: Sequence[Row], norm: str, target: float) -> Row | None:
-    """Return the row that reaches an error in the fewest seconds, or None.
-
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
-        target: The largest error allowed, in the unit of the norm.
-    """
+    """Return the row that reaches an error in the fewest seconds, or None."""
     enough = [row for row in rows if row["errors"][norm] <= target]
     return min(enough, key=lambda row: row["total"]) if enough else None
 
 
 def targets(rows: Sequence[Row], norm: str) -> list[float]:
-    """Return errors to compare rows at, decreasing: powers of ten, and the best of uniform P1.
-
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
-    """
+    """Return errors to compare rows at, decreasing: powers of ten, and the best of uniform P1."""
     return sorted({*_powers(rows, norm), *_best(rows, norm)}, reverse=True)
 
 
@@ -109,10 +83,6 @@ def accuracies(rows: Sequence[Row], norm: str) -> list[float]:
 
     The errors are the targets of other rows, where the error of uniform P1 is given two digits and
     made no larger, and the next power of ten, which no other row has reached.
-
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
     """
     smallest = math.ceil(math.log10(min(row["errors"][norm] for row in rows))) - 1
     rounded = [float(f"{0.95 * error:.1e}") for error in _best(rows, norm)]
@@ -135,14 +105,8 @@ def _best(rows: Sequence[Row], norm: str) -> list[float]:
 def slope(rows: Sequence[Row], norm: str) -> float | None:
     """Return s for an error like unknowns^-s, by regression over the finer half of some rows.
 
-    At least four rows count, or all if fewer are known.
-
-    Args:
-        rows: Rows of one kind that are compared in the norm.
-        norm: The norm of the error.
-
-    Returns:
-        s, which is the order in h over the dimension; None for less than two numbers of unknowns.
+    The rows are of one kind; at least four count, or all if fewer are known. s is the order in h
+    over the dimension, and None for less than two numbers of unknowns.
     """
     rows = sorted(rows, key=lambda row: row["unknowns"])
     finer = rows[-max(FEWEST, (len(rows) + 1) // 2) :]
@@ -153,15 +117,7 @@ def slope(rows: Sequence[Row], norm: str) -> float | None:
 
 
 def target_table(rows: Sequence[Row], norm: str) -> Table:
-    """Return a table of the cheapest configuration for each error, beside uniform P1.
-
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
-
-    Returns:
-        The heads of the columns, and the cells of each line.
-    """
+    """Return heads and lines of a table: the cheapest row for each error, beside uniform P1."""
     baseline = [row for row in rows if is_baseline(row)]
     best = _best(rows, norm)
     lines = []
@@ -181,15 +137,7 @@ def target_table(rows: Sequence[Row], norm: str) -> Table:
 
 
 def order_table(rows: Sequence[Row], norms: Sequence[str]) -> Table:
-    """Return a table of the orders in h, measured and allowed by approximation.
-
-    Args:
-        rows: Rows on meshes of the plane.
-        norms: The norms of the error.
-
-    Returns:
-        The heads of the columns, and the cells of each line.
-    """
+    """Return heads and lines of a table: orders in h in the plane, measured and allowed."""
     lines = []
     for kind in KINDS:
         exponent = DETACHMENT_EXPONENT if kind.mesh == "uniform" else SMOOTH
@@ -205,13 +153,9 @@ def order_table(rows: Sequence[Row], norms: Sequence[str]) -> Table:
 
 
 def rivals(rows: Sequence[Row], norms: Sequence[str]) -> list[Row]:
-    """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm.
-
-    Args:
-        rows: All rows, with uniform P1 among these.
-        norms: The norms of the error.
-    """
-    result = [finest(compared(rows, norms[0]))]
+    """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm."""
+    baseline = filter(is_baseline, compared(rows, norms[0]))
+    result = [max(baseline, key=lambda row: row["n"])]
     for norm in norms:
         row = cheapest(compared(rows, norm), norm, result[0]["errors"][norm])
         if row is not None and row not in result:

@@ -6,6 +6,7 @@ poses its problem on any mesh of the domain.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -16,16 +17,8 @@ from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import pose
 
 
-@dataclass(frozen=True)
-class Posed:
-    """A problem on one mesh:
-
-        Posed(paper_problem(exact), exact)
-
-    Attributes:
-        problem: The discrete problem.
-        exact: The exact solution, or None where it is not known.
-    """
+class Posed(NamedTuple):
+    """A problem on one mesh, and its exact solution, or None where that is not known."""
 
     problem: SignoriniProblem
     exact: Reference | None

@@ -1,21 +1,8 @@
 """Graded triangulations: small cells towards detachment points.
 
-At a detachment point the solution behaves like r^{3/2} sin(3/2 theta), whatever the data. Elements
-of degree k on cells whose size grows like
-
-    h(r) = h (r / R)^{1 - mu},    h(0) = R (h / R)^{1/mu}        (r < R)
-
-approximate this function as well as a smooth one, in a norm of s derivatives in L^p, if
-
-    mu <= (3/2 - s + 2/p) / (k + 1 - s),
-
-because the error is of the size h(r)^{k+1-s} r^{3/2-k-1} on a cell at distance r, and of the size
-h(0)^{3/2-s} in the cells at the point. The number of cells grows by a constant factor only. Among
-these norms W^{1,inf} asks for the strongest grading, mu = 1/(2k), which is used for all of them,
-because it costs little more than a weaker one.
-
-Sources: Babuska, Kellogg and Pitkaranta, Numer. Math. 33 (1979) 447-471, for the grading; Christof
-and Haubner, Section 2.2, for the singularity.
+Cells at the distance r < R of a point are of the size h(r) = h (r / R)^{1 - mu}, and those at the
+point of the size R (h / R)^{1/mu}: see `norms.orders.grading_exponent` for mu, which is that of
+W^{1,inf} for all norms, because the strongest grading costs little more than a weaker one.
 """
 
 from collections.abc import Sequence
@@ -24,6 +11,7 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.meshes.balance import balanced
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_edges, longest_side, owned_cells
 from dolfinx_signorini.problem.detachment import DetachmentPoint
@@ -67,7 +55,7 @@ def graded_mesh(
             cells = np.flatnonzero(sizes > TOLERANCE * 2.0**level * wanted).astype(np.int32)
             if not domain.comm.allreduce(len(cells)):
                 break
-            sided = refined(sided, cells).sided
+            sided = balanced(refined(sided, cells)).sided
         if level:
             sided = refined(sided).sided
     return sided
@@ -86,15 +74,10 @@ def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
 
 
 def _cells(sided: SidedMesh, parts: bool) -> tuple[Array, Array]:
-    """Where the sizes of the owned cells are compared with the wanted ones, and the sizes.
+    """Places, shape (cells, m, 2), at which the sizes of owned cells are compared, and the sizes.
 
-    Args:
-        sided: The mesh.
-        parts: Whether a size is compared at the middles of the parts that the cell has after it is
-            halved, and not at the middle of the cell. The finer mesh then needs no more cuts.
-
-    Returns:
-        The places, shape (cells, places of a cell, 2), and the sizes, shape (cells,).
+    A place is the middle of the cell, or, with `parts`, the middle of each part that the cell has
+    after it is halved: the finer mesh then needs no more cuts.
     """
     domain, cells = sided.mesh, owned_cells(sided.mesh)
     corners = domain.geometry.x[domain.geometry.dofmap[cells], :2]

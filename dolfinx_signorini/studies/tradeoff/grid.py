@@ -31,8 +31,8 @@ CELLS: dict[int, dict[Kind, tuple[int, ...]]] = {
         Kind("uniform", 3): (2, 3, 4, 6, 9),
     },
 }
-FIRST = {2: 4, 3: 2}  # cells across on the first mesh of the adaptive loop
-HIGHEST = {2: 4, 3: 3}  # degree on adapted meshes
+# Cells across on the first mesh of the adaptive loop: as few as on any mesh, by dimension.
+FIRST = {dim: min(map(min, kinds.values())) for dim, kinds in CELLS.items()}
 ADAPTED = 30_000  # limit on the unknowns of adapted meshes
 REFERENCE = 4  # unknowns of a reference solution over this limit
 SWEEP_RTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
@@ -60,44 +60,26 @@ def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Con
 def ladder(
     kind: Kind, norm: str, accuracies: Sequence[float], max_unknowns: int, dimension: int = 2
 ) -> list[Configuration]:
-    """Return the adaptive loop for one accuracy after the other.
-
-    Args:
-        kind: The degree of the elements on adapted meshes.
-        norm: The norm of the error.
-        accuracies: The errors allowed, decreasing.
-        max_unknowns: Limit on the dofs.
-        dimension: The dimension of space.
-    """
+    """Return the adaptive loop in a norm for one decreasing accuracy after the other."""
     limit = min(max_unknowns, ADAPTED)
     first = Configuration(kind, FIRST[dimension], norm=norm, max_unknowns=limit)
     return [replace(first, accuracy=accuracy) for accuracy in accuracies]
 
 
 def adapted_kinds(max_unknowns: int, dimension: int) -> list[Kind]:
-    """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit.
-
-    Args:
-        max_unknowns: Limit on the dofs.
-        dimension: The dimension of space.
-    """
+    """Return the kinds of adapted meshes whose first meshes, as divided, are within a limit."""
     across = 2 * FIRST[dimension]
     return [
         kind
         for kind in KINDS
         if kind.mesh == "adapted"
-        and kind.degree <= HIGHEST[dimension]
+        and kind.degree <= max(other.degree for other in CELLS[dimension])
         and 2 * (kind.degree * across + 1) ** dimension <= max_unknowns
     ]
 
 
 def finer_configuration(max_unknowns: int, dimension: int) -> Configuration:
-    """Return a configuration that is more accurate than all of a grid, as a reference.
-
-    Args:
-        max_unknowns: The limit of the grid.
-        dimension: The dimension of space.
-    """
+    """Return a configuration that is more accurate than all of a grid, as a reference."""
     kind, n = Kind("adapted", 3), FIRST[dimension]
     coarsest = 2 * (2 * kind.degree * n + 1) ** dimension
     limit = max(REFERENCE * min(max_unknowns, ADAPTED), coarsest)

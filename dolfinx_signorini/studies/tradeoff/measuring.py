@@ -19,7 +19,7 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import Records
+from dolfinx_signorini.base.records import Records, Wanted
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.tradeoff.comparing import Row
 from dolfinx_signorini.studies.tradeoff.family import Family
@@ -68,10 +68,11 @@ class Meter:
 
     def measured(self, configurations: Iterable[Configuration]) -> list[Row]:
         """Return the rows of some configurations, in their order."""
-        return [
-            self.records.row(str(c), c.key(self.comm), functools.partial(self._measure, c))
-            for c in configurations
-        ]
+        wanted = [self._wanted(c) for c in configurations]
+        return list(self.records.table("meshes and settings", wanted))
+
+    def _wanted(self, c: Configuration) -> Wanted:
+        return Wanted(str(c), c.key(self.comm), functools.partial(self._measure, c), c.size)
 
     def climbed(self, configurations: Iterable[Configuration]) -> list[Row]:
         """Return the rows of the adaptive loop for one accuracy after the other.
@@ -88,7 +89,8 @@ class Meter:
             assert accuracy is not None
             if rows and rows[-1]["estimate"] <= accuracy:
                 continue
-            rows += self.measured([configuration])
+            title, key, compute, _ = self._wanted(configuration)
+            rows.append(self.records.row(title, key, compute))
             if rows[-1]["estimate"] > accuracy:
                 break
         return rows
@@ -183,11 +185,7 @@ def _peak_bytes() -> int:
 
 
 def told_by_kernel(name: str) -> list[str]:
-    """Return the lines of a file of /proc; none where the kernel has no such file.
-
-    Args:
-        name: The name of the file in /proc.
-    """
+    """Return the lines of a file of /proc; none where the kernel has no such file."""
     try:
         return Path("/proc", name).read_text().splitlines()
     except OSError:

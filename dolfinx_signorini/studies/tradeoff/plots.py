@@ -17,12 +17,7 @@ FRONT |= {"markerfacecolor": "none", "markeredgecolor": "0.45", "label": "Pareto
 
 
 def draw_work_precision(rows: Sequence[Row], norm: str) -> Picture:
-    """Draw error against seconds and against unknowns, with a line per mesh and degree.
-
-    Args:
-        rows: Rows that are compared in the norm.
-        norm: The norm of the error.
-    """
+    """Draw error against seconds and against unknowns, with a line per mesh and degree."""
     figure = Picture(figsize=(11, 6.4))
     panels = figure.panels(1, 2, sharey=True)
     drawn: dict[Kind, Line2D] = {}

@@ -32,7 +32,9 @@ def result_files(norms: Iterable[str]) -> list[str]:
 
 
 def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -> str:
-    """Write the files of a comparison, and return the tables of targets for a terminal.
+    """Write the files of a comparison, and return a summary for a terminal.
+
+    The summary has a line for each norm: the best error of uniform P1, or else the last target.
 
     Args:
         folder: The output folder.
@@ -47,8 +49,11 @@ def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -
         f"median of {settings['repeats']}; compilation of the forms is left out\n"
         f"errors against: {settings['reference']}; *: the best of uniform P1 here\n"
     )
-    found = ((norm, target_table(main[norm], norm)) for norm in norms)
-    titles = (text_table(*table, f"for an error in {norm} of at most ...") for norm, table in found)
+    found = {norm: target_table(main[norm], norm) for norm in norms}
+    titles = (
+        text_table(*table, f"for an error in {norm} of at most ...")
+        for norm, table in found.items()
+    )
     tables = "\n".join([notes, *titles])
     write_file(folder / TARGETS, tables)
     fronts = {norm: [_short(row, norm) for row in pareto_front(main[norm], norm)] for norm in norms}
@@ -57,7 +62,13 @@ def write_results(folder: Path, rows: Sequence[Row], settings: dict[str, Any]) -
     write_file(folder / TABLE, _csv(rows))
     for norm in norms:
         plots.draw_work_precision(main[norm], norm).save(folder / f"{DIAGRAM}_{norm}")
-    return tables
+    heads = next(iter(found.values()))[0]
+    best = [
+        (norm, *next((line for line in lines if line[0].endswith("*")), lines[-1]))
+        for norm, (_, lines) in found.items()
+        if lines
+    ]
+    return f"{notes}\n{text_table(('norm', *heads), best)}"
 
 
 def _short(row: Row, norm: str) -> dict[str, Any]:

@@ -138,10 +138,6 @@ def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
     On the way to a graded mesh the cells across double from level to level, and each level finds
     the detachment points several times as precisely as the level before. A repeated level
     would not find the points any better.
-
-    Args:
-        configuration: The configuration.
-        dimension: The dimension of space.
     """
     n = configuration.n
     if configuration.kind.mesh == "graded":
@@ -251,13 +247,7 @@ def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:
 
 
 class _Ascent:
-    """Poses the problem of each level; keeps the last posed problem and the seconds of its phases.
-
-    Args:
-        comm: The communicator that shares the meshes.
-        family: The problem.
-        kind: The kind of mesh and elements.
-    """
+    """Poses the problem of each level; keeps the last posed one and the seconds of its phases."""
 
     posed: Posed
     phases: Phases

@@ -5,18 +5,13 @@ that a wrong input crosses: `test_wrong_input.py` feeds every check such an inpu
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import basix
-import numpy as np
-from scipy.special import zeta
-
-from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.orders import eoc
 
-TOLERANCE = 0.05  # of a measured order
 ROUNDING = 1e-9  # of an inequality; linear systems are solved to 1e-11
 
 Row = Mapping[str, Any]
@@ -40,8 +35,16 @@ class Verdict:
     holds: bool
 
 
+class Rule(ABC):
+    """What figures must do for a measurement to hold."""
+
+    @abstractmethod
+    def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
+
+
 @dataclass(frozen=True)
-class Order:
+class Order(Rule):
     """The order of convergence between the two finest meshes lies between two limits.
 
         assert Order(1.5, 1.5).judge([(50, 1.0), (100, 0.5**1.5)]).holds
@@ -53,99 +56,76 @@ class Order:
 
     low: float
     high: float
-    tolerance: float = TOLERANCE
+    tolerance: float = 0.05
 
     def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
-        (n, a), (m, b) = figures[-2:]
-        order = eoc([1.0 / n, 1.0 / m], [a, b])[0] if min(a, b) > 0.0 else math.nan
+        order = last_order(figures)
         holds = self.low - self.tolerance <= order <= self.high + self.tolerance
         return Verdict(f"order {order + 0.0:.3f}", holds)
 
 
 @dataclass(frozen=True)
-class Within:
+class Within(Rule):
     """All figures lie between two limits.
 
-        assert not Within(high=1.0).judge([(50, 0.9), (100, 1.1)]).holds
-
-    Attributes:
-        low, high: The limits.
+    assert not Within(high=1.0).judge([(50, 0.9), (100, 1.1)]).holds
     """
 
     low: float = -math.inf
     high: float = math.inf
 
     def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
         values = [value for _, value in figures]
         holds = all(self.low <= value <= self.high for value in values)
-        ends = dict.fromkeys([number(min(values)), number(max(values))])
-        return Verdict(" to ".join(ends), holds)
+        return Verdict(_from_to(min(values), max(values)), holds)
 
 
 @dataclass(frozen=True)
-class Slope:
-    """The figures grow like a constant times ln N, with a known constant.
+class Slope(Rule):
+    """The figures grow like a known constant times ln N, to a relative tolerance.
 
-        assert Slope(2.0).judge([(50, 1.0), (100, 1.0 + 2.0 * math.log(2.0))]).holds
-
-    Attributes:
-        constant: The constant.
-        tolerance: How far off the measured one may be, relative to it.
+    assert Slope(2.0).judge([(50, 1.0), (100, 1.0 + 2.0 * math.log(2.0))]).holds
     """
 
     constant: float
     tolerance: float = 0.1
 
     def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
         (n, a), (m, b) = figures[-2:]
         ratio = (b - a) / math.log(m / n) / self.constant
         return Verdict(f"{ratio:.3f} of it", abs(ratio - 1.0) <= self.tolerance)
 
 
 @dataclass(frozen=True)
-class Limit:
-    """The figures tend to a known limit.
+class Limit(Rule):
+    """The figures tend to a known limit: the last one is off by a relative tolerance at most.
 
-        assert Limit(10.0, 0.01).judge([(50, 10.2), (100, 10.05)]).holds
-
-    Attributes:
-        value: The limit.
-        tolerance: How far off the last figure may be, relative to the limit.
+    assert Limit(10.0, 0.01).judge([(50, 10.2), (100, 10.05)]).holds
     """
 
     value: float
     tolerance: float
 
     def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
         found = figures[-1][1]
         holds = abs(found - self.value) <= self.tolerance * abs(self.value)
         return Verdict(f"{found:.5g}", holds)
 
 
 @dataclass(frozen=True)
-class Settles:
-    """The figures settle at a positive number: the two finest meshes nearly agree.
+class Settles(Rule):
+    """The figures settle at a positive number: the last two agree to a relative tolerance.
 
-        assert Settles(0.01).judge([(50, 3.00), (100, 3.01)]).holds
-
-    Attributes:
-        tolerance: How far the last two figures may be apart, relative to the last one.
+    assert Settles(0.01).judge([(50, 3.00), (100, 3.01)]).holds
     """
 
     tolerance: float
 
     def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
         (_, a), (_, b) = figures[-2:]
-        text = " to ".join(dict.fromkeys([number(a), number(b)]))
-        return Verdict(text, b > 0.0 and abs(b - a) <= self.tolerance * b)
+        return Verdict(_from_to(a, b), b > 0.0 and abs(b - a) <= self.tolerance * b)
 
 
-Rule = Order | Within | Slope | Limit | Settles
 RULES: Mapping[str, Callable[..., Rule]] = {
     rule.__name__.lower(): rule for rule in (Order, Within, Slope, Limit, Settles)
 }
@@ -168,6 +148,7 @@ class Check:
         rule: The rule.
         first: Cells per side of the coarsest mesh that counts.
         column: Where checks fill a table of two entries: `what` is the row, this is the column.
+        together: Whether `value` reads the rows of all experiments at once, a list for each.
     """
 
     what: str
@@ -177,6 +158,7 @@ class Check:
     rule: Rule
     first: int = 0
     column: str = ""
+    together: bool = False
 
     @property
     def name(self) -> str:
@@ -184,13 +166,11 @@ class Check:
         return f"{self.column}, {self.what}" if self.column else self.what
 
     def figures(self, rows: Rows) -> list[tuple[int, float]]:
-        """Return what is measured, mesh by mesh."""
-        found = [
-            (row["n"], self.value(row))
-            for name in self.experiments
-            for row in rows[name]
-            if row["n"] >= self.first
-        ]
+        """Return what is measured, mesh by mesh; what is of all meshes has the finest one's N."""
+        families = [fine(rows[name], self.first) for name in self.experiments]
+        if self.together:
+            return [(families[0][-1]["n"], float(self.value(families)))]
+        found = [(row["n"], self.value(row)) for family in families for row in family]
         return [(n, float(value)) for n, value in found if value is not None]
 
     def verdict(self, rows: Rows) -> Verdict:
@@ -198,14 +178,25 @@ class Check:
         return self.rule.judge(self.figures(rows))
 
 
-@dataclass(frozen=True)
-class Together(Check):
-    """A check of one figure of all rows: `value` reads a list of rows of each experiment."""
+def value_of(texts: Mapping[str, Any]) -> Value:
+    """Return what a check or a curve of the data files reads from a row.
 
-    def figures(self, rows: Rows) -> list[tuple[int, float]]:
-        """Return the figure, for the finest mesh of the first experiment."""
-        families = [fine(rows[name], self.first) for name in self.experiments]
-        return [(families[0][-1]["n"], float(self.value(families)))]
+    Args:
+        texts: The entries of the check, see the first lines of `data/statements.toml`.
+    """
+
+    def read(row: Row) -> float | None:
+        value, less = entry(texts["of"])(row), texts.get("less", 0.0)
+        divisor = entry(texts["by"])(row) if "by" in texts else 1.0
+        if value is None or divisor is None:
+            return None
+        value -= entry(less)(row) if isinstance(less, str) else less
+        value *= row["n"] ** texts.get("power", 0) / divisor
+        value *= math.log2(row["n"]) ** texts.get("logarithms", 0)
+        value = value ** texts.get("to", 1)
+        return abs(value) if texts.get("size") else float(value)
+
+    return read
 
 
 def entry(path: str) -> Value:
@@ -220,19 +211,15 @@ def entry(path: str) -> Value:
     return read
 
 
-def over(value: Value, power: float, to: float = 1.0) -> Value:
-    """Return the function that reads a normalised value: (value / h^a)^c.
+def fine(rows: Sequence[Row], first: int) -> list[Row]:
+    """Return the rows of meshes with at least `first` cells per side."""
+    return [row for row in rows if row["n"] >= first]
 
-    Args:
-        value: What to read from a row.
-        power: a, with h = 1/N.
-        to: c.
-    """
 
-    def read(row: Row) -> float:
-        return float((value(row) * row["n"] ** power) ** to)
-
-    return read
+def last_order(figures: Figures) -> float:
+    """Return the order of convergence between the two finest meshes; NaN where a figure is 0."""
+    (n, a), (m, b) = figures[-2:]
+    return eoc([1.0 / n, 1.0 / m], [a, b])[0] if min(a, b) > 0.0 else math.nan
 
 
 def number(value: float) -> str:
@@ -244,42 +231,5 @@ def number(value: float) -> str:
     return f"{value:.2e}" if not 0.01 <= abs(value) < 1000.0 else f"{value:#.4g}"
 
 
-def orders(rows: Sequence[Row], value: Value) -> list[float]:
-    """Return the experimental orders of convergence between successive rows.
-
-    Args:
-        rows: Rows by increasing N.
-        value: What to read from a row.
-    """
-    return eoc([1.0 / row["n"] for row in rows], [value(row) for row in rows])
-
-
-def fine(rows: Sequence[Row], first: int) -> list[Row]:
-    """Return the rows of meshes that are fine enough.
-
-    Args:
-        rows: Rows by increasing N.
-        first: The smallest number of cells per side that is fine enough.
-    """
-    return [row for row in rows if row["n"] >= first]
-
-
-def interpolation_constant() -> float:
-    """Return B of ||grad(u - I_h(u))||_L4^4 = h^4 (A + B ln(1/h) + ...) for u like r^{3/2}.
-
-    On the Friedrichs-Keller triangulation the interpolation error of a quadratic function is known
-    on both kinds of triangles; its Hessian at the angle theta is that of -r^{3/2} sin(3/2 theta),
-    times r^{1/2}. R_h(u) is closer to I_h(u) than both are to u, so that u_h has the same constant.
-    """
-    theta = (np.arange(2000) + 0.5) * math.pi / 2000
-    a, b = 0.75 * np.sin(0.5 * theta), -0.75 * np.cos(0.5 * theta)  # u_xx = -u_yy and u_xy
-    points, weights = QuadratureRule("Gauss-Jacobi", 4).points(basix.CellType.triangle)
-    x, y = points.sum(axis=1), points[:, 1]  # in the triangle (0, 0), (1, 0), (1, 1)
-    first = np.outer(a, x - 0.5) + np.outer(b, y)
-    second = np.outer(b, x - 1.0) - np.outer(a, y - 0.5)
-    total = 2.0 * (first**4 + second**4) @ weights
-    return float(total.mean() * math.pi)
-
-
-# sum over n of |n| |c_n|^2 of the interpolation error of s^{3/2} on edges: (9/16) zeta(3)/(4 pi^3).
-TRACE_CONSTANT = 9.0 / 16.0 * float(zeta(3.0)) / (4.0 * math.pi**3)
+def _from_to(first: float, last: float) -> str:
+    return " to ".join(dict.fromkeys([number(first), number(last)]))

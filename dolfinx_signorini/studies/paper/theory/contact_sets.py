@@ -61,13 +61,7 @@ def discrete_contact_set(discretisation: Discretisation) -> ContactSet:
 
 
 def contact_set_of_nodes(curve: BoundaryCurve, gap: Array, pressure: Array) -> ContactSet:
-    """Return the contact set of nodal gaps and pressures along a curve.
-
-    Args:
-        curve: The curve, of n nodes.
-        gap: The gap at the nodes, shape (n,).
-        pressure: The pressure at the nodes in the unit of the gap, shape (n,).
-    """
+    """Return the contact set of gaps and pressures, in the unit of the gap, at nodes of a curve."""
     active, n = gap <= 0.0, len(gap)
     if active.all():
         return ContactSet(curve.length, ((0.0, curve.length),), ())
@@ -94,10 +88,7 @@ def _sign_change(curve: BoundaryCurve, gap: Array, pressure: Array, node: int, s
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the check of a condition found:
-
-        verdict = condition_a_h(sets, corners=(0.0, 1.0, 2.0, 3.0))
-        print(*verdict.violations)
+    """What the check of condition (A_h) found.
 
     Attributes:
         violations: What is violated, in words; empty where the condition holds.

@@ -19,6 +19,7 @@ from ufl.domain import extract_unique_domain
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -28,7 +29,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
-from dolfinx_signorini.studies.paper.solution import PAPER_RULE
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE, h1_product
 from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
 from dolfinx_signorini.studies.paper.theory.examples import Example
 
@@ -54,6 +55,7 @@ class Discretisation(SignoriniProblem):
 
     Attributes:
         exact: The solution on this mesh.
+        terms: The strong form.
         forms: The bilinear and the linear form of (S_h).
         curve: The boundary.
         moments: (u, phi_i)_H1 for every basis function, a PETSc vector.
@@ -65,14 +67,13 @@ class Discretisation(SignoriniProblem):
     def __init__(self, example: Example, domain: mesh.Mesh):
         self.example, self.exact = example, example.exact(domain)
         space = fem.functionspace(domain, ("Lagrange", 1))
-        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        v = ufl.TestFunction(space)
         flux = self._flux(v)
-        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
-        self.forms = a, self._product(v) - flux
+        self.terms = EnergyTerms(reaction=1.0, load=self.exact.load)
+        self.forms = h1_product(space), self._product(v) - flux
         super().__init__(*self.forms, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
-        self.flux = fem_petsc.assemble_vector(compiled.form(flux))
-        self.flux.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self.flux = assembled(flux)
         self.moments = self.b.copy()
         self.moments.axpy(1.0, self.flux)
         self._vectors = self.flux, self.moments
@@ -108,18 +109,8 @@ class Discretisation(SignoriniProblem):
         return result
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
-        """Return (v, w)_H1.
-
-        Args:
-            v, w: Two functions of V_h.
-        """
-        x, y = self.system.vector_of(v), self.system.vector_of(w)
-        image = x.duplicate()
-        self.A.mult(x, image)
-        value = image.dot(y)
-        for item in (x, y, image):
-            item.destroy()
-        return float(value)
+        """Return (v, w)_H1 for two functions of V_h."""
+        return energy_product(self, v, w)
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""
@@ -181,6 +172,13 @@ class Discretisation(SignoriniProblem):
         return integrated(integrand, "ds", facets, near, FAR_FACET_RULE, NEAR_FACET_RULE)
 
 
+def assembled(form: ufl.Form) -> PETSc.Vec:
+    """Return the vector of a linear form."""
+    vector = fem_petsc.assemble_vector(compiled.form(form))
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    return vector
+
+
 def integrated(
     integrand: Expr,
     measure: str,
@@ -189,13 +187,13 @@ def integrated(
     far_rule: QuadratureRule,
     near_rule: QuadratureRule,
 ) -> ufl.Form:
-    """Return an integral by two rules: a finer one near the points that are singular.
+    """Return an integral over entities by two rules, one of which is for those that are near.
 
     Args:
         integrand: The integrand, which knows its mesh.
-        measure: dx or ds.
-        entities: The cells, or the facets as pairs of a cell and a local facet.
-        near: Which of them are near.
+        measure: dx for cells, or ds for facets as pairs of a cell and a local facet.
+        entities: The cells or facets.
+        near: Which of them are near points that are singular.
         far_rule, near_rule: The rules.
     """
     parts = [(1, entities[~near].flatten()), (2, entities[near].flatten())]
@@ -204,24 +202,26 @@ def integrated(
     return integrand * far + integrand * close
 
 
-def difference(v: fem.Function, w: fem.Function) -> fem.Function:
-    """Return v - w.
+def energy_product(problem: SignoriniProblem, v: fem.Function, w: fem.Function) -> float:
+    """Return the value of the bilinear form of a problem for two functions of its space."""
+    x, y = (problem.system.vector_of(function) for function in (v, w))
+    image = x.duplicate()
+    problem.A.mult(x, image)
+    value = float(image.dot(y))
+    for item in (x, y, image):
+        item.destroy()
+    return value
 
-    Args:
-        v, w: Two functions of one space.
-    """
+
+def difference(v: fem.Function, w: fem.Function) -> fem.Function:
+    """Return v - w for two functions of one space."""
     result = v.copy()
     result.x.array[:] -= w.x.array
     return result
 
 
 def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Return the owned cells within `NEAR` cell diameters of points.
-
-    Args:
-        domain: The mesh.
-        points: The points.
-    """
+    """Return the owned cells within `NEAR` cell diameters of points."""
     radius = NEAR * cell_size(domain)
     parts = [cells_near_ball(domain, point, radius) for point in points]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
@@ -229,5 +229,4 @@ def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np
 
 def cell_size(domain: mesh.Mesh) -> float:
     """Return the largest cell diameter, the same on all ranks."""
-    sizes = domain.h(domain.topology.dim, owned_cells(domain))
-    return highest(domain.comm, sizes)
+    return highest(domain.comm, domain.h(domain.topology.dim, owned_cells(domain)))

@@ -1,4 +1,4 @@
-"""What a bound of the sup error tells: where contact is, and how large the force is.
+"""Enclosures of the contact set and of the force, from a bound of the sup error.
 
 Where u_h exceeds a bound of the sup error, u > 0: no contact. Where du_h/dn exceeds a bound of the
 error of the gradient, du/dn > 0: contact. At a detachment point u is like b r^{3/2}, du/dn like
@@ -35,21 +35,17 @@ class Enclosure:
     Attributes:
         outer: Contact begins at this place or later.
         inner: Contact has begun at this place; the right end of the side where no flux tells.
-        value: The bound of the error.
-        slope: The bound of the error of the gradient.
     """
 
     outer: float
     inner: float
-    value: float
-    slope: float
 
 
 def enclosures(discretisation: Discretisation, value: float, slope: float) -> Enclosure:
     """Return the enclosure of the first contact right of the largest u_h on the bottom side.
 
     Args:
-        discretisation: The problem of the paper's solution, solved.
+        discretisation: The problem of the paper's solution.
         value: A bound of the sup error.
         slope: A bound of the components of the error of the gradient.
     """
@@ -65,7 +61,7 @@ def enclosures(discretisation: Discretisation, value: float, slope: float) -> En
     pressed = np.flatnonzero(-flux > slope)
     pressed = pressed[pressed >= top]
     inner = curve.s[nodes[pressed[0]]] if len(pressed) else 1.0
-    return Enclosure(float(outer), float(inner), value, slope)
+    return Enclosure(float(outer), float(inner))
 
 
 def dual_force_bound(discretisation: Discretisation, value: float, energy: float) -> float:

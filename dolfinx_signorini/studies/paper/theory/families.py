@@ -9,47 +9,32 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import ROWS, Records
+from dolfinx_signorini.base.records import ROWS, Records, Wanted
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.norms.fractional import SAMPLES
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory import measures, parts, triangulations
 from dolfinx_signorini.studies.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import EPSILONS
-from dolfinx_signorini.studies.paper.theory.examples import (
-    COMPOSED,
-    Example,
-    composed_example,
-    kinked_example,
-    paper_example,
-    placed_example,
-    rough_example,
-    sharp_example,
-    smooth_example,
-)
-from dolfinx_signorini.studies.paper.theory.one_sided import SAMPLES
+from dolfinx_signorini.studies.paper.theory.examples import EXAMPLES, Example
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, UnknownProblem
 
 Row = dict[str, Any]
+P = TypeVar("P", bound=SignoriniProblem)
 
-EXAMPLES: Mapping[str, Callable[..., Example]] = {
-    "paper": paper_example,
-    "smooth": smooth_example,
-    "kinked": kinked_example,
-    "sharp": sharp_example,
-    "rough": rough_example,
-    "placed": placed_example,
-    **{name: partial(composed_example, name) for name in COMPOSED},
-}
-ALONE: Mapping[str, Callable[..., Row]] = {  # which measure a problem that they pose themselves
-    "power": measures.powers,
-    "unknown": partial(measures.unknown, pole=False),
-    "pole": partial(measures.unknown, pole=True),
+PROBLEMS: Mapping[str, Callable[..., SignoriniProblem]] = {  # without an example
+    "power": PowerProblem,
+    "unknown": UnknownProblem,
+    "pole": partial(UnknownProblem, pole=True),
 }
 
 # What rows depend on besides the experiment and N.
@@ -62,6 +47,7 @@ SETTINGS = {
     "norms": measures.ERROR_NORMS,
     "second": measures.SECOND,
     "rule": str(PAPER_RULE),
+    "measures": sorted(measures.MEASURES),
 }
 
 
@@ -94,43 +80,46 @@ def experiments() -> dict[str, Experiment]:
     return {name: Experiment(**given) for name, given in read_data("experiments").items()}
 
 
-def discretise(comm: MPI.Comm, example: Example, n: int) -> Discretisation:
-    """Return an example on the Friedrichs-Keller mesh, solved through a cascade of coarser ones.
+def solved(comm: MPI.Comm, make: Callable[[mesh.Mesh], P], n: int) -> P:
+    """Return a problem on the Friedrichs-Keller mesh, solved through a cascade of coarser ones.
 
     Args:
         comm: The communicator that shares the mesh.
-        example: The example.
+        make: Poses the problem on a mesh.
         n: Cells per side.
     """
     return solve_cascade(
-        lambda m, _: Discretisation(example, friedrichs_keller(comm, m)),
+        lambda m, _: make(friedrichs_keller(comm, m)),
         [*coarse_levels(n), n],
         rtol=THEORY_RTOL,
     )
 
 
-def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
-    """Compute what an experiment measures on one mesh.
+def discretise(comm: MPI.Comm, example: Example, n: int) -> Discretisation:
+    """Return an example on the Friedrichs-Keller mesh, solved; see `solved`."""
+    return solved(comm, partial(Discretisation, example), n)
 
-    Args:
-        comm: The communicator that shares the mesh.
-        experiment: The experiment.
-        n: Cells per side.
-    """
+
+def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
+    """Compute what an experiment measures on the mesh with n cells per side."""
     name, *numbers = experiment.example.split()
     arguments: list[float] = [float(number) for number in numbers]
-    row: Row = {"n": n}
-    if name in ALONE:
-        return row | ALONE[name](comm, n, *arguments)
-    example = EXAMPLES[name](*arguments, *([n] if name == "placed" else []))
+
+    def make(domain: mesh.Mesh) -> SignoriniProblem:
+        if name in PROBLEMS:
+            return PROBLEMS[name](domain, *arguments)
+        example = EXAMPLES[name](*arguments, *([n] if name == "placed" else []))
+        return Discretisation(example, domain)
+
     if experiment.mesh:
-        d = Discretisation(example, getattr(triangulations, experiment.mesh)(comm, n))
-        d.solve(rtol=THEORY_RTOL)
+        problem = make(getattr(triangulations, experiment.mesh)(comm, n))
+        problem.solve(rtol=THEORY_RTOL)
     else:
-        d = discretise(comm, example, n)
+        problem = solved(comm, make, n)
+    row: Row = {"n": n}
     for measure in experiment.measure:
-        row |= measures.MEASURES[measure](d)
-    d.destroy()
+        row |= measures.MEASURES[measure](problem)
+    problem.destroy()
     return row
 
 
@@ -155,7 +144,7 @@ def run_experiments(
     records = Records(comm, folder / ROWS, SETTINGS)
     known = experiments()
 
-    def row(name: str, n: int) -> Row:
+    def wanted(name: str, n: int) -> Wanted:
         title = f"{name}, N = {n}"
 
         def computed() -> Row:
@@ -164,9 +153,10 @@ def run_experiments(
             log.info("%s: %.1f s", title, time.perf_counter() - start)
             return row
 
-        return records.row(title, {"experiment": name, "n": n}, computed)
+        return Wanted(title, {"experiment": name, "n": n}, computed, n)
 
-    return {
-        name: [row(name, n) for n in known[name].cells if known[name].finest * n <= max_n]
-        for name in names
+    cells = {
+        name: [n for n in known[name].cells if known[name].finest * n <= max_n] for name in names
     }
+    rows = iter(records.table("theory", [wanted(name, n) for name in cells for n in cells[name]]))
+    return {name: [next(rows) for _ in cells[name]] for name in cells}

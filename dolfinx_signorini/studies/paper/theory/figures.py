@@ -16,16 +16,19 @@ from dolfinx_signorini.studies.paper.theory.checks import (
     Rows,
     entry,
     fine,
-    interpolation_constant,
-    orders,
-    over,
+    last_order,
+    value_of,
 )
 from dolfinx_signorini.studies.paper.theory.examples import PLACES
-from dolfinx_signorini.studies.paper.theory.measures import TRACE
+from dolfinx_signorini.studies.paper.theory.measures import PLACED
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, node_cases
-from dolfinx_signorini.studies.paper.theory.proven import allowed_order, proven_order
-from dolfinx_signorini.studies.paper.theory.tables import NAMES
-from dolfinx_signorini.studies.paper.theory.values import PLACED, contact_set, value_of
+from dolfinx_signorini.studies.paper.theory.proven import (
+    CONSTANTS,
+    NAMES,
+    TRACE,
+    allowed_order,
+    proven_order,
+)
 
 POWER_EXPONENTS = (2.5, 3.5, 6.0, 16.0, np.inf)
 LEGENDS: dict[str, dict[str, Any]] = {
@@ -38,14 +41,7 @@ LEGENDS: dict[str, dict[str, Any]] = {
 def draw_curves(
     rows: Rows, panels: Sequence[Mapping[str, Any]], figsize: Sequence[float], **options: Any
 ) -> Picture:
-    """Draw panels of curves against the cells per side.
-
-    Args:
-        rows: The rows of the experiments.
-        panels: The panels as `data/curves.toml` has them.
-        figsize: Width and height of the picture.
-        options: Arguments of `subplots`.
-    """
+    """Draw panels of `data/curves.toml`; the options are those of `subplots`."""
     figure = Picture(figsize=figsize)
     for axes, panel in zip(figure.panels(1, len(panels), **options), panels, strict=True):
         _draw_panel(axes, rows, panel)
@@ -53,19 +49,14 @@ def draw_curves(
 
 
 def draw_contact_sets(rows: Rows, panels: Sequence[Mapping[str, Any]], **options: Any) -> Picture:
-    """Draw the contact sets by N, and the error of the detachment point (Definition 5.5).
-
-    Args:
-        rows: The rows of the experiments.
-        panels: The panel of the error, as `data/curves.toml` has it.
-        options: Arguments of the picture.
-    """
+    """Draw the contact sets by N beside the error of the detachment point (Definition 5.5)."""
     figure = Picture(**options)
     left, right = figure.panels(1, 2)
     family = rows["paper"]
-    for i, found in enumerate(map(contact_set, family)):
-        _draw_intervals(left, i, found.intervals)
-        left.plot(found.detachments, [i] * len(found.detachments), "D", color=COLOURS[1])
+    for i, found in enumerate(row["contact_set"] for row in family):
+        points = found["detachments"]
+        _draw_intervals(left, i, found["intervals"])
+        left.plot(points, [i] * len(points), "D", color=COLOURS[1])
     left.plot([], [], color=COLOURS[0], linewidth=6, label="$u_h = 0$")
     left.plot([], [], "D", color=COLOURS[1], label="detachment point")
     left.axvline(DETACHMENT[0], color="black", linestyle=":", label="end of the contact of $u$")
@@ -98,7 +89,8 @@ def draw_powers(rows: Rows) -> Picture:
         proven = [proven_order(p, norm).value for p in POWER_EXPONENTS]
         allowed = [allowed_order(p, norm) for p in POWER_EXPONENTS]
         families = [rows[f"power {p:g}"] for p in POWER_EXPONENTS]
-        measured = [orders(family, entry(f"errors/{norm}"))[-1] for family in families]
+        figures = [[(row["n"], row["errors"][norm]) for row in family] for family in families]
+        measured = list(map(last_order, figures))
         axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
         axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
         axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
@@ -113,10 +105,8 @@ def draw_logarithms(rows: Rows) -> Picture:
     """Draw the fourth power of the normalised W^{1,4} error against ln N (Remark 4.4, 1)."""
     figure = Picture(figsize=(6.4, 4.2))
     (axes,) = figure.panels()
-    family, value = rows["power inf"], over(entry("errors/W1_4"), 1.0, to=4.0)
-    x = np.log([row["n"] for row in family])
-    y = np.array([value(row) for row in family])
-    B = interpolation_constant()
+    n, errors = np.transpose([(row["n"], row["errors"]["W1_4"]) for row in rows["power inf"]])
+    x, y, B = np.log(n), (errors * n) ** 4, CONSTANTS["B"]
     axes.plot(x, y[-1] + B * (x - x[-1]), color=COLOURS[1], label=f"slope B = {B:.4f}")
     axes.plot(x, y, "o", color=COLOURS[0], label="measured")
     axes.set(xlabel="ln N", ylabel="$(W^{1,4}$ error / $h)^4$")

@@ -14,20 +14,16 @@ import math
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import Reference, interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
-from dolfinx_signorini.studies.paper.solution import DETACHMENT, half_angle
+from dolfinx_signorini.studies.paper.solution import DETACHMENT, h1_product, half_angle
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     NEAR_CELL_RULE,
-    THEORY_RTOL,
     integrated,
     near_cells,
 )
@@ -42,11 +38,7 @@ def power_exponents(p: float) -> tuple[float, ...]:
 
 
 def critical_exponent(p: float) -> float:
-    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1.
-
-    Args:
-        p: The exponent of the regularity, not infinity.
-    """
+    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1, p finite."""
     return 4.0 * p / (p + (2.0 if p < 4.0 else 4.0))
 
 
@@ -62,7 +54,7 @@ class PowerProblem(SignoriniProblem):
     """
 
     def __init__(self, domain: mesh.Mesh, p: float):
-        space = fem.functionspace(domain, ("Lagrange", 1))
+        space, self.p = fem.functionspace(domain, ("Lagrange", 1)), p
         self.exact, load = _powers(domain, power_exponents(p))
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         cells = owned_cells(domain)
@@ -96,21 +88,6 @@ def _powers(
     return Reference(domain, value * w, grad, singular=(DETACHMENT,)), load * w
 
 
-def solved_power_problem(comm: MPI.Comm, p: float, n: int) -> PowerProblem:
-    """Return problem (3) solved on a Friedrichs-Keller mesh.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        p: The exponent of the regularity.
-        n: Cells per side.
-    """
-    return solve_cascade(
-        lambda m, _: PowerProblem(friedrichs_keller(comm, m), p),
-        [*coarse_levels(n), n],
-        rtol=THEORY_RTOL,
-    )
-
-
 class UnknownProblem(SignoriniProblem):
     """Problem (S) with a load whose solution nobody knows.
 
@@ -127,13 +104,11 @@ class UnknownProblem(SignoriniProblem):
 
     def __init__(self, domain: mesh.Mesh, pole: bool = False):
         space = fem.functionspace(domain, ("Lagrange", 1))
-        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         x = ufl.SpatialCoordinate(domain)
         load = 40.0 * (0.45 - x[0]) + 0.3 / (0.2 + x[1])
         if pole:
             offset = x - ufl.as_vector([1.0, 1.0])
             load -= 5.0 * ufl.dot(offset, offset) ** -0.35
         self.terms = EnergyTerms(reaction=1.0, load=load)
-        a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
-        form = load * v * ufl.dx(metadata=CELL_RULE.metadata)
-        super().__init__(a, form, contact=boundary_facets(domain))
+        form = load * ufl.TestFunction(space) * ufl.dx(metadata=CELL_RULE.metadata)
+        super().__init__(h1_product(space), form, contact=boundary_facets(domain))

@@ -27,11 +27,9 @@ from scipy.optimize import linprog, nnls
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
-from dolfinx_signorini.base.tolerances import SOLVED, TINY
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
+from dolfinx_signorini.norms.fractional import SAMPLES
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
-
-SAMPLES = 64  # intervals per edge
-VANISHING = 1e-13  # of the largest u on the boundary: what counts as zero, above rounding
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def edge_data(discretisation: Discretisation) -> EdgeData:
     values = curve.samples([exact.u, *exact.grad], t)
     tangents = (np.roll(curve.x, -1, axis=0) - curve.x) / curve.widths[:, None]
     slope = np.einsum("ikd,id->ik", values[:, :, 1:], tangents)
-    u = np.where(values[:, :, 0] > VANISHING * np.abs(values[:, :, 0]).max(), values[:, :, 0], 0.0)
+    u = np.where(values[:, :, 0] > ROUNDING * np.abs(values[:, :, 0]).max(), values[:, :, 0], 0.0)
     return EdgeData(t, u, slope, curve.widths)
 
 
@@ -178,13 +176,10 @@ def solve_linear_program(
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
     """
-    solution: tuple[Array | None, str] = (None, "")
-    if comm.rank == 0:
-        solution = _solve(data, cost, bounded)
-    y, message = comm.bcast(solution, root=0)
+    y, message = comm.bcast(None if comm.rank else _solve(data, cost, bounded))
     if y is None:
         raise NotConvergedError(f"linear program: {message}", np.inf, message)
-    return y
+    return np.asarray(y)
 
 
 def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
@@ -201,9 +196,7 @@ def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, st
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )
-    if result.status != 0:
-        return None, str(result.message)
-    return np.asarray(result.x * scale), ""
+    return (result.x * scale if result.status == 0 else None), str(result.message)
 
 
 def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
@@ -212,10 +205,6 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
     A node is of case 1 where w_h = R_h(u) - u at the node; of case 2 where instead w_h touches
     R_h(u) - u from above on the edge before the node, of case 3 where on the edge behind: w_h
     cannot be lowered in any case.
-
-    Args:
-        data: u along the edges.
-        y: w_h - R_h(u) at the nodes.
     """
     tolerance = SOLVED * float(data.u.max(initial=TINY))
     excess = data.along(y) + data.u
@@ -230,14 +219,9 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
 
 
 def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
-    """Count the nodes of the three cases of Fig. 1, and the nodes of none.
-
-    Args:
-        data: u along the edges.
-        y: w_h - R_h(u) at the nodes.
-    """
-    counts = np.bincount(node_cases(data, y), minlength=4)
-    return int(counts[1]), int(counts[2]), int(counts[3]), int(counts[0])
+    """Count the nodes of the three cases of Fig. 1, and the nodes of none."""
+    none, *cases = map(int, np.bincount(node_cases(data, y), minlength=4))
+    return cases[0], cases[1], cases[2], none
 
 
 def smallest_one_sided(discretisation: Discretisation) -> float:
@@ -246,12 +230,8 @@ def smallest_one_sided(discretisation: Discretisation) -> float:
     ritz = curve.values(d.ritz)
     touching = (data.u == 0.0).any(axis=1)
     free = np.flatnonzero(~(touching | np.roll(touching, 1)))
-    functions = [d.harmonic(curve.function(ritz))]
-    for node in free:
-        unit = np.zeros(len(ritz))
-        unit[node] = 1.0
-        functions.append(d.harmonic(curve.function(unit)))
-    gram = _gram(d, functions)
+    units = np.eye(len(ritz))[free]
+    gram = _gram(d, [d.harmonic(curve.function(values)) for values in (ritz, *units)])
     square = float(gram[0, 0])
     if len(free):
         y = nearest(gram[1:, 1:], gram[1:, 0], *_constraints(data, free))

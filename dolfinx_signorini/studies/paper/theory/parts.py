@@ -38,7 +38,7 @@ def expression_norms(
     Args:
         space: Any space on the expression's mesh.
         expression: The expression.
-        norms: Names of norms, see `norm_names.parse_norm`.
+        norms: Names of norms.
         grad: The gradient of the expression, where a norm needs it.
     """
     zero = ufl.as_ufl(0.0)
@@ -63,10 +63,6 @@ def near_and_far(
     """Return norms of u - u_h within REACH cells of the singular points, and outside.
 
     For L^p and W^{1,p} the p-th powers of both parts add up to the p-th power of the whole.
-
-    Args:
-        discretisation: The discretisation.
-        norms: Names of norms, see `norm_names.parse_norm`.
     """
     exact, u_h = discretisation.exact, discretisation.u_h
     grad = ufl.as_vector(exact.grad) - ufl.grad(u_h)
@@ -97,15 +93,7 @@ def _parts(
 
 
 def second_seminorms(function: fem.Function, exponents: tuple[float, ...]) -> dict[str, float]:
-    """Return the discrete W^{2,p} seminorms of a piecewise linear function.
-
-    Args:
-        function: The function.
-        exponents: The exponents p, finite.
-
-    Returns:
-        The seminorms by the exponent as text.
-    """
+    """Return the discrete W^{2,p} seminorms of a piecewise linear function, by p as a text."""
     domain = function.function_space.mesh
     n = ufl.FacetNormal(domain)
     jump = abs(ufl.jump(ufl.grad(function), n))

@@ -5,11 +5,33 @@ in Theorem 2.3, with u_r in W^{2,p}; infinity stands for every finite p.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import basix
+import numpy as np
+from scipy.special import zeta
+
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.names import Norm, parse_norm
-from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, approximation_order, expected_order
+from dolfinx_signorini.norms.orders import (
+    DETACHMENT_EXPONENT,
+    SMOOTH,
+    approximation_order,
+    expected_order,
+)
+
+TRACE = "H1_2_boundary_spectral"
+NAMES = {
+    "W1_2.6": "W^{1,2.6}",
+    "W1_4": "W^{1,4}",
+    "W1_16": "W^{1,16}",
+    "W1_inf": "W^{1,inf}",
+    "L4": "L^4",
+    "L16": "L^16",
+    "Linf": "L^inf",
+    TRACE: "H^{1/2} of the boundary",
+}
 
 
 @dataclass(frozen=True)
@@ -36,20 +58,20 @@ def allowed_order(p: float, norm: str) -> float:
     """Return the order that a solution allows whose regularity ends at one point only.
 
     This order explains where measured orders are better than the proven ones, which hold for
-    every function of the same regularity.
-
-    Args:
-        p: The exponent: the solution is like r^{2-2/p} at the point, or like r^{3/2}.
-        norm: Name of a norm, see `norm_names.parse_norm`.
+    every function of the same regularity. The solution is like r^{2-2/p} at the point, or like
+    r^{3/2}.
     """
     return approximation_order(norm, exponent=min(DETACHMENT_EXPONENT, 2.0 - 2.0 / p))
 
 
+def smooth_order(norm: str) -> float:
+    """Return the order of a smooth solution: the most that linear elements can reach."""
+    # The H^{1/2} error has parts of orders 3/2 and 2.
+    return 1.6 if norm == TRACE else approximation_order(norm, exponent=SMOOTH)
+
+
 def supercloseness_order(p: float) -> ProvenOrder:
     """Return the order of ||R_h(u) - u_h||_H1, which is also that of ||w_h||_H1 in Lemma 3.5.
-
-    Args:
-        p: The exponent of the solution.
 
     Raises:
         ValueError: p is not between 2 and 4, nor above 4.
@@ -69,7 +91,7 @@ def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder
 
     Args:
         p: The exponent of the solution.
-        norm: Name of a norm on the domain, or H1_2_boundary, see `norm_names.parse_norm`.
+        norm: Name of a norm on the domain, or H1_2_boundary, see `names.parse_norm`.
         contact_sets: Whether conditions (A) and (A_h) hold and the load is bounded.
 
     Raises:
@@ -112,3 +134,28 @@ def _corollary(p: float, above: bool, norm: Norm) -> ProvenOrder:
     # |ln h|^{1/2} in L^inf is less than any power of h.
     logarithm = norm.derivatives == 0.0 and math.isinf(norm.p)
     return ProvenOrder(base.value, above or logarithm, source)
+
+
+def interpolation_constant() -> float:
+    """Return B of ||grad(u - I_h(u))||_L4^4 = h^4 (A + B ln(1/h) + ...) for u like r^{3/2}.
+
+    On the Friedrichs-Keller triangulation the interpolation error of a quadratic function is known
+    on both kinds of triangles; its Hessian at the angle theta is that of -r^{3/2} sin(3/2 theta),
+    times r^{1/2}. R_h(u) is closer to I_h(u) than both are to u, so that u_h has the same constant.
+    """
+    theta = (np.arange(2000) + 0.5) * math.pi / 2000
+    a, b = 0.75 * np.sin(0.5 * theta), -0.75 * np.cos(0.5 * theta)  # u_xx = -u_yy and u_xy
+    points, weights = QuadratureRule("Gauss-Jacobi", 4).points(basix.CellType.triangle)
+    x, y = points.sum(axis=1), points[:, 1]  # in the triangle (0, 0), (1, 0), (1, 1)
+    first = np.outer(a, x - 0.5) + np.outer(b, y)
+    second = np.outer(b, x - 1.0) - np.outer(a, y - 0.5)
+    total = 2.0 * (first**4 + second**4) @ weights
+    return float(total.mean() * math.pi)
+
+
+CONSTANTS: Mapping[str, float] = {
+    "B": interpolation_constant(),
+    "10^4 B": 1e4 * interpolation_constant(),
+    # sum over n of |n| |c_n|^2 of the interpolation error of s^{3/2} on edges
+    "trace": 9.0 / 16.0 * float(zeta(3.0)) / (4.0 * math.pi**3),
+}

@@ -63,6 +63,18 @@ class Document:
             parts += ["Orders, measured and proven:", _cross(crossed)]
         return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
+    def summary(self) -> str:
+        """Return a line for each statement, the checks that fail, and how many checks hold."""
+        lines = []
+        for statement in self.statements:
+            verdicts = self.verdicts[statement.key]
+            holding = sum(verdict.holds for verdict in verdicts)
+            if verdicts:
+                lines.append(f"{statement.name:<34}{holding} of {len(verdicts)} checks hold")
+        lines += [f"does not hold: {check}" for check in self.failing]
+        count = sum(map(len, self.verdicts.values()))
+        return "\n".join([*lines, f"{count - len(self.failing)} of {count} checks hold"])
+
     def text(self, command: str) -> str:
         """Return the whole document, which says that a command has written it."""
         verdicts = [verdict for found in self.verdicts.values() for verdict in found]

@@ -8,9 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.studies.paper.tables import read_data
-from dolfinx_signorini.studies.paper.theory.checks import RULES, Check, Together
-from dolfinx_signorini.studies.paper.theory.tables import TABLES
-from dolfinx_signorini.studies.paper.theory.values import TOGETHER, value_of
+from dolfinx_signorini.studies.paper.theory.checks import RULES, Check, value_of
+from dolfinx_signorini.studies.paper.theory.measures import TOGETHER
+from dolfinx_signorini.studies.paper.theory.proven import (
+    CONSTANTS,
+    NAMES,
+    allowed_order,
+    proven_order,
+    smooth_order,
+    supercloseness_order,
+)
 
 Texts = Mapping[str, Any]
 
@@ -62,35 +69,59 @@ def _statement(key: str, texts: Texts) -> Statement:
 
 
 def _checks(texts: Texts) -> list[Check]:
-    """The checks of an entry of the file, one for each item of "each"."""
+    """The checks of an entry of the file, one for each item of "each" and each norm."""
     items = [[item] if isinstance(item, str) else item for item in texts.get("each", [[]])]
-    return [check for item in items for check in _checks_of(_filled(texts, item), item)]
+    checks = []
+    for item in items:
+        filled = {"on": item[0] if item else ""} | dict(texts)
+        filled = _filled(filled, {str(k): part for k, part in enumerate(item, start=1)})
+        norms = filled.get("norms", [None])
+        checks += [_check(_by_theorem(filled, norm) if "p" in filled else filled) for norm in norms]
+    return checks
 
 
-def _filled(texts: Texts, item: Sequence[str]) -> Texts:
-    """The entry with the parts of an item in place of $1, $2, ..."""
-    filled = {"on": item[0] if item else ""} | dict(texts)
-    for number, part in enumerate(item, start=1):
-        for key, value in filled.items():
-            if isinstance(value, str):
-                filled[key] = value.replace(f"${number}", part)
+def _filled(texts: Texts, parts: Mapping[str, str]) -> dict[str, Any]:
+    """The entry with parts in place of $1, $2, ... or $name in its texts."""
+    filled = dict(texts)
+    for key, value in filled.items():
+        if isinstance(value, str):
+            for name, part in parts.items():
+                value = value.replace(f"${name}", part)
+            filled[key] = value
     return filled
 
 
-def _checks_of(texts: Texts, item: Sequence[str]) -> list[Check]:
-    """The checks of an entry without placeholders."""
-    if "use" in texts:
-        own = {k: v for k, v in texts.items() if k not in ("use", "each", "on")}
-        given = item or [texts["on"]] if texts["use"] != "logarithms" else ()
-        return TABLES[texts["use"]](*given, **own)
-    kind, rule = next((RULES[key], value) for key, value in texts.items() if key in RULES)
+def _by_theorem(texts: Texts, norm: str | None) -> dict[str, Any]:
+    """The entry with the orders of the theorems for its "p" in a norm, or of Theorem 3.6."""
+    p, known = float(texts["p"]), dict[str, float]()
+    if norm is None:
+        found, own = supercloseness_order(p), {}
+    else:
+        found = proven_order(p, norm, texts.get("contact_sets", False))
+        own = {"of": f"errors/{norm}", "column": NAMES[norm]}
+        known = {"allowed": max(found.value, allowed_order(p, norm)), "smooth": smooth_order(norm)}
+    known["proven"] = found.value
+    sums = [str(limit).split(" + ") for limit in texts["order"]]
+    order = [sum(known[x] if x in known else float(x) for x in parts) for parts in sums]
+    filled = _filled(texts, {"proven": f"{found.value:.3g}", "theorem": str(found)})
+    return filled | own | {"order": order}
+
+
+def _check(texts: Texts) -> Check:
+    """The check of an entry without placeholders."""
+    kind, limits = next((RULES[key], value) for key, value in texts.items() if key in RULES)
     on = _GROUPS.get(texts["on"], [texts["on"]]) if isinstance(texts["on"], str) else texts["on"]
     whole = texts.get("together")
-    value = TOGETHER[whole] if whole else value_of(texts)
-    make = Together if whole else Check
-    what, proven, column = texts["what"], texts["proven"], texts.get("column", "")
-    numbers = map(float, rule)
-    return [make(what, proven, tuple(on), value, kind(*numbers), texts.get("first", 0), column)]
+    return Check(
+        what=texts["what"],
+        proven=texts["proven"],
+        experiments=tuple(on),
+        value=TOGETHER[whole] if whole else value_of(texts),
+        rule=kind(*(CONSTANTS[x] if isinstance(x, str) else float(x) for x in limits)),
+        first=texts.get("first", 0),
+        column=texts.get("column", ""),
+        together=bool(whole),
+    )
 
 
 _TEXTS = read_data("statements")

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import grading_exponent
@@ -20,22 +21,12 @@ CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 
 
 def unstructured(comm: MPI.Comm, n: int) -> mesh.Mesh:
-    """Return a triangulation by gmsh with n edges per side.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        n: Edges per side.
-    """
+    """Return a triangulation by gmsh with n edges per side."""
     return Polygon(CORNERS, 1.0 / n).make(comm).mesh
 
 
 def obtuse(comm: MPI.Comm, n: int) -> mesh.Mesh:
-    """Return the Friedrichs-Keller triangulation with every other row of inner nodes moved.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        n: Cells per side.
-    """
+    """Return the Friedrichs-Keller triangulation with every other row of inner nodes moved."""
     domain = friedrichs_keller(comm, n)
     x = domain.geometry.x
     row, column = (np.rint(n * x[:, i]).astype(int) for i in (1, 0))
@@ -47,11 +38,8 @@ def obtuse(comm: MPI.Comm, n: int) -> mesh.Mesh:
 def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
     """Return a Friedrichs-Keller triangulation drawn towards the detachment point.
 
-    Cells have the size h r^{1 - mu}, and the order of W^{1,inf} is 1 again.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        n: Even number of cells per side: the point is a node.
+    Cells have the size h r^{1 - mu}, and the order of W^{1,inf} is 1 again. The number n of cells
+    per side is to be even, so that the point is a node.
     """
     domain = friedrichs_keller(comm, n)
     x = domain.geometry.x
@@ -71,8 +59,7 @@ def shape(domain: mesh.Mesh) -> float:
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2)
     (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
     circles = 2.0 * np.abs(a * d - b * c) / sides.sum(axis=1)
-    found = domain.comm.allgather((sides.max(initial=0.0), circles.min(initial=np.inf)))
-    return float(max(item[0] for item in found) / min(item[1] for item in found))
+    return highest(domain.comm, sides) * highest(domain.comm, 1.0 / circles)
 
 
 def largest_angle(domain: mesh.Mesh) -> float:
@@ -81,5 +68,4 @@ def largest_angle(domain: mesh.Mesh) -> float:
     before, behind = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     products = (before * behind).sum(axis=2)
     cosines = products / np.linalg.norm(before, axis=2) / np.linalg.norm(behind, axis=2)
-    lowest = min(domain.comm.allgather(float(cosines.min(initial=1.0))))
-    return float(np.degrees(np.arccos(lowest)))
+    return highest(domain.comm, np.degrees(np.arccos(cosines)))
