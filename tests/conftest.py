@@ -4,6 +4,7 @@ import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,15 @@ from hypothesis import settings
 from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import Scene
 from dolfinx_signorini.scenes.files.reading import parse_scene
 
 Array = npt.NDArray[np.float64]
 
+RANKS = MPI.COMM_WORLD.Dup()  # for what the tests themselves tell each other
+PATIENCE = 120_000  # looks at the other ranks, a millisecond apart
 DEMOS = Path(__file__).parents[1] / "demos" / "scenes"
 
 # Without a clock, a random seed or a database all ranks draw the same examples.
@@ -46,13 +50,59 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Show what fails on another rank at once: rank 0 may be waiting for it for ever."""
-    rank = MPI.COMM_WORLD.rank
-    if rank and report.failed:
-        print(f"[rank {rank}] {report.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
+    """Show what fails on a rank at once: other ranks may be waiting for it."""
+    if RANKS.size > 1 and report.failed:
+        text = f"[rank {RANKS.rank}] {report.nodeid}\n{report.longreprtext}"
+        print(text, file=sys.stderr, flush=True)
 
 
-@pytest.fixture
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Wait for the other ranks after each test, asleep: where one rank alone left a test early, the
+    others wait in that test for ever, and all ranks end."""
+    yield
+    all_here = RANKS.Ibarrier()
+    for _ in range(PATIENCE):
+        if all_here.Test():
+            return
+        time.sleep(0.001)
+    print(f"[rank {RANKS.rank}] alone after {item.nodeid}", file=sys.stderr, flush=True)
+    RANKS.Abort(1)
+
+
+def _is_pure(item: pytest.Item) -> bool:
+    """Whether a test of a module that is called pure does not ask for the communicator."""
+    names: list[str] = getattr(item, "fixturenames", [])
+    return item.get_closest_marker("pure") is not None and "comm" not in names
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out on several ranks what has no communicator: one rank computes the same."""
+    if RANKS.size > 1:
+        config.hook.pytest_deselected(items=[item for item in items if _is_pure(item)])
+        items[:] = [item for item in items if not _is_pure(item)]
+
+
+@pytest.fixture(autouse=True)
+def _purity(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a test that is called pure fail where it makes a mesh."""
+    if _is_pure(request.node):
+        monkeypatch.setattr("dolfinx.mesh.Mesh.__init__", _no_mesh)
+
+
+def _no_mesh(*_: object) -> None:
+    raise AssertionError("a pure test makes no mesh")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _codes_once() -> Iterator[None]:
+    """Remember the codes of forms that tests make with DOLFINx alone, which lists the folder of all
+    codes for each form."""
+    with compiled._remembered():
+        yield
+
+
+@pytest.fixture(scope="session")
 def comm() -> MPI.Comm:
     """The communicator of all meshes."""
     return MPI.COMM_WORLD
@@ -65,9 +115,9 @@ def demos() -> Path:
 
 
 @pytest.fixture(scope="session")
-def parse() -> Callable[[str], Scene]:
+def parse(comm: MPI.Comm) -> Callable[[str], Scene]:
     """Make a scene from the text of a scene file."""
-    return lambda text: parse_scene(text, DEMOS / "test.toml", MPI.COMM_WORLD)
+    return lambda text: parse_scene(text, DEMOS / "test.toml", comm)
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import dolfinx_signorini
 from dolfinx_signorini.commands import theory
@@ -30,7 +31,8 @@ def properties():
     """Every public property of the package, by name."""
     for name in dolfinx_signorini.__all__:
         thing = getattr(dolfinx_signorini, name)
-        for key, value in vars(thing).items() if isinstance(thing, type) else ():
+        for key in dir(thing) if isinstance(thing, type) else ():
+            value = inspect.getattr_static(thing, key)
             if isinstance(value, property) and not key.startswith("_"):
                 yield f"{name}.{key}", value
 
@@ -68,6 +70,7 @@ def test_what_is_returned_is_prose():
 
 def test_underscores_of_formulas_are_letters():
     markdown = pytest.importorskip("markdown_it").MarkdownIt("commonmark").enable("table")
+    markdown.use(pytest.importorskip("mdit_py_plugins.dollarmath").dollarmath_plugin)
     assert len(PAGES) > 20
     for page in PAGES:
         for block in markdown.parse(page.read_text()):
@@ -125,3 +128,135 @@ def test_a_loop_that_was_stopped_goes_on_as_the_recipe_says(tmp_path, monkeypatc
     parts, first = run(23, Path(folder) / "parts")
     assert first == 10
     assert parts == pytest.approx(whole, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "index.md",
+        "scope.md",
+        "howto/arrays.md",
+        "howto/continue.md",
+        "howto/curved.md",
+        "howto/derivatives.md",
+        "howto/functional.md",
+        "howto/hysteresis.md",
+        "howto/jumps.md",
+        "howto/which_problem.md",
+    ],
+)
+def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
+    """Blocks from the first one that imports something on, in one namespace, on coarser meshes."""
+    text = (ROOT / "docs" / page).read_text().replace("256, 256", "32, 32")
+    if not PETSc.Sys.hasExternalPackage("hypre"):
+        text = text.replace('"hypre"', '"gamg"')
+    blocks = re.findall("```python\n(.*?)```", text, re.DOTALL)
+    first = next(n for n, block in enumerate(blocks) if "from mpi4py" in block)
+    monkeypatch.chdir(COMM.bcast(str(tmp_path)))
+    names = {}
+    for block in blocks[first:]:
+        if not block.startswith(("state = coarse", "shown")):
+            exec(compile(block, page, "exec"), names)
+    EXPECTED.get(page, lambda names: None)(names)
+
+
+def same_with_snes(names):
+    count = names["V"].dofmap.index_map.size_local
+    values = names["values"].array_r
+    assert names["u_h"].x.array[:count] == pytest.approx(values, abs=1e-6)
+    assert COMM.allreduce(float(values.max(initial=0.0)), MPI.MAX) > 0.0
+
+
+def outside_by_snes(names):
+    """The block touches its support, and is not below."""
+    gap = (names["block"].x.array - names["lower"].x.array)[names["vertical"]]
+    assert gap.min(initial=0.0) >= -1e-12
+    assert COMM.allreduce(int((np.abs(gap) < 1e-12).sum())) > 0
+    assert COMM.allreduce(int((gap > 1e-3).sum())) > 0
+
+
+def each_bound_holds_where_it_acts(names):
+    """All solutions of the page keep their bounds, touch them, and are free elsewhere."""
+    x, y = names["V"].tabulate_dof_coordinates()[:, :2].T
+    inside, far = y < 1.0 - 1e-9, np.full(len(x), np.inf)  # the bounds are for dofs without data
+    hill = -0.3 - (x - 0.5) ** 2
+    at = np.isclose
+    for name, lower, upper in (
+        ("wall", np.where(at(y, 0.0), -0.5, -far), far),
+        ("membrane", hill, far),
+        ("between", hill, 0.4 + 0.0 * x),
+        ("half", np.where(x < 0.5 + 1e-9, -0.3, -far), far),
+        ("carried", np.where(at(x, 0.5), -0.3, -far), far),
+        ("moving", -0.2 - x**2, far),
+    ):
+        u = names[name].u.x.array
+        assert (lower - 1e-12 <= u)[inside].all() and (u <= upper + 1e-12)[inside].all(), name
+        for bound in (lower, upper):
+            touching = COMM.allreduce(int((inside & (np.abs(u - bound) < 1e-12)).sum()))
+            assert (touching > 0) == COMM.allreduce(bool(np.isfinite(bound).any()), MPI.LOR), name
+        assert COMM.allreduce(int((inside & (lower < u) & (u < upper)).sum())) > 0, name
+    for name in ("half", "carried"):  # where there is no bound, the membrane hangs lower
+        lowest = COMM.allreduce(names[name].u.x.array.min(initial=0.0), MPI.MIN)
+        assert lowest < -0.4, name
+    assert 0.0 < names["carried"].force < 2.0
+    assert COMM.allreduce(len(names["below"])) > 0 and COMM.allreduce(len(names["above"])) > 0
+
+
+def derivatives_agree(names):
+    direct, indirect = (COMM.allreduce(names[key]) for key in ("direct", "indirect"))
+    assert direct == pytest.approx(indirect, rel=1e-8)
+    assert names["problem"].force == pytest.approx(0.3, abs=1e-8)
+    # The slope of the present stair, by a difference quotient within the stair.
+    scale, problem = names["s"], names["problem"]
+    forces = []
+    for value in (1.5, 1.5 + 1e-3):
+        scale.value = value
+        forces.append(problem.solve(rtol=1e-12) and problem.force)
+    _, changes = problem.solve_linearised(names["unit_load"], rtol=1e-10)
+    slope = COMM.allreduce(float(changes.x.array[problem.contact_dofs].sum()))
+    assert slope == pytest.approx((forces[1] - forces[0]) / 1e-3, rel=1e-6)
+    # The force changes by the integral of its derivative, here with 50 values.
+    k, force, change = np.array(names["table"]).T
+    integral = ((change[1:] + change[:-1]) / 2 * np.diff(k)).sum()
+    assert integral == pytest.approx(force[-1] - force[0], rel=1e-2)
+    assert force[-1] < 0.9 * force[0]
+
+
+def slope_on_the_ring(names):
+    """u = r^2/4 - 1/4 + B log r with full contact at r = 1/2."""
+    B = (-0.02 + 3 / 16) / np.log(0.5)
+    exact = -(7 / 48 + B / 2) * np.pi / 2
+    assert abs(names["value"](names["found"]) - exact) <= names["found"].estimate <= 1e-3
+    assert abs(names["value"](names["polygon"]) - exact) > 10.0 * names["polygon"].estimate
+
+
+def a_jump_inside_cells_costs_an_order(names):
+    fitted, crossed = names["errors"]
+    assert abs(fitted) < 1e-8 and 1e-3 < abs(crossed) < 1e-2
+
+
+EXPECTED = {
+    "index.md": same_with_snes,
+    "scope.md": outside_by_snes,
+    "howto/curved.md": slope_on_the_ring,
+    "howto/derivatives.md": derivatives_agree,
+    "howto/jumps.md": a_jump_inside_cells_costs_an_order,
+    "howto/which_problem.md": each_bound_holds_where_it_acts,
+}
+
+
+def test_pyvista_gets_the_solution_as_the_page_says(monkeypatch):
+    """The integral of a linear function over a cube, by PyVista; the display is left out."""
+    pyvista = pytest.importorskip("pyvista")
+    if COMM.size > 1:
+        pytest.skip("the page is about one rank")
+    text = (ROOT / "docs/howto/results.md").read_text()
+    (block,) = re.findall("```python\n(import pyvista\n.*?)```", text, re.DOTALL)
+    monkeypatch.setattr(pyvista.UnstructuredGrid, "plot", lambda self, scalars: None)
+    domain = dolfinx.mesh.create_unit_cube(COMM, 2, 3, 4)
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
+    u.interpolate(lambda x: x[0] + 2.0 * x[1] - x[2])
+    names = {"problem": argparse.Namespace(u=u, space=u.function_space)}
+    exec(block, names)
+    assert names["grid"].volume == pytest.approx(1.0)
+    assert names["grid"].integrate_data()["u"] == pytest.approx(1.0)

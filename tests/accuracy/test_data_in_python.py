@@ -258,6 +258,16 @@ def test_forms_without_jumps_are_left_alone(comm):
         made.destroy()
 
 
+def test_a_load_that_jumps_leaves_the_matrix(comm):
+    problem = posing(lambda x: ufl.conditional(x[0] + x[1] < 0.77, 3.0, 0.0))(Square(4).make(comm))
+    matrix = problem.A
+    integrate_piecewise(problem)
+    assert problem.A is matrix
+    assert problem.system.assembled == 1
+    assert problem.total_load == pytest.approx(3.0 * 0.77**2 / 2.0, rel=1e-6)
+    problem.destroy()
+
+
 def test_data_that_change_after_the_loop_are_noticed(comm):
     sided, factor = Square(4).make(comm), []
 

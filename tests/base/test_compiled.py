@@ -8,6 +8,7 @@ import pytest
 import ufl
 from dolfinx import fem, jit, mesh
 from mpi4py import MPI
+from scipy.special import jv
 
 from dolfinx_signorini.base import compiled
 
@@ -51,6 +52,25 @@ def test_forms_with_one_signature_are_looked_up_once_and_keep_their_data(looked_
     assert len([item for item in looked_up if isinstance(item, ufl.Form)]) == 2
 
 
+def test_a_sweep_over_a_number_is_looked_up_once_and_one_over_an_exponent_is_not(looked_up):
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+    x, dx = ufl.SpatialCoordinate(domain), ufl.dx(metadata={"quadrature_degree": 8})
+    for power, last in ((2.0, 1), (4.0, 2)):
+        for k in (3, 0.25, -1e-300):
+            item = (k * x[0] ** power + ufl.conditional(x[1] < 0.5, k, -k)) * dx
+            value = domain.comm.allreduce(fem.assemble_scalar(compiled.form(item)))
+            assert value == pytest.approx(k / (power + 1.0), rel=1e-12, abs=0.0)
+            assert len([found for found in looked_up if isinstance(found, ufl.Form)]) == last
+
+
+def test_orders_of_bessel_functions_stay():
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    x, dx = ufl.SpatialCoordinate(domain), ufl.dx(metadata={"quadrature_degree": 12})
+    item = 2.0 * ufl.bessel_J(1, 0.5 * x[0]) * dx
+    value = domain.comm.allreduce(fem.assemble_scalar(compiled.form(item)))
+    assert value == pytest.approx(4.0 * (1.0 - jv(0, 0.5)), rel=1e-12)
+
+
 def test_options_have_codes_of_their_own(looked_up):
     domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
     area = 1.0 * ufl.dx(domain)
@@ -64,11 +84,11 @@ def test_expressions_are_looked_up_once_and_keep_their_data(looked_up):
     for factor in (2.0, 5.0):
         domain = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
         x, c = ufl.SpatialCoordinate(domain), fem.Constant(domain, factor)
-        made = compiled.expression(c * x[0] + x[1], points, domain.comm)
+        made = compiled.expression(c * x[0] + factor * x[1], points, domain.comm)
         cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
         corners = domain.geometry.x[domain.geometry.dofmap[cells]]
         places = np.einsum("pv,cvd->cpd", [[1.0, 0.0, 0.0], [0.25, 0.25, 0.5]], corners)
-        expected = factor * places[..., 0] + places[..., 1]
+        expected = factor * (places[..., 0] + places[..., 1])
         assert np.allclose(made.eval(domain, cells).reshape(expected.shape), expected, atol=1e-14)
     assert len([item for item in looked_up if isinstance(item, tuple)]) == 1
 

@@ -4,7 +4,11 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 import dolfinx_signorini
+
+pytestmark = pytest.mark.pure
 
 ROOT = Path(dolfinx_signorini.__file__).parent
 TESTS = ROOT.parent / "tests"
@@ -76,6 +80,32 @@ def test_the_map_for_contributors_has_every_room():
     for file in re.findall(r"`([A-Za-z_/]+\.(?:py|md|json))`", text):
         inside = (ROOT / file).exists() or ("/" not in file and file in files)
         assert inside or (ROOT.parent / file).exists(), file
+
+
+WANTED = {
+    "a norm",
+    "a boundary condition",
+    "a domain",
+    "a preconditioner of PETSc",
+    "a preconditioner of your own",
+    "a term of the estimate",
+    "an operation of formulas",
+}
+
+
+def test_what_is_new_has_a_place_in_two_files_at_most():
+    """Each row of the table names a file, and what stands there at the top or in a class."""
+    text = (ROOT.parent / "CONTRIBUTING.md").read_text()
+    places, new = {}, ""
+    for first, file, what in re.findall(r"^\| ?(.*?) ?\| `([a-z_/]+\.py)` \| (.*) \|$", text, re.M):
+        new = first or new
+        places.setdefault(new, []).append(file)
+        tree = ast.parse((ROOT / file).read_text())
+        inside = {getattr(node, "id", getattr(node, "name", "")) for node in ast.walk(tree)}
+        words = set(re.findall(r"`([A-Za-z_]+)`", what))
+        assert words and words <= inside, (file, words - inside)
+    assert set(places) == WANTED
+    assert all(len(files) <= 2 for files in places.values())
 
 
 def test_rooms_import_what_the_map_lists_above_them():

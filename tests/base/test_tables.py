@@ -10,6 +10,8 @@ from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.studies.paper.study import PAPER_NORMS
 from dolfinx_signorini.studies.paper.tables import Cell, error_table, order_table, paper_table
 
+pytestmark = pytest.mark.pure
+
 NORMS = ("L4", "Linf_sampled", "W1_4", "W1_inf_sampled", "H1_2_boundary_sampled")
 COLUMNS = ("L4", "Linf", "W1_4", "W1_inf", "H1_2_boundary")  # the paper's names of them
 

@@ -129,6 +129,16 @@ def detaching(x, end=0.5):
     return -S * (3 * C * C - S * S)
 
 
+def narrow(x, centre=0.513, half=0.06):
+    """Contact on an interval of the lowest side alone: Re of the integral of the root of z^2 - k^2;
+    harmonic."""
+    X, y = x[0] - centre, x[1]
+    angle = (ufl.atan2(y, X - half) + ufl.atan2(y, X + half)) / 2
+    size = (((X - half) ** 2 + y**2) * ((X + half) ** 2 + y**2)) ** 0.25
+    p, q = size * ufl.cos(angle), size * ufl.sin(angle)
+    return (X * p - y * q - half**2 * ufl.ln(ufl.sqrt((X + p) ** 2 + (y + q) ** 2) / half)) / 2
+
+
 def top(x):
     """Whether points are on the upper side of the square."""
     return np.isclose(x[1], 1.0)

@@ -15,6 +15,7 @@ from energy_cases import (
     detaching,
     in_space,
     left,
+    narrow,
     owned_pairs,
     polynomial,
     roof,
@@ -26,7 +27,12 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds import flux_parts as module
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_values import cell_data, cell_values, flux_values
+from dolfinx_signorini.bounds.cell_values import (
+    cell_data,
+    cell_moments,
+    cell_values,
+    flux_values,
+)
 from dolfinx_signorini.bounds.condensation import coefficients
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.equilibration import equilibrated
@@ -118,6 +124,24 @@ def test_a_problem_that_is_hardly_solved(name, degree, comm):
     checked(case, 5.0)
 
 
+@pytest.mark.parametrize("c", [0.0, 1.0])
+def test_algebraic_errors_pay_for_no_gap(c, comm):
+    """Forces at vertices above the obstacle times gaps are roots of small numbers: 1e-4 of 1e-8."""
+    domain = square(comm, 64)
+    u = narrow(ufl.SpatialCoordinate(domain))
+    case = Case(domain, u, 2, c=c, fixed=top, rtol=1e-6)
+    assert checked(case, math.inf).contact <= 0.5 * case.error()
+
+
+@pytest.mark.parametrize("half", [0.06, 0.018])
+@pytest.mark.parametrize("rtol", [1e-10, 1e-6, 1e-4])
+def test_windows_that_the_mesh_resolves(half, rtol, comm):
+    """Also where the algebraic error is a hundred times the error of the discretisation."""
+    domain = square(comm, 64)
+    u = narrow(ufl.SpatialCoordinate(domain), half=half)
+    checked(Case(domain, u, 3, fixed=top, rtol=rtol), 1.9)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("c", [0.0, 1.0])
 @pytest.mark.parametrize("fixed", [None, roof])
@@ -192,7 +216,8 @@ def flux_of(case):
     kinds, touching = facet_kinds(solved)
     values = cell_values(solved, 2 * degree + 6)
     fluxes, _, _ = given_fluxes(solved)
-    data = cell_data(values, kinds, touching, fluxes, np.zeros_like(fluxes), reference)
+    moments = cell_moments(values, degree)
+    data = cell_data(values.frames, kinds, touching, fluxes, np.zeros_like(fluxes), moments)
     field = coefficients(data, reference, equilibrated(domain, data, reference))
     vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))
     y, points = fem.Function(vectors), vectors.element.basix_element.points

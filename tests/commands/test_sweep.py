@@ -1,8 +1,10 @@
 """The job `sweep`, options that all jobs have, and the messages of the logger."""
 
 import csv
+import io
 import json
 import logging
+import re
 import sys
 import time
 from pathlib import Path
@@ -13,6 +15,7 @@ from mpi4py import MPI
 from dolfinx_signorini import __version__
 from dolfinx_signorini.base import logs
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
+from dolfinx_signorini.base.records import Records, Wanted
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.options import completion
 from dolfinx_signorini.commands.sweep import draw_sweep
@@ -196,11 +199,64 @@ def test_quiet_and_verbose(scene, capsys, option, told, before):
 
 def test_what_takes_long_is_told_while_it_lasts_and_in_the_end(monkeypatch, caplog, serial):
     with caplog.at_level(logging.INFO, logger="dolfinx_signorini"):
-        with logs.telling("a short step"):
+        with logs.Progress("a short step"):
             pass
         assert not caplog.records
         monkeypatch.setattr(logs, "PATIENCE", 0.02)
-        with logs.telling("a long step"):
+        with logs.Progress("a long step", total=4.0) as progress:
+            progress.advance(1.0)
             time.sleep(0.2)
-            assert [record.getMessage() for record in caplog.records] == ["a long step ..."]
-    assert caplog.records[1].getMessage().startswith("a long step: 0.")
+            told = [record.getMessage() for record in caplog.records]
+    assert told and all(line.startswith("  a long step: 25 %, ") for line in told)
+    assert all(line.endswith(" left") for line in told)
+    assert caplog.records[-1].getMessage().startswith("a long step: 0.")
+
+
+def test_the_time_that_is_left_follows_the_work_that_is_done(monkeypatch, caplog, serial):
+    monkeypatch.setattr(logs, "PATIENCE", 0.0)
+    with (
+        caplog.at_level(logging.INFO, logger="dolfinx_signorini"),
+        logs.Progress("work", total=1e6) as progress,
+    ):
+        time.sleep(0.3)
+        progress.advance(1e4)  # 1 % in 0.3 s or a little more: at least 29.7 s are left
+        line = caplog.records[-1].getMessage()
+    left = line.split(", ")[-1].split()[0]
+    minutes, seconds = map(int, left.split(":"))
+    assert 29 <= 60 * minutes + seconds <= 3 * 30
+    assert "work: 1 %" in line
+
+
+def test_rows_that_are_there_count_as_no_work(folder, caplog, monkeypatch, serial):
+    monkeypatch.setattr(logs, "PATIENCE", 0.0)
+    records = Records(COMM, folder / "rows.jsonl", {})
+    records.append({"n": 1})
+    wanted = [Wanted(f"n = {n}", {"n": n}, dict, work=float(n)) for n in (1, 4, 12)]
+    with caplog.at_level(logging.INFO, logger="dolfinx_signorini"):
+        assert records.table("rows", wanted) == [{"n": 1}, {"n": 4}, {"n": 12}]
+    told = [record.getMessage() for record in caplog.records]
+    assert "n = 1: already done" in told
+    assert sum("rows: 25 %" in line for line in told) >= 1  # 4 of 4 + 12
+
+
+@pytest.mark.parametrize("listening", [True, False])
+def test_a_bar_is_for_a_terminal_that_listens(monkeypatch, listening, serial):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(logs, "PATIENCE", 0.0)
+    handler = logs.listen(logging.INFO if listening else logging.WARNING)
+    try:
+        with logs.Progress("work", total=2.0) as progress:
+            progress.advance()
+            logs.log.warning("a message")
+    finally:
+        logs.log.removeHandler(handler)
+        logs.log.setLevel(logging.NOTSET)
+    shown = screen.getvalue()
+    assert ("work: 50 %, " in shown and "\r" in shown) == listening
+    # The message has a line of its own, not the rest of a bar's line.
+    assert "a message" in re.split("[\r\n]", shown)

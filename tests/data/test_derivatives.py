@@ -12,6 +12,8 @@ from dolfinx_signorini.data.parsing import parse
 from dolfinx_signorini.data.simplification import simplified
 from dolfinx_signorini.data.singular import root_mean_squares
 
+pytestmark = pytest.mark.pure
+
 W = "hypot(x - 0.3, y)^1.5*sin(1.5*atan2(y, x - 0.3))"
 FORMULAS = [
     "sqrt(1 + x) + exp(x*y) + log(2 + y) + sin(x - y)*cos(x*y)",
@@ -49,6 +51,23 @@ def test_a_harmonic_solution_has_no_load():
     for rows in ((), ((parse("7"),),)):
         assert load_and_current(parse(W), rows, None, 2)[0].constant == 0.0
     assert load_and_current(parse(f"{W} + x^2"), (), None, 2)[0].constant == -2.0
+
+
+@pytest.mark.parametrize("power", [2, 3, 6, 20])
+def test_powers_of_sums_cancel_with_their_binomials(power):
+    """(x + y)^n is the sum of its binomial terms, whatever n is."""
+    terms = (f"{math.comb(power, k)}*x^{k}*y^{power - k}" for k in range(power + 1))
+    root = simplified(parse(f"(x + y)^{power} - ({' + '.join(terms)})")).root
+    assert root.op == "number" and root.value == 0.0
+
+
+def test_a_power_of_too_many_products_is_left_as_it_stands():
+    """400 products at most: the rest of the formula cancels all the same."""
+    power = "(x + y + x*y)^40"
+    formula = parse(f"{power} + x*y*x - y*x^2 - x + x")
+    found = simplified(formula)
+    assert found.root.size < formula.root.size
+    assert evaluated(found.root, np.array([[0.3, 0.2]])) == pytest.approx(0.56**40)
 
 
 def test_a_coefficient_that_overflows_does_not_cancel():

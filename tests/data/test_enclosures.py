@@ -11,6 +11,8 @@ from dolfinx_signorini.data.enclosures import (
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.parsing import parse
 
+pytestmark = pytest.mark.pure
+
 FORMULAS = [
     "atan2(-x, y)",
     "atan2(-y, x - 0.5)*hypot(x - 0.5, y)^0.5",

@@ -1,6 +1,6 @@
 """The report page of the extremes: every test records its rows, a command writes them down.
 
-python3 -m pytest tests/extremes -m '' --extremes-report docs/extremes.md
+python3 -m pytest tests/extremes -m '' --extremes-report docs/measurements/extremes.md
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-COMMAND = "python3 -m pytest tests/extremes -m '' --extremes-report docs/extremes.md"
+COMMAND = "python3 -m pytest tests/extremes -m '' --extremes-report docs/measurements/extremes.md"
 
 TOPICS = {
     "levels": "The levels of multigrid",
@@ -32,25 +32,26 @@ TOPICS = {
     "ranks": "More ranks than cells",
 }
 
-INTRODUCTION = f"""# The extremes
+INTRODUCTION = f"""# Extreme data: the tables
 
-What holds, to how many digits, and where it stops. Every row is a result of the test suite
-`tests/extremes`, and this page is made from them by
+Each row is a test of the suite `tests/extremes`: the case, the truth it is compared with, the
+digits attained, and the limit. The page is written by the command
 
     {COMMAND}
 
 Digits are those of the largest error over all nodes relative to the largest value (or of a norm
 relative to its value), 16 at the most. "50 digits" is a solution of the same discrete problem with
 matrices, obstacle and active set in 50-digit arithmetic that shares no code with the package.
-Unless it is said otherwise the cascade solves, with `rtol=1e-13`. What is not solved is refused:
-by an `InputError` that names the input, or by a `NotConvergedError` with the residual reached.
+Where a row names no solver, the cascade solves with `rtol=1e-13`. A problem that is not solved is
+refused, by an `InputError` that names the input, or by a `NotConvergedError` with the residual
+reached.
 
 N = 4 and 4 x 4 cells mean 25 unknowns. On one rank problems of at most 3,000 dofs (1,000 in space)
-are solved directly. Rows with more had levels of multigrid at work: geometric ones on squares and
-cubes, else those of BoomerAMG, which the first table shows. "SciPy's sparse LU" is an active set
+are solved directly. Larger problems are solved with multigrid: geometric multigrid on squares and
+cubes, BoomerAMG elsewhere, with the levels of the first table. "SciPy's sparse LU" is an active set
 method with a direct solver on the same matrix. "The known u in V_h" belongs to a problem whose load
-was made for a solution and contact forces that are chosen: no solver is needed to know it. Both are
-compared in u.
+was made for a chosen solution and chosen contact forces, so that the solution is known without a
+solver. The solutions u are compared.
 """
 
 

@@ -23,6 +23,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, sys.argv[1])
+import dolfinx_signorini  # which loads the MPI of the dolfinx of PyPI
 import test_checkpoints
 
 test_checkpoints.read(Path(sys.argv[2]) / "one.npz", 2)

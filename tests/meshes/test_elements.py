@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
@@ -20,7 +21,7 @@ from dolfinx_signorini.meshes.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_cells, owned_cells
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
@@ -46,6 +47,21 @@ def lowest_on_contact(problem, obstacle=lambda x: 0.0 * x[0]):
     points = Points(domain, pairs, lattice)
     gap = points.values(problem.u)[0] - obstacle(points.x)
     return COMM.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_formulas_have_the_outward_normals_of_facets(dimension):
+    domain = domains(dimension)
+    domain.geometry.x[:, 0] *= 3.0
+    pairs = facet_cells(domain, boundary_facets(domain))
+    points = Points(domain, pairs, np.full((2, dimension - 1), [[0.2], [0.3]]))
+    normal = ufl.FacetNormal(domain)
+    found = np.array(FormulaAtPoints(domain, [2.0 * normal[i] for i in range(dimension)])(points))
+    sides = np.array(points.x) / np.array([3.0, *[1.0] * (dimension - 1)])[:, None, None]
+    assert found == pytest.approx(2.0 * (np.isclose(sides, 1.0) * 1.0 - np.isclose(sides, 0.0)))
+    cells = Points(domain, pairs[:, 0], np.full((1, dimension), 0.2))
+    with pytest.raises(InputError, match="normal"):
+        FormulaAtPoints(domain, [normal[0]])(cells)
 
 
 @pytest.mark.parametrize("degree", [2, 3, 4])

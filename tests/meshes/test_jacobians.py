@@ -5,6 +5,8 @@ import pytest
 
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 
+pytestmark = pytest.mark.pure
+
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e6])

@@ -14,7 +14,7 @@ from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.refinement import Refinement, Transfer, carried_across, refined
+from dolfinx_signorini.meshes.refinement import Refinement, Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 KINDS = ["square", "cube"]
@@ -225,28 +225,6 @@ def test_restricted_functions_interpolate(comm, kind, degree):
     assert near.max(initial=0.0) < 1e-12
     down = Transfer(coarse, fine, refinement.parents).restrict(u)
     assert owned(down) == pytest.approx(u.x.array[place], abs=1e-9)
-
-
-@pytest.mark.parametrize(("kind", "degree"), CASES)
-def test_functions_are_carried_across_between_refinements(comm, kind, degree):
-    sided = sided_mesh(comm, kind)
-    division = refined(sided)
-    source = fem.functionspace(division.sided.mesh, ("Lagrange", degree))
-    tree = geometry.bb_tree(division.sided.mesh, sided.mesh.topology.dim)
-    for other in refinements(sided)[1:]:
-        space = fem.functionspace(other.sided.mesh, ("Lagrange", degree))
-        found = carried_across(polynomial(source), division.parents, space, other.parents)
-        assert found.x.array == pytest.approx(polynomial(space).x.array, abs=1e-11)
-        u = random_function(source)
-        found = carried_across(u, division.parents, space, other.parents)
-        x = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local]
-        cells = geometry.compute_colliding_cells(
-            division.sided.mesh, geometry.compute_collisions_points(tree, x), x
-        )
-        known = np.flatnonzero(np.diff(cells.offsets) > 0)
-        expected = u.eval(x[known], cells.array[cells.offsets[known]]).ravel()
-        assert owned(found)[known] == pytest.approx(expected, abs=1e-9)
-        assert comm.allreduce(len(known)) > 0.9 * space.dofmap.index_map.size_global
 
 
 def test_a_mesh_of_which_a_rank_has_no_cell_is_refined(comm):

@@ -70,7 +70,9 @@ def lattice_maxima(function, solution, steps):
         dofs = function.x.array[function.function_space.dofmap.list[c]]
         x = np.zeros((3, len(lattice)))
         x[:gdim] = (shape[0] @ corners).T
-        jacobian = np.einsum("tqv,vg->qgt", shape[1:], corners)
+        # One Jacobian serves all points of a cell with a linear map.
+        linear = len(corners) == tdim + 1
+        jacobian = np.einsum("tqv,vg->qgt", shape[1:, : 1 if linear else None], corners)
         slopes = np.einsum("tqd,d->qt", basis[1:], dofs)
         slopes = np.linalg.solve(np.swapaxes(jacobian, 1, 2), slopes[:, :, None])[:, :, 0]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -125,13 +125,18 @@ def errors_at(u_h, wave, cell, points, axes, tables):
     nodes = domain.geometry.x[domain.geometry.dofmap[cell]][:, :dim]
     values = u_h.x.array[u_h.function_space.dofmap.list[cell]]
     maps, basis = tables
-    x, jacobian = (maps[0] @ nodes).T, np.einsum("rqa,ad->qdr", maps[1:], nodes)
+    # One Jacobian serves all points of a cell with a linear map.
+    x, slopes_of_maps = (maps[0] @ nodes).T, maps[1:, :1] if len(nodes) == dim + 1 else maps[1:]
+    jacobian = np.einsum("rqa,ad->qdr", slopes_of_maps, nodes)
     slopes = np.einsum("rq,qrd->qd", basis[1:] @ values, np.linalg.inv(jacobian))
     slopes -= np.stack(wave.gradient(x), -1)
     tangents = jacobian @ axes.T
     gram = np.swapaxes(tangents, 1, 2) @ tangents
-    along = tangents @ np.linalg.solve(gram, np.einsum("qdt,qd->qt", tangents, slopes)[..., None])
-    return [basis[0] @ values - wave(x), *along[..., 0].T], np.sqrt(np.linalg.det(gram))
+    density = np.sqrt(np.linalg.det(gram))
+    if len(axes) < dim:
+        tangential = np.linalg.inv(gram) @ np.swapaxes(tangents, 1, 2)
+        slopes = np.einsum("qdt,qt->qd", tangents, np.einsum("qtd,qd->qt", tangential, slopes))
+    return [basis[0] @ values - wave(x), *slopes.T], density
 
 
 def truth(u_h, wave, boundary, p, per_side):

@@ -14,6 +14,8 @@ from dolfinx_signorini.norms.orders import (
 )
 from dolfinx_signorini.studies.paper.tables import paper_table
 
+pytestmark = pytest.mark.pure
+
 orders = st.floats(0.1, 4.0)
 factors = st.floats(1e-100, 1e100)
 

@@ -13,6 +13,8 @@ from dolfinx_signorini.norms.orders import (
     grading_exponent,
 )
 
+pytestmark = pytest.mark.pure
+
 # min(k + 1, a + 2/p), and not more than the twice 1 or a that the dual solution allows.
 L_P = {
     ("L1", 1, 1.5): 2.0,

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, SignoriniProblem
-from dolfinx_signorini.pictures import solid_pictures
+from dolfinx_signorini.pictures import problem_pictures
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
@@ -134,7 +134,7 @@ def test_a_peak_of_the_pressure_does_not_hide_the_rest():
     assert "1e+05" in below.get_title()
 
 
-def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
+def test_a_solid_is_drawn():
     domain = mesh.create_unit_cube(COMM, 2, 3, 4)
     u = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
     u.interpolate(lambda x: x[0] + 2.0 * x[1] - x[2])
@@ -145,14 +145,8 @@ def test_a_solid_is_drawn_with_and_without_a_display(monkeypatch):
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.linalg.norm(normals, axis=1).sum() / 2.0 == pytest.approx(6.0)
     assert np.allclose(surface.values, surface.points @ [1.0, 2.0, -1.0])
-    monkeypatch.setattr(solid_pictures, "_render", lambda *_: None)
-    faces = solid_pictures.draw_solid(surface).axes[0].collections[0]
-    assert len(faces.get_array()) == len(surface.triangles)
-    image = np.full((6, 9, 3), 255, dtype=np.uint8)
-    image[1:5, 2:7] = 0
-    monkeypatch.setattr(solid_pictures, "_render", lambda *_: image)
-    drawn = solid_pictures.draw_solid(surface).axes[0].images[0]
-    assert np.array_equal(drawn.get_array(), np.zeros((4, 5, 3)))  # without the margins
+    faces = problem_pictures.draw_solid(surface).axes[0].collections[0]
+    assert np.allclose(faces.get_array(), corners.mean(axis=1) @ [1.0, 2.0, -1.0])
 
 
 def test_a_solid_is_seen_from_where_contact_is():
@@ -163,39 +157,8 @@ def test_a_solid_is_seen_from_where_contact_is():
         nothing = np.zeros(4, dtype=bool)
         pieces = np.array([[0, 1, 2], [1, 2, 3]])
         boundary = ContactBoundary(side, np.zeros((4, 3)), pieces, nothing, nothing, False)
-        view = solid_pictures.view_of(surface, boundary)
+        view = problem_pictures.view_of(surface, boundary)
         assert view[axis] == 2 * end - 1 and np.delete(view, axis).tolist() == [1.0, 1.0]
-
-
-def test_pyvista_draws_a_solid(serial):
-    pytest.importorskip("pyvista")
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
-    surface = Triangles(points, np.zeros(4), triangles)
-    image = solid_pictures._render(surface, np.ones(3))
-    if image is None:
-        pytest.skip("PyVista finds neither a display nor a library that draws without one")
-    # Where the function is constant the surface has the lowest colour of the map, cividis.
-    colour = np.array([0, 34, 78])
-    near = (np.abs(image.astype(int) - colour) < 40).all(axis=2)
-    assert 0.1 < near.mean() < 0.6
-
-
-def test_a_display_that_cannot_be_opened_costs_no_picture(monkeypatch, tmp_path, serial):
-    surface = Triangles(np.eye(3), np.arange(3.0), np.array([[0, 1, 2]]))
-    program = tmp_path / "renderer.py"
-    monkeypatch.setattr(solid_pictures, "RENDERER", program)
-    monkeypatch.setattr(solid_pictures, "find_spec", lambda _: object())
-    monkeypatch.setattr(solid_pictures, "which", lambda _: None)
-    for text in ("import os; os.abort()", "raise SystemExit(1)", "pass"):
-        program.write_text(text)
-        assert solid_pictures._render(surface, np.ones(3)) is None
-    for shade, shown in ((255, False), (10, True)):
-        program.write_text(
-            "import sys, numpy\n"
-            f"numpy.save(sys.argv[2], numpy.full((4, 4, 3), {shade}, dtype=numpy.uint8))"
-        )
-        assert (solid_pictures._render(surface, np.ones(3)) is not None) == shown
 
 
 def test_triangles_have_the_colours_of_their_values_and_are_no_objects(monkeypatch):

@@ -1,5 +1,8 @@
 """What is refused, by name, and on all ranks also where one rank alone sees what is wrong."""
 
+import re
+from pathlib import Path
+
 import basix.ufl
 import dolfinx
 import numpy as np
@@ -13,12 +16,14 @@ from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem import checks
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.unbounded import moves_without_energy
 
 COMM = MPI.COMM_WORLD
 NAN, INF = float("nan"), float("inf")
+ROOT = Path(__file__).parent.parent.parent
 
 
 class Parts:
@@ -261,14 +266,38 @@ def test_forms_and_spaces_of_the_wrong_kind(parts):
             parts.problem(L=load)
     for element in (
         ("Discontinuous Lagrange", 1),
-        basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)),
         ("Bubble", 3),
     ):
         space = fem.functionspace(parts.mesh, element)
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        one = ufl.as_vector([1.0, 1.0]) if space.dofmap.bs == 2 else 1.0
-        with pytest.raises(InputError, match="form a: the space"):
-            parts.problem(a=ufl.inner(u, v) * ufl.dx, L=ufl.inner(one, v) * ufl.dx)
+        with pytest.raises(InputError, match="form a: the space must be"):
+            parts.problem(a=ufl.inner(u, v) * ufl.dx, L=v * ufl.dx)
+
+
+def test_what_is_out_of_scope_is_told_where_to_go(parts):
+    space = fem.functionspace(parts.mesh, basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    elastic = {"a": ufl.inner(u, v) * ufl.dx, "L": v[0] * ufl.dx}
+    parts.mesh.topology.create_connectivity(1, 2)
+    count = parts.mesh.topology.index_map(1).size_local
+    cells = np.arange(parts.mesh.topology.index_map(2).size_local, dtype=np.int32)
+    tagged = dolfinx.mesh.meshtags(parts.mesh, 2, cells, np.zeros_like(cells))
+    inside = "inside of the domain, and not on the boundary; ObstacleProblem"
+    for changes, subject, message, use in (
+        (
+            elastic,
+            "form a",
+            "vectors of 2 components, and the unknown is a scalar",
+            "solve_bounded",
+        ),
+        ({"contact": np.arange(count)}, "contact", inside, "ObstacleProblem("),
+        ({"contact": tagged}, "contact", "tags of dimension 2, not of facets", "ObstacleProblem("),
+    ):
+        with pytest.raises(InputError, match=message) as refusal:
+            parts.problem(**changes)
+        assert refusal.value.subject == subject
+        (page,) = re.findall(r"docs/[\w/]+\.md", refusal.value.message)
+        assert use in (ROOT / page).read_text()
 
 
 def test_loads_of_the_linearised_problem(parts):
@@ -361,3 +390,199 @@ def test_a_body_that_only_contact_holds_does_not_feel_an_obstacle_out_of_reach(n
         assert problem.result.linear_solves < 10
         problem.destroy()
     assert np.abs(found[0] - found[1]).max(initial=0.0) < 1e-5
+
+
+class Between:
+    """An obstacle problem between two floors, to spoil one of its arguments."""
+
+    def __init__(self):
+        self.parts = Parts()
+        index_map = self.parts.mesh.topology.index_map(2)
+        self.cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+
+    def problem(self, **changes):
+        arguments = {"a": self.parts.a, "L": self.parts.L, "lower": -1.0, "upper": 1.0} | changes
+        return ObstacleProblem(arguments.pop("a"), arguments.pop("L"), **arguments)
+
+    def refused(self, subject, words="", **changes):
+        """Whether a problem is refused on all ranks, with a subject and words."""
+        with pytest.raises(InputError, match=words) as refusal:
+            self.problem(**changes)
+        assert COMM.allgather(refusal.value.subject) == [subject] * COMM.size
+
+
+@pytest.fixture
+def between():
+    return Between()
+
+
+def test_no_obstacle_in_the_domain(between, parts):
+    words = "give one of them, or both"
+    between.refused("lower, upper", words, lower=None, upper=None)
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+@pytest.mark.parametrize("name", ["lower", "upper"])
+def test_bounds_that_are_not_finite(between, name, value):
+    x, away = between.parts.x, between.parts.spoiled(value)
+    for obstacle in (
+        value,
+        away,
+        0.0 + away,
+        lambda x: np.where(x[0] + x[1] < 1e-12, value, 0.0),
+        fem.Constant(between.parts.mesh, value) * x[0],
+    ):
+        between.refused(name, "finite", **{name: obstacle})
+        with pytest.raises(InputError) as refusal:
+            between.parts.problem(**{name: obstacle})
+        assert refusal.value.subject == name
+
+
+def test_a_lower_obstacle_above_the_upper_one(between):
+    away = between.parts.spoiled(2.0)
+    place = r"lies below the lower obstacle 2 at \(0, 0, 0\)"
+    between.refused("upper", f"1 {place}", lower=away)
+    between.refused("upper", f"-3 {place}", lower=away, upper=between.parts.x[0] - 3.0)
+    with pytest.raises(InputError, match=place):
+        between.parts.problem(lower=away, upper=1.0)
+    # By as much as rounding, one may lie above the other.
+    problem = between.problem(lower=lambda x: 0.1 + 0.2 + 0.0 * x[0], upper=0.3)
+    assert problem.solve().x.array == pytest.approx(0.3, rel=1e-15)
+    problem.destroy()
+
+
+def test_a_lower_obstacle_above_the_upper_one_after_a_change(between):
+    floor = fem.Constant(between.parts.mesh, 0.0)
+    problem = between.problem(lower=0.0 * between.parts.x[0] + floor)
+    problem.solve()
+    floor.value = 2.0
+    with pytest.raises(InputError, match="upper: 1 lies below the lower obstacle 2"):
+        problem.solve()
+    floor.value = 0.5
+    assert (problem.solve().x.array >= 0.5).all()
+    problem.destroy()
+
+
+def test_bounds_beyond_the_dirichlet_data(between):
+    bcs = [between.parts.left(0.25)]
+    at = r"Dirichlet data 0\.25 at \(0, 0, 0\)"
+    between.refused("lower", f"0.5 lies above the {at}", lower=0.5, bcs=bcs)
+    between.refused("upper", f"-0.5 lies below the {at}", upper=-0.5, bcs=bcs)
+    between.problem(lower=0.25, bcs=bcs).destroy()
+
+
+def test_an_obstacle_beside_a_lower_one(between):
+    for name in ("lower", "upper"):
+        with pytest.raises(InputError) as refusal:
+            between.parts.problem(obstacle=0.5, **{name: 0.0})
+        assert refusal.value.subject == "obstacle"
+
+
+def test_cells_that_do_not_exist(between):
+    parts = between.parts
+    other = friedrichs_keller(COMM, 4)
+    some = np.arange(other.topology.index_map(2).size_local, dtype=np.int32)
+    foreign = dolfinx.mesh.meshtags(other, 2, some, np.zeros_like(some))
+    of_facets = dolfinx.mesh.meshtags(parts.mesh, 1, parts.facets, np.zeros_like(parts.facets))
+    tags = dolfinx.mesh.meshtags(parts.mesh, 2, between.cells, np.zeros_like(between.cells))
+    on_one_rank = [10**6] if COMM.rank == COMM.size - 1 else between.cells
+    for cells, words in (
+        ([10**6], "1000000 is no cell"),
+        (on_one_rank, "1000000 is no cell"),
+        ([-1], "-1 is no cell"),
+        ([], "there is no cell"),
+        ((tags, 7), "there is no cell"),
+        (of_facets, "tags of dimension 1, not of cells"),
+        (foreign, "belong to another mesh"),
+        ((tags, "water"), "integers"),
+        ([0.5], "cells are given by an array of their indices"),
+        ("water", "cells are given by an array of their indices"),
+    ):
+        between.refused("cells", words, cells=cells)
+    between.problem(cells=(tags, 0)).destroy()
+
+
+@pytest.mark.parametrize("name", ["lower", "upper"])
+def test_bounds_that_raise_on_one_rank(between, name):
+    def at_the_origin(x):
+        if (np.abs(x).max(axis=0) < 1e-12).any():
+            raise ValueError("nothing is known of the origin")
+        return 0.0 * x[0]
+
+    between.refused(name, "nothing is known of the origin", **{name: at_the_origin})
+    for wrong in (lambda x: np.zeros(3), lambda x: 1j * x[0], lambda x: "high"):
+        between.refused(name, "the callable returned no values", **{name: wrong})
+
+
+@pytest.mark.parametrize("name", ["lower", "upper"])
+def test_bounds_of_the_wrong_kind(between, name):
+    foreign = fem.Function(fem.functionspace(friedrichs_keller(COMM, 3), ("Lagrange", 1)))
+    for wrong in ("0", [0.0], foreign):
+        between.refused(name, "", **{name: wrong})
+
+
+@pytest.mark.parametrize("name", ["lower", "upper"])
+def test_bounds_farther_away_than_numbers_reach(between, name):
+    far = np.finfo(float).max * (-1.0 if name == "lower" else 1.0)
+    between.refused(name, "too far away", **{name: far})
+    other = {"lower": "upper", "upper": "lower"}[name]
+    between.refused(name, "too far away", **{name: far, other: None})
+
+
+def test_bounds_on_a_part_of_the_mesh_that_nothing_else_holds(between):
+    """The form vanishes on constants: both obstacles bound the energy, one of them may not."""
+    singular = {"a": between.parts.stiffness}
+    up = fem.Constant(between.parts.mesh, 1.0) * between.parts.v * ufl.dx
+    between.refused("load", "unbounded", L=up, upper=None, **singular)
+    between.refused("load", "unbounded", L=-up, lower=None, **singular)
+    for load, value in ((up, 1.0), (-up, -1.0)):
+        problem = between.problem(L=load, **singular)
+        assert problem.solve().x.array == pytest.approx(value)
+        problem.destroy()
+
+
+@pytest.mark.parametrize("method", ["cascade", "bntr", "bqnls"])
+def test_a_balanced_load_between_two_obstacles(between, method):
+    """A small load leaves room to move the body; a large one has contact on both sides."""
+    parts, size = between.parts, fem.Constant(between.parts.mesh, 1.0)
+    load = size * (parts.x[0] - 0.5) * parts.v * ufl.dx
+    problem = between.problem(a=parts.stiffness, L=load)
+    with pytest.raises(InputError, match=r"load: .*not unique"):
+        problem.solve(method)
+    assert problem.result is None
+    size.value = 100.0
+    u = problem.solve(method)
+    # The solution is odd about the middle, and linear outside of the contact only at most.
+    places = parts.space.tabulate_dof_coordinates()[:, 0]
+    owned = u.x.array[: parts.space.dofmap.index_map.size_local]
+    assert abs(COMM.allreduce(float(owned.sum()))) <= 1e-3  # u is odd about the middle
+    assert (u.x.array[places < 1e-9] == -1.0).all() and (u.x.array[places > 1 - 1e-9] == 1.0).all()
+    problem.destroy()
+
+
+def test_a_body_of_two_that_no_obstacle_reaches():
+    """Two squares that do not touch, and cells of one of them alone."""
+    domain = two_squares()
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a, load = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -v * ufl.dx
+    index_map = domain.topology.index_map(2)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    left = cells[dolfinx.mesh.compute_midpoints(domain, 2, cells)[:, 0] < 1.5]
+    with pytest.raises(InputError, match=r"vanishes on constants.*give cells") as refusal:
+        ObstacleProblem(a, load, lower=0.0, cells=left)
+    assert refusal.value.subject == "cells"
+    problem = ObstacleProblem(a, load, lower=0.0)
+    assert np.abs(problem.solve().x.array).max(initial=0.0) <= 1e-12
+    problem.destroy()
+
+
+def two_squares():
+    """The squares (0, 1)^2 and (2, 3) x (0, 1), each cut into two triangles."""
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    x = np.concatenate((square, square + np.array([2.0, 0.0])))
+    cells = np.array([[0, 1, 3], [0, 2, 3], [4, 5, 7], [4, 6, 7]], dtype=np.int64)
+    if COMM.rank:
+        x, cells = x[:0], cells[:0]
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    return dolfinx.mesh.create_mesh(COMM, cells, x, ufl.Mesh(element))

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
-from dolfinx_signorini.meshes.refinement import parent_mesh
+from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -80,7 +80,7 @@ def test_a_fine_polygon_is_refined_from_coarse_levels_with_its_width_and_sides(c
     assert fine == polygon and coarse.width == 0.05
     sided = coarse.make(comm)
     finer = fine.make_after(coarse, sided)
-    assert parent_mesh(finer.mesh)[0] is sided.mesh
+    assert parent_mesh(finer.mesh).mesh is sided.mesh
     counts = [m.topology.index_map(2).size_global for m in (sided.mesh, finer.mesh)]
     assert counts[1] == 4 * counts[0]
     lengths = [math.dist(a, b) for a, b in zip(PENTAGON, (*PENTAGON[1:], PENTAGON[0]), strict=True)]
@@ -206,6 +206,12 @@ def test_a_refined_mesh_of_a_file_has_coarser_levels_from_many_cells_on(comm, de
     assert 32 * vertices[0] < vertices[1] < 64 * vertices[0]
     assert result.solve.linear_solves <= 3
     result.destroy()
+
+
+def test_a_wrong_number_of_refinements_is_named_and_not_the_file(comm, demos):
+    with pytest.raises(InputError) as error:
+        load_scene(demos / "plate.toml", comm, ["domain.refinements=-1"])
+    assert error.value.subject == "--set domain.refinements"
 
 
 def test_a_side_under_two_names_belongs_to_one_part(comm, demos, folder):

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.data import parsing
-from dolfinx_signorini.data.interfaces.jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets

@@ -212,7 +212,7 @@ def test_the_files_that_are_spoilt_are_good_ones(tables, comm, folder):
 
 
 def test_500_malformed_files_are_refused(comm, folder, capsys):
-    @settings(max_examples=500)
+    @settings(max_examples=500 // comm.size)
     @given(malformed())
     def check(text):
         message = solve(comm, folder, capsys, text)

@@ -9,6 +9,7 @@ import sys
 
 import dolfinx
 import pytest
+from mpi4py import MPI
 
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.commands.printing import Guarded
@@ -209,3 +210,35 @@ def test_a_title_that_a_terminal_cannot_show_is_written_otherwise():
     print("Höhe", file=guarded)
     guarded.flush()
     assert stream.buffer.getvalue() == b"H\\xf6he\n"
+
+
+@pytest.mark.pure
+def test_a_stop_at_any_line_leaves_nothing(tmp_path):
+    """A signal is raised at the first, second, ... line that runs while the folder is made."""
+    out, file = tmp_path / "out", folders.__file__
+
+    def stop_at(line):
+        count = 0
+
+        def trace(frame, event, argument):
+            nonlocal count
+            count += event == "line"
+            if count == line + 1:
+                raise KeyboardInterrupt
+            return trace if frame.f_code.co_filename == file else None
+
+        sys.settrace(trace)
+        try:
+            with output_folder(MPI.COMM_SELF, out, ("boundary",)):
+                sys.settrace(None)
+                return True
+        except KeyboardInterrupt:
+            return False
+        finally:
+            sys.settrace(None)
+
+    line = 0
+    while not stop_at(line):
+        assert not out.exists(), line
+        line += 1
+    assert line > 20

@@ -315,7 +315,7 @@ def test_costs_name_the_terms_of_the_scene_and_no_others(run, comm):
     _, printed = run(UPPER, "--outputs", "boundary", "--costs")
     if comm.rank == 0:
         assert "a: diffusion on cells  " in printed
-        assert "Dirichlet dofs and data" in printed
+        assert "fixed_values" in printed
         assert "reaction" not in printed and "exact" not in printed
     _, printed = run(UPPER, "--outputs", "boundary")
     if comm.rank == 0:

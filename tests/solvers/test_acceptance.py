@@ -5,8 +5,9 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.active_set import MAX_STEPS, Start, solve_active_set
+from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.patch import MAX_STEPS
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 

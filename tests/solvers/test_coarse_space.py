@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import ufl
-from dolfinx import mesh
+from dolfinx import fem, mesh
+from mpi4py import MPI
 from scipy.spatial import Delaunay
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
-from dolfinx_signorini.solvers.coarse_space import _interpolation, coarse_start
+from dolfinx_signorini.solvers.coarse_space import _interpolation, _out_of_reach, coarse_start
 
 
 def shaken(comm, dim, cells, seed=3):
@@ -43,7 +44,8 @@ def test_linear_functions_are_interpolated_exactly(dim):
     rng = np.random.default_rng(dim)
     vertices, slope = rng.uniform(size=(60, dim)), rng.normal(size=dim)
     centres = vertices[Delaunay(vertices).simplices].mean(axis=1)
-    P = _interpolation(Delaunay(vertices), np.vstack((centres, vertices)))
+    places = np.vstack((centres, vertices))
+    P = _interpolation(Delaunay(vertices), places, rng.permutation(len(places)))
     expected = np.concatenate((centres @ slope, vertices @ slope))
     assert P @ (vertices @ slope) == pytest.approx(expected, abs=1e-12)
     assert np.asarray(P.sum(axis=1)).ravel() == pytest.approx(1.0)
@@ -51,7 +53,7 @@ def test_linear_functions_are_interpolated_exactly(dim):
 
 def test_outside_of_the_triangulation_the_nearest_vertex_counts():
     square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    P = _interpolation(Delaunay(square), np.array([[1.2, 1.1], [-0.5, 0.1]]))
+    P = _interpolation(Delaunay(square), np.array([[1.2, 1.1], [-0.5, 0.1]]), np.arange(2))
     assert P.toarray() == pytest.approx(np.array([[0, 0, 0, 1.0], [1.0, 0, 0, 0]]))
 
 
@@ -118,3 +120,48 @@ def test_an_obstacle_out_of_reach_costs_nothing(comm):
     assert problem.result.active_dofs == 0
     assert problem.result.linear_solves == 1
     problem.destroy()
+
+
+@pytest.mark.parametrize("ghosts", [mesh.GhostMode.none, mesh.GhostMode.shared_facet])
+def test_rows_of_dofs_whose_cells_another_rank_has(comm, ghosts):
+    """The row of an owned vertex refers to dofs of cells that are not even ghosts here."""
+    domain = mesh.create_unit_square(comm, 61, 61, ghost_mode=ghosts)
+    problem = posed(domain)
+    x = problem.system.start()
+    held = coarse_start(problem.system, x)
+    assert held is not None
+    assert comm.allreduce(int(held.sum())) > 0
+    u = problem.solve().x.array.copy()
+    assert problem.solve("bntr", rtol=1e-9, warm_start=False).x.array == pytest.approx(u, abs=1e-6)
+
+
+@pytest.mark.parametrize("reaction", [1e-3, 1.0, 100.0])
+@pytest.mark.parametrize("dirichlet", [False, True])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_is_out_of_reach_is_not_touched(comm, dim, reaction, dirichlet):
+    """The obstacle is a little above the lowest value without contact, or far below all values."""
+    domain = shaken(comm, dim, {2: 60, 3: 11}[dim])
+    space = bernstein_space(domain, 1)
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    form = (ufl.inner(ufl.grad(u), ufl.grad(v)) + reaction * u * v) * ufl.dx
+    load = (12.0 * ufl.sin(3.0 * x[0] + 1.0) * ufl.cos(9.0 * x[1]) - 40.0) * v * ufl.dx
+    left = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[0], 0.0))
+    value = fem.Function(space)
+    value.interpolate(lambda x: 1.0 + np.sin(4.0 * x[1]))
+    dofs = fem.locate_dofs_topological(space, dim - 1, left)
+    bcs = [fem.dirichletbc(value, dofs)] if dirichlet else []
+
+    def reached(level):
+        contact = np.setdiff1d(boundary_facets(domain), left) if bcs else boundary_facets(domain)
+        problem = SignoriniProblem(form, load, contact=contact, obstacle=level, bcs=bcs)
+        start = problem.system.start()
+        far = _out_of_reach(problem.system, start)
+        values = problem.solve(rtol=1e-8).x.array[problem.contact_dofs]
+        lowest = comm.allreduce(float(values.min(initial=np.inf)), op=MPI.MIN)
+        start.destroy()
+        problem.destroy()
+        return not far, lowest
+
+    near, lowest = reached(-1e6)
+    assert not near
+    assert reached(lowest + 1e-3)[0]

@@ -30,7 +30,9 @@ def solved(end, inner=(0.0,), obstacle=0.0):
     system = SimpleNamespace(
         comm=MPI.COMM_SELF,
         b=SimpleNamespace(array_r=values - multiplier),
+        A=SimpleNamespace(getLocalSize=lambda: (len(values), len(values))),
         contact_dofs=np.arange(count),
+        signs=np.ones(count),
         contact_diagonal=np.ones(count),
         obstacle=np.full(count, obstacle),
         touching=lambda x: x.array_r[:count] <= obstacle,

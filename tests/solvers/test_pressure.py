@@ -241,7 +241,7 @@ def test_pressure_force_and_balance_say_the_same(domain, degree, bernstein, sign
     assert integral(pressure * ds) == pytest.approx(sign * problem.force, rel=1e-12)
     # No pressure away from contact: at free dofs, but on tetrahedra on facets that lie apart.
     space = problem.space
-    dofs = facet_dofs(space, problem.system.layout.facet_cells)
+    dofs = facet_dofs(space, problem.system.layout.owned_entities)
     near = marked(space, problem.active)
     if domain.topology.dim == 3:
         near = marked(space, dofs[near[dofs].any(axis=1)].ravel())

@@ -14,6 +14,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference, components
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.stop import SHARE, Stop
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 
@@ -92,7 +93,7 @@ def test_without_coarse_meshes_or_a_coarse_solution_the_residual_decides():
     problem.destroy()
     exact = christof_haubner(friedrichs_keller(COMM, 76))
     other = paper_problem(exact)
-    other._options["pc_type"] = "hypre"
+    other._options["pc_type"] = DEFAULT_OPTIONS["pc_type"]
     other.solve(coarse=state)
     assert other.result.algebraic_share is None
     assert other.result.natural_residual <= 1e-7

@@ -8,6 +8,8 @@ from dolfinx_signorini.data.interfaces.interface import OneSided, interfaces
 from dolfinx_signorini.data.interfaces.pieces import subdivide
 from dolfinx_signorini.data.parsing import parse
 
+pytestmark = pytest.mark.pure
+
 
 def on_circle(count):
     angles = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, count)

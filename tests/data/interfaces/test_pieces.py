@@ -13,6 +13,8 @@ from dolfinx_signorini.data import parsing
 from dolfinx_signorini.data.interfaces import jumps
 from dolfinx_signorini.data.interfaces.pieces import cut
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 numbers = st.floats(-1.0, 1.0).filter(lambda s: s == 0.0 or abs(s) > 1e-6)
 
@@ -88,3 +90,55 @@ def test_a_curve_between_the_points_of_a_cell_is_seen(depth, comm):
     form = fem.form(jumps.integrable(formula, domain, 1) * ufl.dx(metadata=CELL_RULE.metadata))
     found = comm.allreduce(fem.assemble_scalar(form))
     assert found == pytest.approx(np.pi * r * r, rel=1e-7)
+
+
+DISC = "(x - 0.4)^2 + (y - 0.53)^2"
+
+
+@pytest.mark.parametrize(("power", "share"), [(1, 0.6), (2, 0.1), (3, 0.1)])
+def test_a_smoother_kink_asks_for_fewer_pieces(power, share, comm):
+    """The integral of max(s - r^2, 0)^m over a disc is pi s^(m + 1) / (m + 1)."""
+    domain, s = mesh.create_unit_square(comm, 8, 8), 0.11
+    jump, kink = (
+        parsing.parse(text)
+        for text in (f"where({DISC} < {s}, 2, 0)", f"max({s} - ({DISC}), 0)^{power}")
+    )
+    counts = [comm.allreduce(len(jumps.cut_cells([f], domain, 2)[0])) for f in (jump, kink)]
+    assert counts[1] < share * counts[0]
+    form = fem.form(jumps.integrable(kink, domain, 2) * ufl.dx(metadata=CELL_RULE.metadata))
+    found = comm.allreduce(fem.assemble_scalar(form))
+    assert found == pytest.approx(np.pi * s ** (power + 1) / (power + 1), rel=5e-6)
+
+
+def test_cells_that_no_jump_cuts_have_no_pieces(comm):
+    """The part of the mesh far from the jump is refined: no pieces more, and the same integral."""
+    formula = parsing.parse("where((x - 0.2)^2 + (y - 0.25)^2 < 0.017, 2, 0)")
+    sided, found = SidedMesh(mesh.create_unit_square(comm, 10, 10), {}), []
+    for _ in range(3):
+        form = fem.form(jumps.integrable(formula, sided.mesh, 2) * ufl.dx(degree=4))
+        total = comm.allreduce(fem.assemble_scalar(form))
+        pieces, _ = jumps.cut_cells([formula], sided.mesh, 2)
+        found.append((comm.allreduce(len(pieces)), pytest.approx(total, rel=1e-12)))
+        corners = sided.mesh.geometry.x[sided.mesh.geometry.dofmap[owned_cells(sided.mesh)]]
+        far = np.flatnonzero(corners.min(axis=1)[:, :2].max(axis=1) > 0.7)
+        sided = refined(sided, far.astype(np.int32)).sided
+    assert found[1:] == found[:1] * 2
+    assert found[0] == (found[0][0], pytest.approx(2.0 * 0.017 * np.pi, rel=1e-6))
+
+
+@pytest.mark.parametrize(("text", "power", "most"), [("{r}^4/{r}", 3, 8), ("{r}^-0.8", -0.8, 40)])
+def test_a_pole_is_divided_as_far_as_the_integral_asks(text, power, most, comm, monkeypatch):
+    """As div(r^n (x, y)) = (n + 2) r^n, integrals of r^n are integrals over the boundary."""
+    a, b = 0.4, 0.61
+    formula = parsing.parse(text.format(r=f"hypot(x - {a}, y - {b})"))
+    looks, near = [], jumps.Projection._near
+    monkeypatch.setattr(jumps.Projection, "_near", lambda *args: looks.append(1) or near(*args))
+    domain = mesh.create_unit_square(comm, 4, 4)
+    form = fem.form(jumps.integrable(formula, domain, 2) * ufl.dx(metadata=CELL_RULE.metadata))
+    found = comm.allreduce(fem.assemble_scalar(form))
+    t, weights = np.polynomial.legendre.leggauss(200)
+    t, exact = 0.5 * (t + 1.0), 0.0
+    for away, along in ((a, b), (1.0 - a, b), (b, a), (1.0 - b, a)):
+        exact += 0.5 * away * weights @ np.hypot(away, t - along) ** power / (power + 2.0)
+    assert found == pytest.approx(exact, rel=3e-5)
+    assert len(looks) <= most

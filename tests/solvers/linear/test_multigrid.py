@@ -1,5 +1,6 @@
 """Geometric multigrid: prolongations between meshes, coarse matrices, and linear solves."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,13 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import bernstein_space, nodal_space
-from dolfinx_signorini.meshes.refinement import parent_mesh, refined
+from dolfinx_signorini.meshes.parents import parent_mesh
+from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
 from dolfinx_signorini.solvers.linear.hierarchy import degree_prolongations, prolongations
-from dolfinx_signorini.solvers.linear.iterative import AMG, SLOW, IterativeSolver
+from dolfinx_signorini.solvers.linear.iterative import AMG, HYPRE, SLOW, IterativeSolver
 from dolfinx_signorini.solvers.linear.lattice import coarsened, find_lattice
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 
@@ -111,7 +113,7 @@ def test_coarse_matrices_of_a_refined_mesh_are_those_of_its_parent(make, local):
     parent = make()
     A, space = matrix_on(towards_corner(parent, 1) if local else uniform(parent, 1))
     nodes = hierarchy.nodes_of(space)
-    P = hierarchy.refinement_prolongation(space.mesh, nodes, *parent_mesh(space.mesh))
+    P = hierarchy.refinement_prolongation(space.mesh, nodes, parent_mesh(space.mesh))
     product, (B, coarse_space) = A.ptap(P), matrix_on(parent)
     x = parent.geometry.x[owned_nodes(parent), : parent.topology.dim].T
     y = coarse_space.tabulate_dof_coordinates()[: B.getLocalSize()[0], : len(x)].T
@@ -157,7 +159,7 @@ def solved(problem, held, **settings):
 def test_few_iterations_whatever_the_mesh(name):
     problem = loaded(MESHES[name]())
     solver, residual = solved(problem, held_below(problem))
-    assert problem.unknowns > 1000 and any("coarse level" in c.name for c in problem.costs())
+    assert problem.unknowns > 1000 and solver.preconditioner.startswith("multigrid over")
     assert residual <= 1.001e-8
     assert solver.iterations <= (16 if "adapted" in name else 13)
     assert solver.setups == 1
@@ -177,8 +179,8 @@ def test_iterations_hardly_feel_the_degree(kind, degree):
     domain = towards_corner(friedrichs_keller(COMM, 14), 2)
     problem = loaded(domain, space=SPACES[kind](domain, degree))
     solver, residual = solved(problem, held_below(problem))
-    names = [cost.name for cost in problem.costs()]
-    assert sum("prolongation" in name for name in names) > (degree > 2)
+    degrees = int(re.match(r"multigrid over (\d) lower degrees", solver.preconditioner)[1])
+    assert degrees > (degree > 2)
     assert residual <= 1.001e-8
     assert solver.iterations <= 13
     solver.destroy()
@@ -194,7 +196,8 @@ def test_on_a_graded_mesh_changed_dofs_cost_few_iterations_and_small_local_solve
     problem = loaded(domain, space=bernstein_space(domain, 3))
     system, held = problem.system, held_below(problem)
     x = nodal_space(problem.space).tabulate_dof_coordinates()[problem.contact_dofs]
-    changed = held & ~((x[:, 1] == 0.0) & (x[:, 0] < 0.004))  # at the corner a few are released
+    # At the corner a few are released.
+    changed = held & ~(np.isclose(x[:, 1], 0.0) & (x[:, 0] < 0.002))
     assert 4 <= COMM.allreduce(int((changed != held).sum())) <= 16
     counts = []
     for first in (changed, held):
@@ -296,6 +299,7 @@ def test_flat_cells_are_no_obstacle(sizes):
     problem.destroy()
 
 
+@pytest.mark.skipif(AMG is not HYPRE, reason="GAMG is slow on flat cells itself")
 @pytest.mark.parametrize("height", [100.0, 1000.0])
 def test_convergence_that_becomes_slow_leads_to_boomeramg(height, monkeypatch):
     # With every second node in both directions, the first iterations on flat cells take two
@@ -332,6 +336,6 @@ def test_what_is_no_lattice_is_not_taken_for_one(kind):
 def test_who_chooses_a_preconditioner_gets_it(options):
     problem = loaded(friedrichs_keller(COMM, 40))
     solver, _ = solved(problem, held_below(problem), options=options)
-    assert not any("coarse level" in cost.name for cost in problem.costs())
+    assert "multigrid" not in solver.preconditioner
     solver.destroy()
     problem.destroy()

@@ -5,9 +5,13 @@ proposition, theorem, corollary, remark and assumption of Sections 2 to 6 with t
 remarks, every tag of a displayed formula, and both tables.
 """
 
+import pytest
+
 from dolfinx_signorini.studies.paper.theory import families
 from dolfinx_signorini.studies.paper.theory.figures import FIGURES
 from dolfinx_signorini.studies.paper.theory.statements import CHECKS, EQUATIONS, STATEMENTS
+
+pytestmark = pytest.mark.pure
 
 NUMBERED = {
     *("Proposition 2.1", "Definition 2.2", "Theorem 2.3", "Remark 2.4", "Assumption 2.5"),

@@ -16,9 +16,10 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import approximation_order, eoc
 from dolfinx_signorini.studies.paper.theory import triangulations
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
-from dolfinx_signorini.studies.paper.theory.mixed import power_exponents, solved_power_problem
+from dolfinx_signorini.studies.paper.theory.examples import levels_of_bumps
+from dolfinx_signorini.studies.paper.theory.families import solved
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, power_exponents
 from dolfinx_signorini.studies.paper.theory.parts import second_seminorms
-from dolfinx_signorini.studies.paper.theory.pieces import levels_of_bumps
 
 COMM = MPI.COMM_WORLD
 
@@ -114,7 +115,7 @@ def test_problem_3_has_the_orders_of_its_singularity(p):
     exponent = min(power_exponents(p))
     coarse, fine = ({}, {})
     for n, errors in ((25, coarse), (51, fine)):
-        problem = solved_power_problem(COMM, p, n)
+        problem = solved(COMM, lambda domain: PowerProblem(domain, p), n)
         errors.update(error_norms(problem.u, problem.exact, ["Linf", "W1_inf"]))
         problem.destroy()
     for norm in coarse:

@@ -13,6 +13,8 @@ from dolfinx_signorini.studies.paper.theory.proven import (
     supercloseness_order,
 )
 
+pytestmark = pytest.mark.pure
+
 BELOW = st.floats(2.01, 3.99)
 ABOVE = st.floats(4.01, 1000.0)
 

@@ -9,7 +9,8 @@ from mpi4py import MPI
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import theory as command
 from dolfinx_signorini.studies.paper.theory import checks, families
-from dolfinx_signorini.studies.paper.theory.statements import MEASURED, STATEMENTS, select
+from dolfinx_signorini.studies.paper.theory.proven import interpolation_constant
+from dolfinx_signorini.studies.paper.theory.statements import CHECKS, MEASURED, STATEMENTS, select
 
 COMM = MPI.COMM_WORLD
 
@@ -46,7 +47,7 @@ def test_a_slope_in_the_logarithm():
 
 
 def test_values_are_normalised():
-    read = checks.over(checks.entry("deep/e"), 1.0, to=4.0)
+    read = checks.value_of({"of": "deep/e", "power": 1.0, "to": 4.0})
     n = 50
     row = {"n": n, "deep": {"e": 2.0 / n}}
     assert read(row) == pytest.approx(16.0)
@@ -74,7 +75,15 @@ def test_the_constant_of_the_interpolation():
                 slope = 1.5 * np.sqrt(z)
                 error = (-slope.imag - gx) ** 4 + (-slope.real - gy) ** 4
                 total += wp * wq * p * det * float(error.sum())
-    assert total / math.log(high / low) == pytest.approx(checks.interpolation_constant(), rel=0.02)
+    assert total / math.log(high / low) == pytest.approx(interpolation_constant(), rel=0.02)
+
+
+def test_constants_are_printed_as_they_are_computed():
+    first, second, third = CHECKS["4.4.1"]
+    assert first.rule.constant == interpolation_constant()
+    assert first.proven == f"B = {first.rule.constant:.4f}"
+    assert second.proven == f"10^4 B = {second.rule.constant:.0f}"
+    assert third.proven == f"{third.rule.constant:.5f}"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from mpi4py import MPI
 
 from dolfinx_signorini.studies.paper.theory import families
 from dolfinx_signorini.studies.paper.theory.checks import (
-    TOLERANCE,
     Limit,
     Order,
     Settles,
@@ -49,7 +48,7 @@ def wrong(rule, figures):
 
     if isinstance(rule, Order):
         width = (rule.high - rule.low if math.isfinite(rule.high - rule.low) else 3.0) + 0.05
-        d = width + 2.0 * max(rule.tolerance, TOLERANCE)
+        d = width + 2.0 * max(rule.tolerance, Order(0.0, 1.0).tolerance)
         inputs += [[(n, v * n**d) for n, v in figures]] if math.isfinite(rule.low) else []
         inputs += [[(n, v * n**-d) for n, v in figures]] if math.isfinite(rule.high) else []
         inputs.append([(n, 0.0) for n, _ in figures])

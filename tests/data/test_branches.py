@@ -4,10 +4,12 @@ import basix
 import numpy as np
 import pytest
 
-from dolfinx_signorini.data.choices import decided
+from dolfinx_signorini.data.branches import decided
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.parsing import parse
+
+pytestmark = pytest.mark.pure
 
 FORMULAS = {
     "line": "where(x + 0.4*y < 0.51, 1 + x, 7*y)",

@@ -9,8 +9,8 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.estimates import Estimator
-from dolfinx_signorini.accuracy.indicators import Solution
 from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 
@@ -63,11 +63,10 @@ def test_waves_of_the_obstacle_between_the_nodes(dim, name, degree, comm):
     sided = SidedMesh(domain, {"bottom": bottom})
     division, waves = refined(sided), 2 * n * degree
     coarse, fine = (solved(part, degree, waves) for part in (sided, division.sided))
-    estimator = Estimator(coarse.space, wanted, None)
+    estimator = Estimator(coarse.space, wanted)
     solution = Solution(coarse.u, coarse.forces)
-    value = estimator.compared(solution, fine, division.parents, None)
-    estimate = estimator.settled(value, fine, division.parents, None)
+    estimator.compare(Solved(solution, fine, division.parents, wanted))
     error = wave_error(wanted.norm, dim, waves)
-    assert estimator.found.difference <= 1e-5 * error <= error <= estimate <= 4.0 * error
+    assert estimator.found.difference <= 1e-5 * error <= error <= estimator.estimate <= 4.0 * error
     for problem in (coarse, fine):
         problem.destroy()

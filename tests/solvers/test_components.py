@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import InputError, SignoriniProblem
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.connected_parts import bodies
+from dolfinx_signorini.solvers.components import components
 
 N = 12
 
@@ -67,10 +67,10 @@ def problem(domain, contact, load=-1.0, fixed=None, reaction=None, obstacle=-0.1
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("places", [(0.0,), (0.0, 2.0), (0.0, 2.0, 5.0), (0.0, 1.0 + 1e-6)])
-def test_bodies_are_the_connected_parts(comm, places, degree):
+def test_bodies_are_the_components(comm, places, degree):
     domain = squares(comm, places, 5)
     space = fem.functionspace(domain, ("Lagrange", degree))
-    found = bodies(space)
+    found = components(space)
     owned = space.dofmap.index_map.size_local
     x = space.tabulate_dof_coordinates()[:owned, 0]
     middles = np.add(places, 0.5)
@@ -87,7 +87,7 @@ def test_bodies_are_the_connected_parts(comm, places, degree):
 
 
 def test_a_square_on_many_ranks_is_one_body(comm):
-    assert bodies(fem.functionspace(friedrichs_keller(comm, 7), ("Lagrange", 1))).count == 1
+    assert components(fem.functionspace(friedrichs_keller(comm, 7), ("Lagrange", 1))).count == 1
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,16 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
-from dolfinx_signorini.data import fits
+from dolfinx_signorini.data import approximations
 from dolfinx_signorini.data.analytic import discs
-from dolfinx_signorini.data.fits import fit, followed
+from dolfinx_signorini.data.approximations import approximated, followed
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided, inside
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.matrices import inverse_entries
 from dolfinx_signorini.data.parsing import parse
+
+pytestmark = pytest.mark.pure
 
 UNARY = "sqrt exp sin cos tan asin acos atan sinh cosh tanh log".split()  # noqa: SIM905
 NUMBERS = st.floats(0.05, 4.0).map(lambda v: f"{v:.3g}")
@@ -101,11 +103,11 @@ def test_discs_of_a_product_next_to_its_zeros():
         assert radii[1] == radii[2] == 0.0 and math.isinf(radii[3])
 
 
-def composite(formula, corners):
+def composite(formula, corners, divisions):
     """A fine rule on a triangle: points of the reference triangle, weights, and values."""
     unit = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     pieces = np.concatenate((unit, corners), axis=1)[None]
-    for _ in range(5):
+    for _ in range(divisions):
         pieces, _ = divided(pieces, np.zeros(len(pieces), dtype=int))
     points, weights = rule(2, 9)
     places = inside(pieces, points).reshape(-1, 4)
@@ -116,24 +118,29 @@ def composite(formula, corners):
 @settings(max_examples=60)
 @given(st.one_of(ANALYTIC, CHOICES), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0),
        st.sampled_from([1.0, 0.2, 0.02]), st.sampled_from([1e-1, 1e-3, 1e-6]))  # fmt: skip
-def test_fits_miss_no_more_than_they_say(text, x, y, width, tolerance):
+def test_approximations_miss_no_more_than_they_say(text, x, y, width, tolerance):
     formula = read(text)
     if formula is None:
         return
     corners = triangle(x, y, width)
-    found = fit(formula, MPI.COMM_SELF, corners[None], 3, np.ones((2, 1)), tolerance)
-    places, weights, values = composite(formula, corners)
-    if not (np.isfinite(found.missed[0]) and np.isfinite(values).all()):
+    found = approximated(formula, MPI.COMM_SELF, corners[None], 3, np.ones((2, 1)), tolerance)
+    if not np.isfinite(found.missed[0]):
         return
-    table = polynomials(2, 3, places)
-    rest = values - found.coefficients[0] @ table
+    measured = []
+    for divisions in (3, 4, 5):
+        places, weights, values = composite(formula, corners, divisions)
+        if not np.isfinite(values).all():
+            return
+        table = polynomials(2, 3, places)
+        rest = values - found.coefficients[0] @ table
+        moments = np.abs(table @ (weights * rest)) / np.abs(table).max(axis=1)
+        measured.append((math.sqrt(weights @ rest**2), moments))
+    norms, moments = (np.array(values) for values in zip(*measured, strict=True))
     rounding = 1e-11 * (1.0 + np.abs(values).max())
-    # The fine rule is wrong by a little, too, where the formula jumps.
-    near = 0.1 * found.missed[0] if "where" in text or "sign" in text or "atan2" in text else 0.0
-    assert math.sqrt(weights @ rest**2) <= found.missed[0] * 1.001 + near + rounding
-    moments = np.abs(table @ (weights * rest)) / np.abs(table).max(axis=1)
-    slack = 1e-6 * found.missed[0] + near
-    assert moments.max() <= found.mean[0] + slack + rounding
+    # Next to poles, kinks and jumps the fine rule is wrong, and rougher ones are more so.
+    assert norms[-1] - np.ptp(norms) <= found.missed[0] * 1.001 + rounding
+    least = (moments[-1] - np.ptp(moments, axis=0)).max()
+    assert least <= found.mean[0] + 1e-6 * found.missed[0] + rounding
 
 
 @pytest.mark.parametrize(
@@ -142,28 +149,28 @@ def test_fits_miss_no_more_than_they_say(text, x, y, width, tolerance):
      ("hypot(x, y)^1.5", 5e-3), ("where(x + y < 0.7, 0, 1)", 0.2),
      ("exp(-((x - 0.3)^2 + (y - 0.4)^2)/1e-6)", 0.1)],
 )  # fmt: skip
-def test_fits_are_close(text, most):
+def test_approximations_are_close(text, most):
     corners = np.array([[[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]], [[0.5, 0.0], [1.0, 0.0], [0.5, 0.9]]])
-    found = fit(parse(text), MPI.COMM_SELF, corners, 3, np.ones((2, 2)), 1e-3)
+    found = approximated(parse(text), MPI.COMM_SELF, corners, 3, np.ones((2, 2)), 1e-3)
     assert found.missed.max() < most and found.mean.max() < 2e-2 and found.hidden < 2e-3
 
 
 def test_ranks_with_different_formulas_stop_at_the_same_level(comm, monkeypatch):
     # Longer formulas are divided into fewer pieces, and a rank that stopped by itself left the
     # others waiting.
-    monkeypatch.setattr(fits, "MOST_WORK", 200)
+    monkeypatch.setattr(approximations, "MOST_WORK", 200)
     bump = "exp(-((x - 0.3137)^2 + (y - 0.4111)^2)/1e-6)"
     longer = " + ".join(f"{bump}*sin({k}*x)" for k in range(1, 20))
     corners = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
     text = longer if comm.rank == 0 else bump
-    found = fit(parse(text), comm, corners, 2, np.ones((2, 1)), 1e-8)
+    found = approximated(parse(text), comm, corners, 2, np.ones((2, 1)), 1e-8)
     assert len(set(comm.allgather(found.hidden))) == 1
 
 
 def test_a_narrow_bump_is_found():
     corners = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
     text = "exp(-((x - 0.3137)^2 + (y - 0.4111)^2)/1e-6)"
-    found = fit(parse(text), MPI.COMM_SELF, corners, 2, np.ones((2, 1)), 1e-8)
+    found = approximated(parse(text), MPI.COMM_SELF, corners, 2, np.ones((2, 1)), 1e-8)
     assert found.missed[0] == pytest.approx(math.sqrt(math.pi * 1e-6), rel=1e-2)
     assert found.coefficients[0, 0] == pytest.approx(2.0 * math.pi * 1e-6, rel=1e-6)
 

@@ -1,0 +1,175 @@
+"""Accuracies with obstacles in the domain, held against exact solutions on a dense lattice."""
+
+import basix
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+from dolfinx_signorini import (
+    InputError,
+    ObstacleProblem,
+    SidedMesh,
+    SignoriniProblem,
+    bernstein_space,
+    detachment_points,
+    solve_adaptively,
+)
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.dirichlet import dirichlet
+
+# The ball: the hemisphere with its tangent from r = 0.9 as the obstacle on (-2, 2)^2; contact ends
+# at the radius A. Source: Bueler, PETSc for Partial Differential Equations, SIAM (2021).
+A = 0.697965148223372
+SLOPE = 0.680259411891713
+P, H = 0.9, np.sqrt(1.0 - 0.9**2)
+
+
+def ball(x):
+    r = np.maximum(np.hypot(x[0], x[1]), 1e-12)
+    return np.where(r < A, np.sqrt(np.maximum(1.0 - r**2, 0.0)), SLOPE * np.log(2.0 / r))
+
+
+def ball_slope(x):
+    r = np.maximum(np.hypot(x[0], x[1]), 1e-12)
+    slope = np.where(r < A, -r / np.sqrt(np.maximum(1.0 - r**2, 1e-3)), -SLOPE / r)
+    return slope * x[:2] / r
+
+
+# Nochetto, Siebert and Veeser, Numer. Math. 95 (2003) 163-195, section 7.2: contact up to r = 0.7.
+def bowl(x):
+    return np.maximum((x[:2] ** 2).sum(axis=0) - 0.49, 0.0) ** 2
+
+
+def bowl_slope(x):
+    return 4.0 * np.maximum((x[:2] ** 2).sum(axis=0) - 0.49, 0.0) * x[:2]
+
+
+def posed(sided, degree, name, mirrored=False):
+    """The ball or the bowl, or the same for -u below an upper obstacle."""
+    space, x = bernstein_space(sided.mesh, degree), ufl.SpatialCoordinate(sided.mesh)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    sign = -1.0 if mirrored else 1.0
+    if name == "ball":
+        r, load = ufl.sqrt(x[0] ** 2 + x[1] ** 2), fem.Constant(sided.mesh, 0.0)
+        sphere = ufl.sqrt(abs(1.0 - r**2))
+        obstacle, data = ufl.conditional(r < P, sphere, H - P / H * (r - P)), ball
+    else:
+        s = x[0] ** 2 + x[1] ** 2 - 0.49
+        load = ufl.conditional(s < 0.0, -3.92 * (1.0 - s), -8.0 * (2.0 * s + 0.49))
+        obstacle, data = 0.0, bowl
+    bc = dirichlet(space, boundary_facets(sided.mesh), lambda x: sign * data(x))
+    bounds = {"upper": -obstacle} if mirrored else {"lower": obstacle}
+    a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+    return ObstacleProblem(a, sign * load * v * ufl.dx, bcs=[bc], **bounds)
+
+
+def errors(u, exact, slope):
+    """The errors in some norms, by a rule of degree 14 on each owned cell."""
+    space, domain = u.function_space, u.function_space.mesh
+    points, weights = basix.make_quadrature(basix.CellType.triangle, 14)
+    table = space.element.basix_element.tabulate(1, points)[:, :, :, 0]
+    count = domain.topology.index_map(2).size_local
+    values = u.x.array[space.dofmap.list[:count]]
+    corners = domain.geometry.x[domain.geometry.dofmap[:count], :2]
+    maps = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    x = np.moveaxis(corners[:, :1] + np.einsum("nij,qj->nqi", maps, points), 2, 0)
+    own = np.einsum("nk,tqk->nqt", values, table[1:])
+    gradients = np.einsum("nqt,nti->inq", own, np.linalg.inv(maps))
+    off = np.abs(values @ table[0].T - exact(x))
+    steep = np.abs(gradients - slope(x))
+    sizes = weights * np.abs(np.linalg.det(maps))[:, None]
+    sums = ["L2", "L4", "H1"]
+    local = [(off**2 * sizes).sum(), (off**4 * sizes).sum(), ((steep**2).sum(axis=0) * sizes).sum()]
+    local[2] += local[0]
+    totals = domain.comm.allreduce(np.array(local)) ** np.array([0.5, 0.25, 0.5])
+    largest = [off.max(initial=0.0), max(off.max(initial=0.0), steep.max(initial=0.0))]
+    found = dict(
+        zip(("Linf", "W1_inf"), np.max(domain.comm.allgather(largest), axis=0), strict=True)
+    )
+    return found | dict(zip(sums, totals, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "degree", "norm", "accuracy", "mirrored"),
+    [
+        ("ball", 1, "H1", 0.15, False),
+        ("ball", 1, "H1", 0.15, True),
+        ("ball", 2, "Linf", 2e-3, False),
+        ("ball", 2, "L2", 5e-4, False),
+        ("bowl", 2, "H1", 2e-2, False),
+        ("bowl", 2, "L4", 1e-3, True),
+        ("bowl", 2, "Linf", 2e-3, False),
+        ("bowl", 2, "W1_inf", 0.15, False),
+    ],
+)
+def test_the_accuracy_is_met(comm, name, degree, norm, accuracy, mirrored):
+    size = 2.0 if name == "ball" else 1.0
+    domain = mesh.create_rectangle(comm, [(-size, -size), (size, size)], (5, 5))
+    exact, slope = (ball, ball_slope) if name == "ball" else (bowl, bowl_slope)
+    sign = -1.0 if mirrored else 1.0
+    found = solve_adaptively(
+        lambda sided: posed(sided, degree, name, mirrored),
+        SidedMesh(domain, {}),
+        norm=norm,
+        accuracy=accuracy,
+    )
+    truth = errors(found.problem.u, lambda x: sign * exact(x), lambda x: sign * slope(x))[norm]
+    assert found.reached and truth <= found.estimate <= accuracy
+    assert truth > 0.02 * accuracy
+    found.problem.destroy()
+
+
+def test_an_integral_is_met(comm):
+    """The integral of the bowl over the square; by polar coordinates in the disc of contact."""
+    domain = mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (5, 5))
+    found = solve_adaptively(
+        lambda sided: posed(sided, 2, "bowl"),
+        SidedMesh(domain, {}),
+        norm=lambda u: u * ufl.dx,
+        accuracy=1e-4,
+    )
+    value = comm.allreduce(fem.assemble_scalar(fem.form(found.problem.u * ufl.dx)))
+    # Of (r^2 - c)^2 over the square, less that over the disc r^2 < c, where u = 0.
+    c = 0.49
+    exact = 4.0 * (2.0 / 5.0 + 2.0 / 9.0 - 4.0 * c / 3.0 + c**2) - np.pi * c**3 / 3.0
+    assert found.reached and abs(value - exact) <= found.estimate <= 1e-4
+    found.problem.destroy()
+
+
+def test_the_contact_radius_of_the_ball(comm):
+    """The area in contact tells the radius, to the width of the cells at the free boundary."""
+    domain = mesh.create_rectangle(comm, [(-2.0, -2.0), (2.0, 2.0)], (6, 6))
+    found = solve_adaptively(
+        lambda sided: posed(sided, 1, "ball"), SidedMesh(domain, {}), norm="Linf", accuracy=3e-3
+    )
+    problem = found.problem
+    x = problem.space.tabulate_dof_coordinates()
+    active, free = problem.active, np.setdiff1d(problem.contact_dofs, problem.active)
+    r = np.hypot(x[:, 0], x[:, 1])
+    inner = comm.allreduce(r[active].max(initial=0.0), op=max)
+    outer = comm.allreduce(r[free].min(initial=9.0), op=min)
+    assert abs(inner - A) < 0.03 and abs(outer - A) < 0.03
+    found.problem.destroy()
+
+
+def test_what_is_for_the_boundary_says_so(comm):
+    domain = mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (5, 5))
+    problem = posed(SidedMesh(domain, {}), 1, "bowl")
+    problem.solve()
+    with pytest.raises(InputError, match="one obstacle on the boundary"):
+        detachment_points(problem)
+    problem.destroy()
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    both = SignoriniProblem(
+        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+        fem.Constant(domain, 1.0) * v * ufl.dx,
+        contact=boundary_facets(domain),
+        lower=-1.0,
+        upper=0.5,
+    )
+    both.solve()
+    with pytest.raises(InputError, match="one obstacle on the boundary"):
+        detachment_points(both)
+    both.destroy()

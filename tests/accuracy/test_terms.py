@@ -1,0 +1,221 @@
+"""The identity of the error, and problems in which one of its terms alone is the error."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+from dolfinx_signorini import SignoriniProblem, bernstein_space
+from dolfinx_signorini.accuracy.boundary_defects import dirichlet_data
+from dolfinx_signorini.accuracy.cells import total
+from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.marking import SAFETY
+from dolfinx_signorini.accuracy.targets import size, target
+from dolfinx_signorini.accuracy.terms import (
+    Solution,
+    Solved,
+    algebra,
+    dual_solution,
+    held,
+    quadrature,
+    released,
+    residuals,
+)
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.problem.dirichlet import dirichlet
+
+TERMS = (residuals, released, held)
+
+
+def posed(sided, degree, load=0.0, data=0.0, obstacle=-1e3, rule=None, flat=False):
+    """-div grad u = load, u = data on all sides but the bottom, which is the contact boundary."""
+    domain, space = sided.mesh, bernstein_space(sided.mesh, degree)
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(sided.mesh)
+    dx = ufl.dx(metadata={} if rule is None else {"quadrature_degree": rule})
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    rest = np.setdiff1d(boundary_facets(domain), bottom).astype(np.int32)
+    source = load(x) if callable(load) else fem.Constant(domain, load)
+    problem = SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * dx,
+        source * v * dx,
+        contact=bottom,
+        obstacle=obstacle(x) if callable(obstacle) else obstacle,
+        bcs=[dirichlet(space, rest, data(x) if callable(data) else data)],
+    )
+    problem.solve(rtol=1e-12)
+    return problem
+
+
+@pytest.fixture
+def compared(comm):
+    """Return two solutions that are to be compared, from what is posed."""
+    problems = []
+
+    def compare(degree, n=4, asked="L2", **given):
+        sided = SidedMesh(mesh.create_unit_square(comm, n, n), {})
+        division = refined(sided)
+        problems.extend(posed(part, degree, **given) for part in (sided, division.sided))
+        coarse = Solution(problems[-2].u, problems[-2].forces)
+        return Solved(coarse, problems[-1], division.parents, target(asked))
+
+    yield compare
+    for problem in problems:
+        problem.destroy()
+
+
+def mean(v):
+    return v * ufl.dx
+
+
+def sums(solved, terms, functional=mean):
+    """The dual solution, and the sums over all cells of the terms with their signs."""
+    dual = dual_solution(solved, functional(ufl.TestFunction(solved.fine.space)))
+    found = [term(solved, dual) for term in terms]
+    assert all((np.abs(signed) <= sizes * (1.0 + 1e-12) + 1e-300).all() for signed, sizes in found)
+    return dual, [solved.fine.comm.allreduce(float(signed.sum())) for signed, _ in found]
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"load": 1.0},
+        {"data": lambda x: ufl.sin(3.0 * x[0]) * x[1]},
+        {"load": -1.0, "obstacle": lambda x: -0.1 + 0.05 * x[0]},
+    ],
+)
+def test_the_terms_add_up_to_the_difference(compared, degree, given):
+    solved = compared(degree, **given)
+    dual, parts = sums(solved, TERMS)
+    assert dual.value == pytest.approx(
+        solved.fine.comm.allreduce(fem.assemble_scalar(fem.form(mean(solved.error)))), rel=1e-8
+    )
+    size = sum(map(abs, parts))
+    assert size > 0.0 and abs(sum(parts) - dual.value) <= 1e-7 * size
+
+
+def test_residuals_alone(compared):
+    dual, parts = sums(compared(1, load=1.0), TERMS)
+    assert parts[1] == 0.0 and abs(parts[2]) <= 1e-3 * dual.value
+    assert parts[0] == pytest.approx(dual.value, rel=1e-3)
+
+
+def test_dirichlet_data_between_the_nodes_of_one_mesh_are_in_the_forces(compared):
+    """The data oscillate on all nodes of the finer mesh, and vanish at those of the other one."""
+    solved = compared(1, data=lambda x: 1.0 - ufl.cos(8.0 * np.pi * x[0]) * (1.0 + 0.0 * x[1]))
+    assert np.abs(solved.coarse.u.x.array).max() <= 1e-12
+    dual, parts = sums(solved, TERMS)
+    assert abs(parts[0]) + abs(parts[1]) <= 1e-9
+    assert parts[2] == pytest.approx(dual.value, rel=1e-6) and dual.value > 0.01
+
+
+def test_released_and_caught_dofs(compared):
+    """An obstacle whose contact set ends elsewhere on each mesh."""
+    solved = compared(1, n=5, load=-10.0, obstacle=lambda x: -0.05 - 1.7 * x[0] ** 2)
+    dual, (_, free, caught) = sums(solved, TERMS)
+    assert solved.fine.comm.allreduce(len(solved.fine.active)) > 0
+    assert abs(free) + abs(caught) > 1e-3 * abs(dual.value)
+
+
+@pytest.mark.parametrize("name", ["L2", "L4", "Linf", "H1", "W1_4"])
+def test_dirichlet_data_between_all_nodes(compared, name):
+    """The data vanish at all nodes of both meshes: the error is (1 - cos kx) sinh(ky)/sinh(k)."""
+    k = 16.0 * np.pi  # twice the number of the finer nodes
+    top = ufl.conditional
+    solved = compared(
+        1, asked=name, data=lambda x: top(x[1] > 1.0 - 1e-9, 1 - ufl.cos(k * x[0]), 0)
+    )
+    norm = target(name).norm
+    assert np.abs(solved.fine.u.x.array).max() <= 1e-12
+    estimator = Estimator(solved.coarse.u.function_space, target(name))
+    estimator.compare(solved)
+    # The trace of the error on the top is known, and so is what reaches inside like exp(-k y).
+    if norm.derivatives:
+        size = (
+            k * (3.0 / 8.0 / (4.0 * k)) ** 0.25 if norm.p == 4.0 else k * (0.5 / (2.0 * k)) ** 0.5
+        )
+    else:
+        size = 2.0 if np.isinf(norm.p) else (3.0 / 8.0 / (norm.p * k)) ** (1.0 / norm.p)
+    assert 0.9 * size <= estimator.estimate / SAFETY
+
+
+@pytest.mark.parametrize("name", ["L1_boundary", "L2_boundary", "L4_boundary", "H1_2_boundary"])
+def test_dirichlet_data_between_all_nodes_in_norms_of_the_boundary(compared, name):
+    """The solutions vanish, and 1 - cos(k x) on the top is the trace of the error."""
+    k = 16.0 * np.pi
+    top = ufl.conditional
+    solved = compared(
+        1, asked=name, data=lambda x: top(x[1] > 1.0 - 1e-9, 1 - ufl.cos(k * x[0]), 0)
+    )
+    estimator = Estimator(solved.coarse.u.function_space, target(name))
+    estimator.compare(solved)
+    whole = np.sqrt(1.5)
+    size = {
+        "L1_boundary": 1.0,
+        "L2_boundary": whole,
+        "L4_boundary": (35.0 / 8.0) ** 0.25,
+        "H1_2_boundary": np.sqrt(whole * (whole + k / np.sqrt(2.0))),
+    }[name]
+    assert 0.9 * size <= estimator.estimate / SAFETY <= 2.0 * size
+
+
+def test_the_mean_of_dirichlet_data_between_nodes_moves_the_functional(compared):
+    """u - w has the mean 1 on the top, as far as a functional can tell, and 0 elsewhere."""
+    k = 16.0 * np.pi
+    top = ufl.conditional
+    solved = compared(1, data=lambda x: top(x[1] > 1.0 - 1e-9, 1.0 - ufl.cos(k * x[0]), 0.0))
+    other = compared(1, data=lambda x: top(x[1] > 1.0 - 1e-9, 1.0, 0.0))
+    _, (found,) = sums(solved, [dirichlet_data])
+    wanted = solved.fine.comm.allreduce(fem.assemble_scalar(fem.form(mean(other.fine.u))))
+    # At the upper corners the data jump within one cell.
+    assert found == pytest.approx(wanted, rel=0.1)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_what_the_iterations_leave_alone(compared, degree):
+    """An iterate that is off by e, 0 on the Dirichlet sides, is off by J(e) in the functional."""
+    solved = compared(degree, load=1.0)
+    u = solved.fine.u
+    off = fem.Function(solved.fine.space)
+    off.interpolate(lambda x: 1e-3 * x[0] * (1.0 - x[0]) * (1.0 - x[1]) * np.cos(9.0 * x[1]))
+    off.x.array[solved.fine.fixed_dofs] = 0.0
+    off.x.scatter_forward()
+    u.x.array[:] += off.x.array
+    value = solved.fine.comm.allreduce(fem.assemble_scalar(fem.form(mean(off))))
+    _, (found,) = sums(solved, [algebra])
+    assert found == pytest.approx(-value, rel=1e-9)
+
+
+@pytest.mark.parametrize("rule", [1, 2])
+def test_quadrature_alone(compared, rule):
+    """A load that a rule of a low degree sees at wrong places; the same load with 20 degrees."""
+
+    def load(x):
+        return 1.0 + ufl.sin(25.0 * x[0]) * ufl.cos(23.0 * x[1])
+
+    coarse, exact = compared(1, load=load, rule=rule), compared(1, load=load, rule=20)
+    _, (found,) = sums(coarse, [quadrature])
+    missed = exact.fine.u.x.array - coarse.fine.u.x.array
+    error = fem.Function(coarse.fine.space)
+    error.x.array[:] = missed
+    wanted = coarse.fine.comm.allreduce(fem.assemble_scalar(fem.form(mean(error))))
+    assert wanted != 0.0 and found == pytest.approx(wanted, rel=0.02)
+    _, (none,) = sums(compared(1, load=1.0), [quadrature])
+    assert none == 0.0
+
+
+@pytest.mark.parametrize("name", ["L2", "Linf", "H1"])
+def test_an_estimate_knows_of_quadrature(compared, name):
+    def load(x):
+        return 1.0 + 30.0 * ufl.sin(50.0 * x[0]) ** 2 * ufl.cos(47.0 * x[1]) ** 2
+
+    solved, exact = (compared(1, load=load, rule=rule, asked=name) for rule in (1, 24))
+    estimator = Estimator(solved.coarse.u.function_space, target(name))
+    estimator.rates.values[:] = estimator.rates.order
+    estimator.compare(solved)
+    error = fem.Function(solved.fine.space)
+    error.x.array[:] = exact.fine.u.x.array - solved.fine.u.x.array
+    power = target(name).power
+    unseen = total(estimator.found.unseen, power, solved.fine.comm)
+    assert unseen >= 0.8 * size(error, target(name)) > 0.0
