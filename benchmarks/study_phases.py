@@ -25,7 +25,7 @@ from dolfinx_signorini.commands.reproduce import FIRST, STEP
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.studies.paper.solution import paper_problem
 
-PHASES = ("coarse", "mesh", "assembly", "solve", "errors")
+PHASES = ("coarse", "mesh", "forms", "assembly", "solve", "errors")
 
 
 def reproduce(max_n: int) -> list[dict[str, float]]:

@@ -2,8 +2,8 @@
 # # Your first contact problem
 #
 # A membrane is held along its upper edge and sags under its weight, which grows to the right, until
-# its lower edge meets a floor at height -0.3. Where the floor bears the membrane nobody knows
-# beforehand: that is what makes the problem a Signorini problem.
+# its lower edge meets a floor at height -0.3. The part of the edge that touches the floor
+# is unknown and belongs to the solution: such a problem is a Signorini problem.
 #
 #     -Δu = -2x in the unit square,       u = 0 on the upper edge,
 #     u ≥ -0.3,  ∂u/∂n ≥ 0,  (u + 0.3) ∂u/∂n = 0 on the lower edge.
@@ -72,13 +72,14 @@ if mesh.comm.rank == 0:
 # ## Pictures
 #
 # The first picture has gap and pressure along the lower edge: where one of them is positive, the
-# other one vanishes. The second picture has the solution, with the part in contact.
+# other one vanishes. The second picture has the solution, with the part in contact. A notebook
+# shows the pictures, and a script saves them: the first argument of `plot` is the file.
 
 # %%
-problem.plot(sides={"lower edge": bottom})
+problem.plot("contact.png", sides={"lower edge": bottom})
 
 # %%
-problem.plot(what="solution")
+problem.plot("solution.png", what="solution")
 
 # %% [markdown]
 # ## Next
