@@ -16,9 +16,9 @@ gallery.make_gallery(DOCS)
 reference.make_reference(DOCS)
 
 project = "dolfinx_signorini"
-author = "dolfinx_signorini contributors"
+author = "the dolfinx_signorini developers"
 version = release = dolfinx_signorini.__version__
-copyright = "2026, dolfinx_signorini contributors"
+copyright = "2026, the dolfinx_signorini developers"
 
 extensions = [
     "myst_nb",
@@ -35,7 +35,7 @@ autodoc_preserve_defaults = True
 napoleon_google_docstring = True
 napoleon_use_ivar = True
 
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
 nb_execution_in_temp = True

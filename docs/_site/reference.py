@@ -15,6 +15,7 @@ from dolfinx_signorini.scenes.files.scene import OUTPUTS
 GROUPS = {
     "Problems and their solution": (
         "SignoriniProblem",
+        "ObstacleProblem",
         "SolveResult",
         "METHODS",
         "solve_cascade",
@@ -66,6 +67,8 @@ MODULES = {
     "Messages": "base.logs",
     "Records of jobs": "base.records",
 }
+# The members of a class, those of its ancestors in this package included.
+CLASS = ":members:", ":inherited-members: Exception", ":show-inheritance:"
 API_HEAD = """# Python
 
 Every name of `import dolfinx_signorini as ds`, and below the modules that a study needs beside.
@@ -96,7 +99,7 @@ def _api() -> str:
             thing = getattr(dolfinx_signorini, name)
             full = f"dolfinx_signorini.{name}"
             if isinstance(thing, type):
-                page += _directive(f"autoclass:: {full}", ":members:", ":show-inheritance:")
+                page += _directive(f"autoclass:: {full}", *CLASS)
             elif callable(thing):
                 page += _directive(f"autofunction:: {full}")
             else:

@@ -13,6 +13,9 @@ TUTORIALS = (
     "trusted_accuracy",
     "high_order",
     "parallel_and_large",
+    "membrane",
+    "american_put",
+    "irreversible",
 )
 DOWNLOAD = """:::{{tip}}
 Download this page as a notebook: {{nb-download}}`{name}.ipynb`, or as a script for any number of
