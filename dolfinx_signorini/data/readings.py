@@ -97,7 +97,7 @@ class Reading:
 
     def _read(self, place: Place, chosen: Sequence[int], normal: int) -> Formula | None:
         domain = self.form.ufl_domain()
-        unit = np.eye(domain.geometric_dimension())
+        unit = np.eye(len(ufl.SpatialCoordinate(domain)))
         known: dict[Expr, Any] = {ufl.FacetNormal(domain): unit[normal]}
         for argument, k in zip(self.form.arguments(), chosen, strict=True):
             slope = unit[k - 1] if k else np.zeros(len(unit))

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.costs import Cost, costs_of
-from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.errors import InputError, NotConvergedError, require
 from dolfinx_signorini.base.kinds import (
     TEXT,
     by_text,
@@ -484,9 +484,13 @@ class BoundConstrainedProblem:
                     system, method, x, self._history, rtol, self._prefix, self._options, given
                 )
             check_unique(system, x)
-        except BaseException:
+        except BaseException as error:
             self.result = None
-            x.destroy()
+            try:
+                if isinstance(error, NotConvergedError):
+                    check_unique(system, x)  # Newton's method may stagnate where nothing is held
+            finally:
+                x.destroy()
             raise
         self._x = x
         self.u.x.array[: x.getLocalSize()] = x.array_r

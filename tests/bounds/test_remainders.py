@@ -36,7 +36,7 @@ def triangle(comm, width):
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     first = comm.rank == 0
     cells = np.array([[0, 1, 2]] if first else [], dtype=np.int64).reshape(-1, 3)
-    return mesh.create_mesh(comm, cells, corners if first else corners[:0], element)
+    return mesh.create_mesh(comm, cells, x=corners if first else corners[:0], e=element)
 
 
 def sliver(comm):

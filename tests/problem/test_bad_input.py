@@ -547,8 +547,9 @@ def test_a_balanced_load_between_two_obstacles(between, method):
     parts, size = between.parts, fem.Constant(between.parts.mesh, 1.0)
     load = size * (parts.x[0] - 0.5) * parts.v * ufl.dx
     problem = between.problem(a=parts.stiffness, L=load)
+    limits = {} if method == "cascade" else {"max_iterations": 1000}
     with pytest.raises(InputError, match=r"load: .*not unique"):
-        problem.solve(method)
+        problem.solve(method, **limits)
     assert problem.result is None
     size.value = 100.0
     u = problem.solve(method)
@@ -585,4 +586,4 @@ def two_squares():
     if COMM.rank:
         x, cells = x[:0], cells[:0]
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    return dolfinx.mesh.create_mesh(COMM, cells, x, ufl.Mesh(element))
+    return dolfinx.mesh.create_mesh(COMM, cells, x=x, e=ufl.Mesh(element))
