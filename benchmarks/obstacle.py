@@ -316,4 +316,5 @@ def main() -> None:
     write_json(COMM, "obstacle", {"repeats": args.repeats, "rtol": RTOL, "results": results})
 
 
-main()
+if __name__ == "__main__":
+    main()
