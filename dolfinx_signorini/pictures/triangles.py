@@ -1,11 +1,11 @@
-"""A function on triangles, in the plane or on the surface of a solid, on rank 0."""
+"""A function on triangles, in the plane, on the surface of a solid or on a slice, on rank 0."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, geometry
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.meshes.elements import (
@@ -14,7 +14,9 @@ from dolfinx_signorini.meshes.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, box, facet_cells
+
+LATTICE = 150  # points across a slice: a picture of the usual size shows no more
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,50 @@ def gather_triangles(u: fem.Function) -> Triangles | None:
     used = np.unique(corners)
     found = gathered(space, used, values_at_control_points(space, u.x.array)[used], corners)
     return None if found is None else Triangles(*found)
+
+
+def gather_slice(u: fem.Function, axis: int, height: float) -> Triangles | None:
+    """Return a function on a slice through a solid; None on all ranks but 0.
+
+    The slice is a lattice of points; triangles that are not wholly inside of the solid are left
+    out.
+
+    Args:
+        u: The function, in continuous elements of any degree; the call is collective.
+        axis: The axis at right angles to the slice: 0, 1 or 2.
+        height: The coordinate of the slice on this axis.
+
+    Returns:
+        The function, whose points have the two other coordinates.
+    """
+    domain = u.function_space.mesh
+    low, high = box(domain.comm, domain.geometry.x)
+    others = [i for i in range(3) if i != axis]
+    along = [np.linspace(low[i], high[i], LATTICE) for i in others]
+    points = np.full((LATTICE**2, 3), height)
+    points[:, others] = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+    tree = geometry.bb_tree(domain, domain.topology.dim)
+    near = geometry.compute_collisions_points(tree, points)
+    inside = geometry.compute_colliding_cells(domain, near, points)
+    known = np.flatnonzero(np.diff(inside.offsets))
+    cells = inside.array[inside.offsets[known]]
+    values: Array = np.full(len(points), np.nan)
+    if len(known):
+        values[known] = u.eval(points[known], cells).reshape(len(known), -1)[:, 0]
+    parts = domain.comm.gather(values, root=0)
+    if parts is None:
+        return None
+    for part in parts:
+        values = np.where(np.isnan(values), part, values)
+    corner = np.arange(LATTICE**2).reshape(LATTICE, LATTICE)
+    a, b, c, d = (
+        part.ravel()
+        for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
+    )
+    triangles = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
+    triangles = triangles[np.isfinite(values[triangles]).all(axis=1)]
+    used, numbers = np.unique(triangles, return_inverse=True)
+    return Triangles(points[used][:, others], values[used], numbers.reshape(-1, 3))
 
 
 def gathered(

@@ -94,20 +94,27 @@ class ObstacleProblem(BoundConstrainedProblem):
             jit_options=jit_options,
         )
 
-    def plot(self, path: Path | str | None = None, *, what: str = "solution") -> "Picture | None":
-        """Draw the solution or the pressure in the plane, and where contact ends; collective.
+    def plot(
+        self,
+        path: Path | str | None = None,
+        *,
+        what: str = "solution",
+        plane: tuple[str, float] | None = None,
+    ) -> "Picture | None":
+        """Draw the solution or the pressure, and where contact ends; collective.
 
         Args:
             path: Where to save the picture, with a suffix that matplotlib knows; not at all by
                 default.
             what: "solution" for u, "contact" for the pressure.
+            plane: In space the slice to draw, for example ("z", 0.5); by default the slice through
+                the middle at right angles to z.
 
         Returns:
             The figure on rank 0, which a notebook shows, and None on the other ranks.
 
         Raises:
-            InputError: The problem has not been solved, is none in the plane, or there is no such
-                picture.
+            InputError: The problem has not been solved, or there is no such picture or slice.
         """
         # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.pictures.contact_region import draw_region
@@ -115,7 +122,7 @@ class ObstacleProblem(BoundConstrainedProblem):
         self._solution()
         signs = [obstacle.sign for obstacle in self.obstacles]
         active = dict(zip(signs, self.active_sides, strict=True))
-        figure = draw_region(self.pressure if what == "contact" else self.u, what, active)
+        figure = draw_region(self.pressure if what == "contact" else self.u, what, active, plane)
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure

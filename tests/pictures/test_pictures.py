@@ -12,12 +12,12 @@ from matplotlib.collections import TriMesh
 from matplotlib.image import imread
 from mpi4py import MPI
 
-from dolfinx_signorini import InputError, SignoriniProblem
+from dolfinx_signorini import InputError, ObstacleProblem, SignoriniProblem
 from dolfinx_signorini.pictures import problem_pictures
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
-from dolfinx_signorini.pictures.triangles import Triangles, gather_triangles
+from dolfinx_signorini.pictures.triangles import Triangles, gather_slice, gather_triangles
 
 COMM = MPI.COMM_WORLD
 
@@ -200,3 +200,44 @@ def test_norms_are_typeset(name, label):
     figure = Picture()
     figure.text(0.5, 0.5, typeset_norm(name))
     assert figure.png().startswith(b"\x89PNG")  # matplotlib reads it
+
+
+@pytest.mark.parametrize(("kind", "degree"), [("tetrahedron", 2), ("hexahedron", 1)])
+def test_a_slice_through_a_solid(kind, degree):
+    """A linear function is exact on the slice, whose triangles cover the section of the solid."""
+    cells = mesh.CellType[kind]
+    corners = [(0.0, 0.0, 0.0), (2.0, 1.0, 3.0)]
+    domain = mesh.create_box(COMM, corners, (4, 3, 5), cells)
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
+    u.interpolate(lambda x: 3.0 * x[0] - 2.0 * x[1] + 5.0 * x[2])
+    for axis, others, height in ((0, [1, 2], 0.7), (1, [0, 2], 0.5), (2, [0, 1], 0.0)):
+        found = gather_slice(u, axis, height)
+        assert (found is None) == (COMM.rank > 0)
+        if found is None:
+            continue
+        x = np.full((len(found.points), 3), height)
+        x[:, others] = found.points
+        assert found.values == pytest.approx(x @ [3.0, -2.0, 5.0], abs=1e-12)
+        p, q = (
+            found.points[found.triangles[:, i]] - found.points[found.triangles[:, 0]]
+            for i in (1, 2)
+        )
+        area = 0.5 * np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()
+        assert area == pytest.approx(np.prod(np.array(corners[1])[others]))
+
+
+def test_a_slice_of_an_obstacle_problem_in_space(tmp_path):
+    domain = mesh.create_unit_cube(COMM, 4, 4, 4)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    load = (ufl.SpatialCoordinate(domain)[0] - 0.5) * v * ufl.dx
+    problem = ObstacleProblem(a, load, lower=0.0)
+    problem.solve()
+    problem.plot(tmp_path / f"slice-{COMM.rank}.png", what="contact", plane=("y", 0.3))
+    assert (tmp_path / f"slice-{COMM.rank}.png").exists() == (COMM.rank == 0)
+    for plane in (("w", 0.5), ("z", 2.0), ("z", np.inf), 0.5):
+        with pytest.raises(InputError) as refusal:
+            problem.plot(plane=plane)
+        assert refusal.value.subject == "plane"
+    problem.destroy()
