@@ -19,6 +19,7 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.scenes.domains.kinds import read_domain
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_conditions
+from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
 from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
 
@@ -35,6 +36,7 @@ SUBJECTS: dict[str, Key] = {
     "rtol": ("rtol",),
     "solution": ("solution", "u"),
 }
+SUBJECTS.update(DomainObstacle.subjects)
 for _kind in CONDITIONS:
     SUBJECTS[_kind.key] = (_kind.key,)
     SUBJECTS.update(_kind.subjects)
@@ -99,9 +101,14 @@ def parse_scene(
         raise solution.error("manufactured", "there is no solution 'u' to make the data from")
     if manufactured and load is not None:
         raise equation.error("load", "follows from the solution, which is manufactured")
+    obstacle, domain = DomainObstacle.read(top, domain, comm)
+    if manufactured and obstacle is not None:
+        message = "not with [obstacle]: from u alone, the load under an obstacle is not known"
+        raise solution.error("manufactured", message)
     scene = Scene(
         domain=domain,
         conditions=read_conditions(top, domain, manufactured),
+        obstacle=obstacle,
         diffusion=diffusion,
         reaction=reaction,
         load=load,
