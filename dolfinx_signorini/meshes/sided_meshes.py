@@ -53,10 +53,9 @@ class SidedMesh:
 
     def __post_init__(self) -> None:
         check(mesh=(self.mesh, MESH))
-        cells = len(owned_cells(self.mesh)) if self.regions else 0
         for name, given, kind, count in (
             ("sides", self.sides, "facet", facet_count(self.mesh)),
-            ("regions", self.regions, "owned cell", cells),
+            ("regions", self.regions, "owned cell", len(owned_cells(self.mesh))),
         ):
             message = _named(kind, count)(given)
             require(self.mesh.comm, not message, message, name)
