@@ -391,8 +391,8 @@ def test_an_accuracy_is_reached(parse, norm, accuracy):
 
 
 def test_a_narrow_obstacle_is_not_overlooked(parse):
-    """A needle of width 0.01 that no vertex of the first meshes is near."""
-    needle = "exp(-((x - 0.53)^2 + (y - 0.47)^2)/1e-4) - 0.5"
+    """A needle of width 0.0003 that no vertex of the first meshes is near."""
+    needle = "exp(-((x - 0.53)^2 + (y - 0.47)^2)/1e-7) - 0.5"
     text = f"""
     accuracy = 0.02
     norm = "L2"
@@ -461,6 +461,7 @@ PLAIN = BETWEEN.replace("cells = 24", "cells = 4")
     ("text", "key", "message"),
     [
         (PLAIN.replace("lower", "#").replace("upper", "#"), "obstacle", "is missing"),
+        (PLAIN.split("[obstacle]")[0], "contact", "no [contact] and no [obstacle]"),
         (PLAIN.replace("lower", "lowr"), "obstacle.lowr", "did you mean 'lower'"),
         (
             PLAIN.replace('lower = "', 'lower = "where(hypot(x - 0.5, y - 0.5) < 0.2, 1, 0) + '),
@@ -509,3 +510,16 @@ def test_what_is_foretold(folder, capfd):
     told = "".join(COMM.allgather(capfd.readouterr().out))
     assert "lower obstacle -0.2 - 0.1*y in the domain" in told
     assert "upper obstacle 0.15 + 0.2*(y - 0.5)^2 in the domain" in told
+
+
+def test_regions_stay_where_the_diffusion_jumps(folder):
+    """Meshes are not fitted to a jump that crosses the edge of a region."""
+    write_halves(folder)
+    text = HALVES.format(refinements=0, cells='"left"')
+    text = text.replace("load", 'diffusion = "where(y < 0.41 + 0.1*x, 1, 3)"\nload')
+    scene = load_scene(write(folder, text), COMM, adapted=True)
+    result = solve_scene(scene, COMM, accuracy=0.03, norm="Linf")
+    sided = result.posed.sided
+    assert result.found.steps[-1].unknowns > result.found.steps[0].unknowns
+    assert area(sided.mesh, sided.cells(("left",))) == pytest.approx(0.5)
+    result.destroy()

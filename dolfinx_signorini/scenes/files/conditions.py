@@ -176,8 +176,12 @@ class Contact(BoundaryCondition):
     def read_all(
         cls, top: TomlTable, domain: Domain, manufactured: bool
     ) -> list[BoundaryCondition]:
-        in_domain = top.has("obstacle")
-        return [] if in_domain else [cls.read(top.table(cls.key), domain, manufactured)]
+        if top.has("obstacle"):
+            return []
+        if not top.has(cls.key):
+            message = "there is no [contact] and no [obstacle]: without any obstacle the problem is"
+            raise top.error(cls.key, f"{message} linear, see dolfinx.fem.petsc.LinearProblem")
+        return [cls.read(top.table(cls.key), domain, manufactured)]
 
     @classmethod
     def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "Contact":
