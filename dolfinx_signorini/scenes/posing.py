@@ -138,6 +138,8 @@ def _problem(scene: Scene, setting: Setting, a: ufl.Form, L: ufl.Form) -> BoundC
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
     """Return the contact conditions that the exact solution of a scene violates; collective."""
     exact, contact = _exact_solution(scene, sided), scene.contact
+    if scene.solution is not None and scene.obstacle is not None:
+        return list(map(str, scene.obstacle.violations(scene.solution, sided)))
     if exact is None or contact is None:
         return []
     x = ufl.SpatialCoordinate(sided.mesh)

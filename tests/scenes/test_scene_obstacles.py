@@ -19,6 +19,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
+from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import masks
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
@@ -442,6 +443,16 @@ def test_orders_are_those_of_a_gap_like_the_square_of_the_distance(parse):
     orders = found.expectation.orders
     assert orders["H1"] == 1.5 and orders["W1_inf"] == 1.0 and orders["L2"] == 2.0
     found.destroy()
+
+
+def test_a_solution_beyond_the_obstacle_is_told(parse):
+    scene = parse(BALL)
+    assert expect(scene, scene.domain.make(COMM)).notes == ()
+    scene = parse(BALL.replace('u = "where', 'u = "-0.5*exp(-99*((x-0.5)^2+(y-0.25)^2)) + where'))
+    (note,) = expect(scene, scene.domain.make(COMM)).notes
+    # At the distance 1 from the middle u is 0.47 and the obstacle 0.23.
+    off = 0.5 - HEIGHT * np.log(2.0) + hemisphere(np.array([[1.0], [0.0]]))[0]
+    assert note == f"exact solution: u >= lower fails at (0.5, 0.25) by {off:.3g}"
 
 
 def test_the_family_of_the_trade_off_has_no_graded_meshes(parse):

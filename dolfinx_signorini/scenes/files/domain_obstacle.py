@@ -3,9 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formulas import Formula, together
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.manufactured import Violation, worst_violation
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.toml_table import ALL, Key, TomlTable
 
@@ -78,6 +84,26 @@ class DomainObstacle:
         """Return the obstacles with the names of their keys."""
         both = ("lower", self.lower), ("upper", self.upper)
         return [(name, formula) for name, formula in both if formula is not None]
+
+    def violations(self, u: Formula, sided: SidedMesh) -> list[Violation]:
+        """Return the obstacles that a function lies beyond, each at the worst vertex.
+
+        Args:
+            u: The function.
+            sided: A mesh of the domain; the call is collective.
+        """
+        comm, geometry = sided.mesh.comm, sided.mesh.geometry
+        vertices = np.unique(geometry.dofmap[sided.cells(self.cells)])
+        points: Array = np.asarray(geometry.x[vertices, : geometry.dim], dtype=np.float64)
+        found = []
+        for name, formula in self.named():
+            order, sign = ("u >= lower", 1.0) if name == "lower" else ("u <= upper", -1.0)
+            values = together([u.root, formula.root], points)
+            known = np.where(np.isfinite(values).all(axis=0), values, 0.0)
+            worst = worst_violation(comm, order, sign * (known[1] - known[0]), points)
+            if worst.value > SOLVED * highest(comm, np.abs(known)):
+                found.append(worst)
+        return found
 
     def words(self) -> list[str]:
         """Return what the obstacles add to a problem, in words."""
