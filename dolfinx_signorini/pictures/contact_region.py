@@ -15,7 +15,7 @@ from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.pictures.palette import COLOURS
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_plane, gather_facets
-from dolfinx_signorini.pictures.triangles import Triangles, gather_slice, gather_triangles
+from dolfinx_signorini.pictures.triangles import Slice, Triangles, gather_triangles
 
 PICTURES = {"contact": "contact pressure", "solution": "solution $u$"}
 LINES = {1.0: ("contact below", COLOURS[1]), -1.0: ("contact above", COLOURS[2])}
@@ -129,4 +129,4 @@ def _view(
     check(plane=(plane, PLANE))
     axis, height = "xyz".index(plane[0]), float(plane[1])
     others, title = "xyz".replace(plane[0], ""), f"{plane[0]} = {height:.4g}"
-    return lambda f: gather_slice(f, axis, height), others, title
+    return Slice(domain, axis, height).gather, others, title

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, geometry
+from dolfinx import fem, geometry, mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.meshes.elements import (
@@ -61,48 +61,62 @@ def gather_triangles(u: fem.Function) -> Triangles | None:
     return None if found is None else Triangles(*found)
 
 
-def gather_slice(u: fem.Function, axis: int, height: float) -> Triangles | None:
-    """Return a function on a slice through a solid; None on all ranks but 0.
+class Slice:
+    """A lattice of points on a slice through a solid, on which functions are gathered:
 
-    The slice is a lattice of points; triangles that are not wholly inside of the solid are left
-    out.
+        through = Slice(problem.space.mesh, axis=2, height=0.5)
+        drawn = through.gather(problem.u)
+
+    The cells around the points are looked for once.
 
     Args:
-        u: The function, in continuous elements of any degree; the call is collective.
+        domain: The mesh of the solid; the call is collective.
         axis: The axis at right angles to the slice: 0, 1 or 2.
         height: The coordinate of the slice on this axis.
-
-    Returns:
-        The function, whose points have the two other coordinates.
     """
-    domain = u.function_space.mesh
-    low, high = box(domain.comm, domain.geometry.x)
-    others = [i for i in range(3) if i != axis]
-    along = [np.linspace(low[i], high[i], LATTICE) for i in others]
-    points = np.full((LATTICE**2, 3), height)
-    points[:, others] = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
-    tree = geometry.bb_tree(domain, domain.topology.dim)
-    near = geometry.compute_collisions_points(tree, points)
-    inside = geometry.compute_colliding_cells(domain, near, points)
-    known = np.flatnonzero(np.diff(inside.offsets))
-    cells = inside.array[inside.offsets[known]]
-    values: Array = np.full(len(points), np.nan)
-    if len(known):
-        values[known] = u.eval(points[known], cells).reshape(len(known), -1)[:, 0]
-    parts = domain.comm.gather(values, root=0)
-    if parts is None:
-        return None
-    for part in parts:
-        values = np.where(np.isnan(values), part, values)
-    corner = np.arange(LATTICE**2).reshape(LATTICE, LATTICE)
-    a, b, c, d = (
-        part.ravel()
-        for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
-    )
-    triangles = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
-    triangles = triangles[np.isfinite(values[triangles]).all(axis=1)]
-    used, numbers = np.unique(triangles, return_inverse=True)
-    return Triangles(points[used][:, others], values[used], numbers.reshape(-1, 3))
+
+    def __init__(self, domain: mesh.Mesh, axis: int, height: float):
+        self._comm = domain.comm
+        low, high = box(domain.comm, domain.geometry.x)
+        self._others = [i for i in range(3) if i != axis]
+        along = [np.linspace(low[i], high[i], LATTICE) for i in self._others]
+        self._points = np.full((LATTICE**2, 3), height)
+        lattice = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+        self._points[:, self._others] = lattice.reshape(-1, 2)
+        tree = geometry.bb_tree(domain, domain.topology.dim)
+        near = geometry.compute_collisions_points(tree, self._points)
+        inside = geometry.compute_colliding_cells(domain, near, self._points)
+        self._known = np.flatnonzero(np.diff(inside.offsets))
+        self._cells = inside.array[inside.offsets[self._known]]
+
+    def gather(self, u: fem.Function) -> Triangles | None:
+        """Return a function on the slice; None on all ranks but 0.
+
+        Args:
+            u: The function, in continuous elements of any degree; the call is collective.
+
+        Returns:
+            The function, whose points have the two other coordinates. Triangles that are not wholly
+            inside of the solid are left out.
+        """
+        values: Array = np.full(len(self._points), np.nan)
+        if len(self._known):
+            found = u.eval(self._points[self._known], self._cells)
+            values[self._known] = found.reshape(len(self._known), -1)[:, 0]
+        parts = self._comm.gather(values, root=0)
+        if parts is None:
+            return None
+        for part in parts:
+            values = np.where(np.isnan(values), part, values)
+        corner = np.arange(LATTICE**2).reshape(LATTICE, LATTICE)
+        a, b, c, d = (
+            part.ravel()
+            for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
+        )
+        triangles = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
+        triangles = triangles[np.isfinite(values[triangles]).all(axis=1)]
+        used, numbers = np.unique(triangles, return_inverse=True)
+        return Triangles(self._points[used][:, self._others], values[used], numbers.reshape(-1, 3))
 
 
 def gathered(

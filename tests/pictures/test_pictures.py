@@ -17,7 +17,7 @@ from dolfinx_signorini.pictures import problem_pictures
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
-from dolfinx_signorini.pictures.triangles import Triangles, gather_slice, gather_triangles
+from dolfinx_signorini.pictures.triangles import Slice, Triangles, gather_triangles
 
 COMM = MPI.COMM_WORLD
 
@@ -211,7 +211,7 @@ def test_a_slice_through_a_solid(kind, degree):
     u = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
     u.interpolate(lambda x: 3.0 * x[0] - 2.0 * x[1] + 5.0 * x[2])
     for axis, others, height in ((0, [1, 2], 0.7), (1, [0, 2], 0.5), (2, [0, 1], 0.0)):
-        found = gather_slice(u, axis, height)
+        found = Slice(domain, axis, height).gather(u)
         assert (found is None) == (COMM.rank > 0)
         if found is None:
             continue
