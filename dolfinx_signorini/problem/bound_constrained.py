@@ -474,23 +474,23 @@ class BoundConstrainedProblem:
             held = system.touching(x)
         self.result = None
         try:
-            if method == "cascade":
-                if self._solver is None:
-                    self._solver = ActiveSetSolver(system, self._prefix, self._options)
-                known = self._history, held, coarse
-                self.result = self._solver.solve(system, x, rtol, *known, early)
-            else:
-                self.result = solve_by_tao(
-                    system, method, x, self._history, rtol, self._prefix, self._options, given
-                )
-            check_unique(system, x)
-        except BaseException as error:
-            self.result = None
             try:
-                if isinstance(error, NotConvergedError):
-                    check_unique(system, x)  # Newton's method may stagnate where nothing is held
-            finally:
-                x.destroy()
+                if method == "cascade":
+                    if self._solver is None:
+                        self._solver = ActiveSetSolver(system, self._prefix, self._options)
+                    known = self._history, held, coarse
+                    self.result = self._solver.solve(system, x, rtol, *known, early)
+                else:
+                    self.result = solve_by_tao(
+                        system, method, x, self._history, rtol, self._prefix, self._options, given
+                    )
+            except NotConvergedError:
+                check_unique(system, x)  # Newton's method may stagnate where nothing is held
+                raise
+            check_unique(system, x)
+        except BaseException:
+            self.result = None
+            x.destroy()
             raise
         self._x = x
         self.u.x.array[: x.getLocalSize()] = x.array_r
