@@ -1,0 +1,126 @@
+"""The pressure of an obstacle in the domain, which takes up the residual of a flux in cells.
+
+A pressure pushes away from the obstacle that it belongs to: in a cell with a lower obstacle
+f - c u + div y is minus a function that is nowhere negative, as far as possible.
+
+The proof is in docs/method/energy_bound.md.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.bounds.cell_scales import CellScales
+from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
+from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.bounds.transport import transported
+
+
+def polynomial_residual(data: CellData, field: Array, reference: ReferenceFlux) -> Array:
+    """Return the polynomial f - c u + div y on each cell, in terms of `polynomials`.
+
+    Args:
+        data: The cells.
+        field: The coefficients of the flux, shape (cells, fields).
+        reference: The fields.
+    """
+    divergence = field[:, reference.fluxes - 1 : reference.given].copy()
+    divergence[:, 0] = field[:, : reference.fluxes : reference.per_facet].sum(axis=1)
+    return np.asarray((divergence + data.source) / data.sizes[:, :1])
+
+
+def pressure_parts(data: CellData, residual: Array, degree: int) -> tuple[Array, Array, Array]:
+    """Split residuals into a pressure and the rest.
+
+    Let m be minus the residual, in the direction of the pressure. The pressure is the mean of m
+    plus the largest share of m - mean(m), 1 at most, with which no Bernstein coefficient is
+    negative; 0 if the mean is negative.
+
+    Args:
+        data: The cells.
+        residual: The residuals, see `polynomial_residual`.
+        degree: Their degree.
+
+    Returns:
+        The L2 norm of what is left with the mean of the residual, the L2 norm of what is left
+        without, and the integral of pressure times gap; without a pressure the first one has all.
+    """
+    pressure = _pressure(-data.sides[:, None] * residual, degree, data.kinds.shape[1] - 1)
+    rest = residual + data.sides[:, None] * pressure
+    size, pressed = data.sizes[:, 0], data.sides != 0
+    square = size * np.square(rest[:, 1:]).sum(axis=1)
+    mean = size * rest[:, 0] ** 2
+    left = np.sqrt(mean + np.where(pressed, 0.0, square))
+    cost = size * data.sides * np.einsum("nj,nj->n", pressure, data.rises)
+    return left, np.sqrt(np.where(pressed, square, 0.0)), np.maximum(cost, 0.0)
+
+
+def _pressure(wanted: Array, degree: int, dimension: int) -> Array:
+    """The part of polynomials that is nowhere negative, see `pressure_parts`."""
+    mean, low = wanted[:, 0], lowest(dimension, degree, wanted)
+    share = np.divide(mean, mean - low, out=np.ones_like(mean), where=low < 0.0)
+    pressure = wanted * np.where(mean > 0.0, share, 0.0)[:, None]
+    pressure[:, 0] = np.maximum(mean, 0.0)
+    return pressure
+
+
+def _defects(data: CellData, moments: Array) -> Array:
+    """The integrals of f - c u + div y over the cells."""
+    return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
+
+
+def without_defects(
+    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
+) -> tuple[CellData, Array, str]:
+    """Carry away what is left in cells without much reaction.
+
+    Args:
+        solved: The problem; the call is collective.
+        scales: What bounds functions in the cells.
+        data: The cells.
+        moments: The moments of a flux on facets.
+        ends: The cells that take up what is left by their reaction.
+
+    Returns:
+        The cells, where those that an obstacle would have to pull have no pressure any more, the
+        moments, and why something is left, or "".
+    """
+    changed, reason = moments, ""
+    while True:  # cells lose their pressure in each round but the first, or the search ends
+        pulled = (data.sides * _defects(data, changed) > 0.0) & ~ends
+        more = solved.comm.allreduce(bool(pulled.any()), op=MPI.LOR)
+        if changed is not moments and not more:
+            return data, changed, reason
+        data = replace(
+            data,
+            sides=np.where(pulled, 0, data.sides),
+            strength=np.where(pulled, 0.0, data.strength),
+            rises=np.where(pulled[:, None], 0.0, data.rises),
+        )
+        changed, reason = _carried(solved, scales, data, moments, ends)
+
+
+def _carried(
+    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
+) -> tuple[Array, str]:
+    """The moments that carry away what is left in cells without a pressure; or why not."""
+    comm, exits = solved.comm, data.kinds == DIRICHLET
+    moments, ends = moments.copy(), ends | (data.sides != 0)
+    wanted = np.where(ends, 0.0, -_defects(data, moments))
+    if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
+        return moments, ""
+    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+        contact = data.kinds >= OPEN
+        force = comm.allreduce(float(moments[contact, 0].sum()))
+        factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or np.inf)
+        if force <= 0.0 or factor < 0.0:
+            return moments, "the contact flux is too small to take up the residual"
+        moments[contact] *= factor
+        wanted, first = -_defects(data, moments), np.flatnonzero(comm.allgather(len(ends)))[0]
+        ends[:1] = comm.rank == first  # the sum is 0 now
+    change, found = transported(comm, solved.frames, scales.lowest, wanted, exits, ends)
+    moments[:, :, 0] += change
+    return moments, "" if found else "a residual has no way out of a part without a reaction"
