@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.bounds.cell_scales import CellScales
-from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData
+from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.transport import transported
@@ -32,8 +32,10 @@ def polynomial_residual(data: CellData, field: Array, reference: ReferenceFlux) 
     return np.asarray((divergence + data.source) / data.sizes[:, :1])
 
 
-def pressure_parts(data: CellData, residual: Array, degree: int) -> tuple[Array, Array, Array]:
-    """Split residuals into a pressure and the rest.
+def with_pressure(
+    data: CellData, moments: Array, reference: ReferenceFlux
+) -> tuple[CellData, Array]:
+    """Put the pressure that takes up residuals into the load.
 
     Let m be minus the residual, in the direction of the pressure. The pressure is the mean of m
     plus the largest share of m - mean(m), 1 at most, with which no Bernstein coefficient is
@@ -41,26 +43,30 @@ def pressure_parts(data: CellData, residual: Array, degree: int) -> tuple[Array,
 
     Args:
         data: The cells.
-        residual: The residuals, see `polynomial_residual`.
-        degree: Their degree.
+        moments: The moments of a flux on facets.
+        reference: The fields.
 
     Returns:
-        The L2 norm of what is left with the mean of the residual, the L2 norm of what is left
-        without, and the integral of pressure times gap; without a pressure the first one has all.
+        The cells, whose source has the pressure and whose divergence is given, and the integrals
+        of pressure times gap.
     """
-    pressure = _pressure(-data.sides[:, None] * residual, degree, data.kinds.shape[1] - 1)
-    rest = residual + data.sides[:, None] * pressure
-    size, pressed = data.sizes[:, 0], data.sides != 0
-    square = size * np.square(rest[:, 1:]).sum(axis=1)
-    mean = size * rest[:, 0] ** 2
-    left = np.sqrt(mean + np.where(pressed, 0.0, square))
-    cost = size * data.sides * np.einsum("nj,nj->n", pressure, data.rises)
-    return left, np.sqrt(np.where(pressed, square, 0.0)), np.maximum(cost, 0.0)
+    energy, pressed = np.zeros(len(moments)), np.flatnonzero(data.sides)
+    if not len(pressed):
+        return data, energy
+    some = data.some(pressed)
+    residual = polynomial_residual(some, coefficients(some, reference, moments[pressed]), reference)
+    side, size = some.sides[:, None], some.sizes[:, 0]
+    pressure = _pressure(-side * residual, reference)
+    energy[pressed] = size * (side * pressure * some.rises).sum(axis=1)
+    source, strength = data.source.copy(), data.strength.copy()
+    source[pressed] += side * pressure * size[:, None]
+    strength[pressed] = 0.0
+    return replace(data, source=source, strength=strength), np.maximum(energy, 0.0)
 
 
-def _pressure(wanted: Array, degree: int, dimension: int) -> Array:
-    """The part of polynomials that is nowhere negative, see `pressure_parts`."""
-    mean, low = wanted[:, 0], lowest(dimension, degree, wanted)
+def _pressure(wanted: Array, reference: ReferenceFlux) -> Array:
+    """The part of polynomials that is nowhere negative, see `with_pressure`."""
+    mean, low = wanted[:, 0], lowest(reference.dimension, reference.degree, wanted)
     share = np.divide(mean, mean - low, out=np.ones_like(mean), where=low < 0.0)
     pressure = wanted * np.where(mean > 0.0, share, 0.0)[:, None]
     pressure[:, 0] = np.maximum(mean, 0.0)

@@ -18,7 +18,7 @@ from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_contact import contact_in_cells, target_of
-from dolfinx_signorini.bounds.cell_pressure import without_defects
+from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
     CellMoments,
@@ -82,7 +82,6 @@ class _Parts:
 
     flux: Array
     data: Oscillation
-    uneven: Array  # what a pressure does not take up
     mean: Array
     lifting: Array
     change: Array  # by what the norms of reaction and Robin conditions miss v, where y aims at v
@@ -128,17 +127,17 @@ def energy_bound(
     moments = equilibrated(domain, data, reference)
     ends = _ends(solved, scales, kinds == DIRICHLET)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
-    found_parts = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    data, energy = with_pressure(data, moments, reference)
+    flux, left, contact = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
     change = lifted[:, 1] + robin_energy(solved, near.change)
     parts = _Parts(
-        flux=found_parts.flux,
+        flux=flux,
         data=beside,
-        uneven=np.minimum(scales.gradient_weight, scales.l2_weight) * found_parts.uneven,
         # Rounding alone outside of ends.
-        mean=np.where(ends, scales.l2_weight, 0.0) * found_parts.left,
+        mean=np.where(ends, scales.l2_weight, 0.0) * left,
         lifting=lifting_norms(solved, scales, near, lifted),
         change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=found_parts.contact,
+        contact=contact + energy,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
@@ -214,11 +213,10 @@ def _bound(
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
     data, weak, comm = parts.data, scales.weak, solved.comm
-    projected = np.hypot(data.projected, parts.uneven)
     by_gradient = parts.flux + data.on_facets
-    by_gradient += np.where(weak, projected + data.missed, 0.0)
+    by_gradient += np.where(weak, data.projected + data.missed, 0.0)
     # What is left of the polynomial part is orthogonal to the rest.
-    by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, projected) ** 2)
+    by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
     taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
@@ -237,7 +235,7 @@ def _bound(
         cells *= total / (before or 1.0)
     return EnergyBound(
         flux=root(parts.flux**2),
-        data=root((projected + data.missed + data.on_facets + taken) ** 2) + free,
+        data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
         mean=root(parts.mean**2),
         lifting=lifting,

@@ -7,7 +7,7 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
-from dolfinx_signorini.bounds.cell_pressure import polynomial_residual, pressure_parts
+from dolfinx_signorini.bounds.cell_pressure import polynomial_residual
 from dolfinx_signorini.bounds.cell_scales import dots
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
@@ -24,27 +24,6 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, refe
 from dolfinx_signorini.bounds.remainders import Solved
 
 
-@dataclass(frozen=True)
-class FluxParts:
-    """What a flux leaves on each cell:
-
-        parts = flux_parts(solved, quadrature, data, moments, reference, contact)
-        math.sqrt((parts.flux**2).sum())
-
-    Attributes:
-        flux: The norms of the distance from the flux of the solution.
-        left: The L2 norms of the polynomial f - c u + div y, or of its mean, where a pressure takes
-            up the rest.
-        uneven: The L2 norms of the part with the mean 0 that the pressure does not take up.
-        contact: The integrals of contact flux times gap, or of pressure times gap.
-    """
-
-    flux: Array
-    left: Array
-    uneven: Array
-    contact: Array
-
-
 def flux_parts(
     solved: Solved,
     quadrature: int,
@@ -52,7 +31,7 @@ def flux_parts(
     moments: Array,
     reference: ReferenceFlux,
     contact: tuple[FacetPoints, Array],
-) -> FluxParts:
+) -> tuple[Array, Array, Array]:
     """Return the distance of a flux from the one of the solution, and the contact energy.
 
     In the plane, the flux is a better one in the cells around the ends of contact sets.
@@ -64,16 +43,20 @@ def flux_parts(
         moments: The moments of the flux on facets, shape (cells, d + 1, moments).
         reference: The fields.
         contact: Points of contact facets with the gap, see `gaps`.
+
+    Returns:
+        The norms on cells, what is left of the polynomial f - c u + div y, as L2 norms, and the
+        integrals of contact flux times gap.
     """
     degree, count = reference.degree, len(moments)
-    flux, left, uneven, pressure = np.empty((4, count))
+    flux, left = np.empty(count), np.empty(count)
     for batch, values in cell_values(solved, quadrature).batches():
         inside = data.some(batch)
         field = coefficients(inside, reference, moments[batch])
         flux[batch] = _distance(values, flux_values(values, field, reference), degree)
-        residual = polynomial_residual(inside, field, reference)
-        left[batch], uneven[batch], pressure[batch] = pressure_parts(inside, residual, degree)
-    energy = _contact_energy(*contact, moments, degree) + pressure
+        rest = polynomial_residual(inside, field, reference)
+        left[batch] = np.sqrt(np.square(rest).sum(axis=1) * inside.sizes[:, 0])
+    energy = _contact_energy(*contact, moments, degree)
     if solved.dimension == 2:
         cells = near_ends(solved.comm, data)
         if any(solved.comm.allgather(len(cells))):
@@ -83,7 +66,7 @@ def flux_parts(
             near = points.some(used, some.frames, cells), gap[used]
             better = _better_parts(some, data.some(cells), moments[cells], degree + RAISED, near)
             flux[cells], energy[cells] = better
-    return FluxParts(flux, left, uneven, energy)
+    return flux, left, energy
 
 
 def _better_parts(
@@ -113,7 +96,7 @@ def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int
 
 
 def _distance(values: CellValues, y: Array, degree: int) -> Array:
-    """The norm of A^(1/2) grad v - A^(-1/2) y on each cell, grad v see `CellValues.aim`.
+    """The norm of A^(1/2) grad v - A^(-1/2) y on each cell, with `CellValues.aim` for grad v.
 
     The solution is of a degree, y of one more.
     """
