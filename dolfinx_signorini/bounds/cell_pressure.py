@@ -54,14 +54,28 @@ def with_pressure(
     if not len(pressed):
         return data, energy
     some = data.some(pressed)
-    residual = polynomial_residual(some, coefficients(some, reference, moments[pressed]), reference)
     side, size = some.sides[:, None], some.sizes[:, 0]
-    pressure = _pressure(-side * residual, reference)
+    pressure = _pressure(free_pressure(some, moments[pressed], reference), reference)
     energy[pressed] = size * (side * pressure * some.rises).sum(axis=1)
     source, strength = data.source.copy(), data.strength.copy()
     source[pressed] += side * pressure * size[:, None]
     strength[pressed] = 0.0
     return replace(data, source=source, strength=strength), np.maximum(energy, 0.0)
+
+
+def free_pressure(data: CellData, moments: Array, reference: ReferenceFlux) -> Array:
+    """Return the pressure of any sign that takes up all of the residual of the best field.
+
+    Args:
+        data: Cells with a pressure.
+        moments: The moments of a flux on facets.
+        reference: The fields.
+
+    Returns:
+        The pressures in terms of `polynomials`, shape (cells, polynomials).
+    """
+    field = coefficients(data, reference, moments)
+    return -data.sides[:, None] * polynomial_residual(data, field, reference)
 
 
 def _pressure(wanted: Array, reference: ReferenceFlux) -> Array:

@@ -253,7 +253,7 @@ def forces_of(
     """
     some, n, targets = data.some(cells), reference.fluxes, reference.targets
     divergence = divergences(some, reference)
-    forces = _forces(some.gradient, targets[..., :n])
+    forces = gradient_products(some.gradient, targets[..., :n])
     # A contact flux costs its product with the gap.
     forces -= some.gaps.reshape(len(forces), 1, n)
     # So does a pressure, which is minus the divergence: a hat function has its share of the gap.
@@ -285,10 +285,10 @@ def _drive(
 ) -> Array:
     """What drives the coefficients that are no fluxes, see `Shapes`."""
     n, given, known = reference.fluxes, reference.given, divergence[:, :, 1:]
-    drive = np.concatenate((known, _forces(data.gradient, targets[..., given:])), axis=2)
+    drive = np.concatenate((known, gradient_products(data.gradient, targets[..., given:])), axis=2)
     strong = np.flatnonzero(data.strength)
     costly = _resistance(data)[strong, None, None] * known[strong]
-    costly += _forces(data.gradient[strong], targets[..., n:given]) + rises[strong, :, 1:]
+    costly += gradient_products(data.gradient[strong], targets[..., n:given]) + rises[strong, :, 1:]
     drive[strong, :, : given - n] = costly
     return drive
 
@@ -299,8 +299,13 @@ def _resistance(data: CellData) -> Array:
     return np.where(strong, 1.0 / np.where(strong, data.strength, 1.0), 0.0) / data.sizes[:, 0]
 
 
-def _forces(gradient: Array, targets: Array) -> Array:
-    """The products of A grad u with fields times hat functions, shape (cells, vertices, fields)."""
+def gradient_products(gradient: Array, targets: Array) -> Array:
+    """Return products of A grad u with fields times hat functions, shape (cells, vertices, fields).
+
+    Args:
+        gradient: See `CellData`.
+        targets: See `ReferenceFlux`, or the sum over the vertices.
+    """
     vertices, d, n, fields = targets.shape
     flat = targets.transpose(1, 2, 0, 3).reshape(d * n, -1)
     products = gradient.reshape(-1, d * n) @ flat

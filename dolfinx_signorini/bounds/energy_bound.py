@@ -31,6 +31,7 @@ from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
 from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
 from dolfinx_signorini.bounds.lifting import feasible, gap_means, gaps
@@ -125,6 +126,7 @@ def energy_bound(
     found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
     data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
     moments = equilibrated(domain, data, reference)
+    data, moments, better = better_pressures(domain.comm, data, moments, reference)
     ends = _ends(solved, scales, kinds == DIRICHLET)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
     data, energy = with_pressure(data, moments, reference)
@@ -137,7 +139,7 @@ def energy_bound(
         mean=np.where(ends, scales.l2_weight, 0.0) * left,
         lifting=lifting_norms(solved, scales, near, lifted),
         change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=contact + energy,
+        contact=contact + energy + better,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
