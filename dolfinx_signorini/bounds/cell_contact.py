@@ -19,8 +19,9 @@ from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED, Pressing
-from dolfinx_signorini.bounds.frames import datum
+from dolfinx_signorini.bounds.frames import cells_around, datum
 from dolfinx_signorini.bounds.lifting import DATA, Feasible
+from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.bounds.remainders import MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
@@ -59,6 +60,11 @@ class _Contact:
 
     touching: Indices  # the number of dofs that touch and may have a force
     closed: Mask  # whether all dofs touch
+
+    @property
+    def partly(self) -> Mask:
+        """Whether cells touch an obstacle, but not all over."""
+        return np.asarray((self.touching > 0).any(axis=0) & ~self.closed.any(axis=0))
 
 
 def contact_in_cells(solved: Solved) -> tuple[Feasible, Pressing]:
@@ -126,13 +132,18 @@ def _feasible(solved: Solved, sides: list[_Side], contact: _Contact, degree: int
     u = fem.Function(space)
     u.interpolate(problem.u)
     u.x.array[:] *= problem.sign
-    v, owned = u.x.array.copy(), dofs_on_entities(space, d, problem.contact)
+    owned = dofs_on_entities(space, d, problem.contact)
     here = marked(space, owned)
     obstacles = [side.on(space, owned) for side in sides]
-    for side, g, closed in zip(sides, obstacles, contact.closed, strict=True):
+    limits = [np.full(len(here), np.inf) * sign for sign in (-1.0, 1.0)]
+    for side, g in zip(sides, obstacles, strict=True):
+        limits[int(side.side < 0.0)] = np.where(here, g, -side.side * np.inf)
+    around = cells_around(solved.comm, frames.vertices, contact.partly) * (degree > solved.degree)
+    v = nearer(solved, space, np.flatnonzero(around), u.x.array, (limits[0], limits[1]))
+    v = np.clip(v, *limits)
+    for g, closed in zip(obstacles, contact.closed, strict=True):
         touching = marked(space, space.dofmap.list[frames.cells[closed]])
-        beyond = (side.side * (g - v) > 0.0) & here
-        v = np.where(beyond | touching, g, v)
+        v = np.where(touching, g, v)
     for data, facets in solved.terms.dirichlet:
         dofs = dofs_on_facets(space, facets)
         fixed = fem.Function(space)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from dolfinx import la, mesh
+from mpi4py import MPI
 from ufl import Coefficient, FacetNormal, SpatialCoordinate, as_vector
 from ufl.algorithms.analysis import extract_type
 from ufl.classes import GeometricQuantity
@@ -25,6 +26,7 @@ from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.values import Data, called
 
+LAYERS = 2  # of cells around the free boundary that are solved anew
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
 
@@ -164,6 +166,21 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
         places.mean(axis=1),
         domain,
     )
+
+
+def cells_around(comm: MPI.Comm, vertices: Indices, marked: Mask) -> Mask:
+    """Return which cells are within some layers of cells around marked ones.
+
+    Args:
+        comm: The communicator; the call is collective.
+        vertices: The global numbers of the vertices of the cells of this rank.
+        marked: Which of these cells are marked.
+    """
+    near = marked
+    for _ in range(LAYERS):
+        ends = np.concatenate(comm.allgather(np.unique(vertices[near])))
+        near = np.isin(vertices, ends).any(axis=1)
+    return near
 
 
 def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:

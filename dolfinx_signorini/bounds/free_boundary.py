@@ -12,21 +12,19 @@ convex quadratic program, which an interior point method solves.
 Source: Nocedal and Wright, Numerical Optimization, 2006, Section 16.6.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
-from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.cell_pressure import free_pressure
 from dolfinx_signorini.bounds.condensation import CellData, gradient_products
 from dolfinx_signorini.bounds.contact_ends import Unknowns, clusters
+from dolfinx_signorini.bounds.frames import cells_around
+from dolfinx_signorini.bounds.interior_point import QuadraticProgram
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, from_bernstein, lowest
-
-LAYERS = 2
-STEPS = 60
 
 
 def better_pressures(
@@ -44,7 +42,8 @@ def better_pressures(
         The cells, with the new pressures in their sources, the moments of the new flux, and the
         integrals of these pressures times gaps.
     """
-    cells = _around(comm, data, _pulled(data, moments, reference))
+    near = cells_around(comm, data.vertices, _pulled(data, moments, reference))
+    cells = np.flatnonzero(near & ((data.strength == 0.0) | np.isinf(data.strength)))
     energy, loads = np.zeros(len(moments)), np.zeros_like(data.source)
     rows = comm.allgather(data.some(cells).packed())
     everything = data.some(np.arange(0)).with_rows(np.concatenate(rows))
@@ -80,94 +79,25 @@ def _pulled(data: CellData, moments: Array, reference: ReferenceFlux) -> Mask:
     return pulled
 
 
-def _around(comm: MPI.Comm, data: CellData, marked: Mask) -> Indices:
-    """The cells of this rank within some layers around marked cells of all ranks."""
-    near = marked
-    for _ in range(LAYERS):
-        ends = np.concatenate(comm.allgather(np.unique(data.vertices[near])))
-        near = np.isin(data.vertices, ends).any(axis=1)
-    return np.flatnonzero(near & ((data.strength == 0.0) | np.isinf(data.strength)))
-
-
 def _better(data: CellData, start: Array, reference: ReferenceFlux) -> tuple[Array, Array]:
     """The moments of some connected cells and the loads of their pressures."""
     unknowns = Unknowns(data, reference.per_facet)
-    program, pressed = _program(data, start, reference, unknowns)
-    change, coefficients = program.solved()
-    loads, more = np.zeros_like(data.source), np.append(change, 0.0)[unknowns.places]
-    if not np.isfinite(change).all():
+    program, pressed, guess = _program(data, start, reference, unknowns)
+    loads, found = np.zeros_like(data.source), program.solution(guess)
+    if found is None:
         return start, loads
+    change, coefficients = np.split(found, [unknowns.count])
+    coefficients, more = np.maximum(coefficients, 0.0), np.append(change, 0.0)[unknowns.places]
     series = from_bernstein(reference.dimension, reference.degree)
     loads[pressed] = data.sides[pressed, None] * (coefficients.reshape(len(pressed), -1) @ series)
     return start + (more * unknowns.signs).reshape(start.shape), loads
 
 
-@dataclass(frozen=True)
-class _Program:
-    """Minimise z.H z / 2 - h.z with C z = c, where the last of the z are not negative."""
-
-    H: sp.csc_matrix
-    h: Array
-    C: sp.csc_matrix
-    c: Array
-    first: int  # the first z that is not negative
-    guess: Array  # of these z
-
-    def solved(self) -> tuple[Array, Array]:
-        """Return the first z and the last ones; not finite where no solution is found."""
-        size, first = len(self.h), self.first
-        z, y = np.zeros(size), np.zeros(len(self.c))
-        b = z[first:]
-        b[:] = self.guess
-        scale = np.abs(self.H.diagonal()).max()
-        nu = np.full(len(b), scale * np.abs(self.guess).mean())
-        start = float(b @ nu)
-        for _ in range(STEPS):
-            dual = self.H @ z - self.h - self.C.T @ y
-            dual[first:] -= nu
-            primal = self.C @ z - self.c
-            shift = np.zeros(size)
-            shift[first:] = nu / b
-            K = sp.bmat(
-                [
-                    [self.H + sp.diags(shift), -self.C.T],
-                    [self.C, sp.identity(len(y)) * 1e-14 / scale],
-                ]
-            )
-            factor = splu(K.tocsc())
-            target = 0.0
-            correction = 0.0 * b
-            for stage in range(2):
-                right = -dual
-                right[first:] += -nu + (target - correction) / b
-                step = factor.solve(np.concatenate((right, -primal)))
-                dz, dy = step[:size], step[size:]
-                dnu = -nu + (target - correction - nu * dz[first:]) / b
-                share = min(_most(b, dz[first:]), _most(nu, dnu))
-                if stage == 0:
-                    gap = float(b @ nu) / len(b)
-                    left = float((b + share * dz[first:]) @ (nu + share * dnu)) / len(b)
-                    target, correction = (left / gap) ** 3 * gap, dz[first:] * dnu
-            share = min(1.0, 0.995 * share)
-            z += share * dz
-            y += share * dy
-            nu += share * dnu
-            if not np.isfinite(z).all() or (float(b @ nu) <= 1e-10 * start and share > 0.9):
-                break
-        return z[:first], b
-
-
-def _most(values: Array, change: Array) -> float:
-    """The largest share of a change that leaves positive values positive, 1 at most."""
-    down = change < 0.0
-    return float(np.min(-values[down] / change[down], initial=1.0))
-
-
 def _program(
     data: CellData, start: Array, reference: ReferenceFlux, unknowns: Unknowns
-) -> tuple[_Program, Indices]:
+) -> tuple[QuadraticProgram, Indices, Array]:
     n, given, per = reference.fluxes, reference.given, reference.per_facet
-    count, polynomials = len(start), data.source.shape[1]
+    count = len(start)
     mass = np.asarray(np.tensordot(data.metric, reference.mass, 2))
     force = gradient_products(data.gradient, reference.targets.sum(axis=0, keepdims=True))[:, 0]
     free = np.linalg.solve(mass[:, given:, given:], mass[:, given:, :given])
@@ -206,4 +136,5 @@ def _program(
     c[pressed] = -data.source[pressed, 0] - start[pressed][:, :, 0].sum(axis=1)
     guess = (m @ np.linalg.inv(series)).ravel()
     guess = np.maximum(guess, 0.1 * np.abs(guess).mean())
-    return _Program(matrix, right, C, c, size, guess), pressed
+    E = sp.eye(last, format="csr")[size:]
+    return QuadraticProgram(matrix, right, C, c, E, np.zeros(last - size)), pressed, guess
