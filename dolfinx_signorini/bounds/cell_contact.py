@@ -20,6 +20,7 @@ from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED, Pressing
 from dolfinx_signorini.bounds.frames import cells_around, datum
+from dolfinx_signorini.bounds.free_boundary import RAISED
 from dolfinx_signorini.bounds.lifting import DATA, Feasible
 from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
@@ -172,7 +173,8 @@ def _rises(solved: Solved, sides: list[_Side], change: fem.Function, number: Ind
         change: What makes the solution feasible.
         number: The number of the obstacle that presses on each cell, or -1.
     """
-    comm, d, degree = solved.comm, solved.dimension, solved.degree
+    comm, d = solved.comm, solved.dimension
+    degree = solved.degree + RAISED[d]
     result = np.zeros((len(number), len(polynomials(d, degree, np.zeros((1, d))))))
     order = change.function_space.element.basix_element.degree
     known = all(_known(side.data, order) for side in sides)

@@ -263,10 +263,17 @@ def cell_moments(values: CellValues, degree: int) -> CellMoments:
 
 @dataclass(frozen=True)
 class Pressing:
-    """The cells on which an obstacle in the domain may press, see `CellData`."""
+    """The cells on which an obstacle in the domain may press, see `CellData`:
+
+    pressing = Pressing(sides, rises).some(cells)
+    """
 
     sides: Indices
-    rises: Array
+    rises: Array  # with polynomials of any degree
+
+    def some(self, cells: Indices) -> "Pressing":
+        """Return what concerns some of the cells."""
+        return Pressing(self.sides[cells], self.rises[cells])
 
 
 def cell_data(
@@ -303,7 +310,8 @@ def cell_data(
         gaps=gaps,
         places=frames.places,
         edges=frames.jacobians,
-        **vars(pressing),
+        sides=pressing.sides,
+        rises=pressing.rises[:, : moments.source.shape[1]],
         **found,
     )
 

@@ -29,7 +29,7 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
+from dolfinx_signorini.bounds.flux_parts import Oscillation, better_parts, flux_parts, oscillation
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
@@ -126,11 +126,16 @@ def energy_bound(
     found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
     data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
     moments = equilibrated(domain, data, reference)
-    data, moments, better = better_pressures(domain.comm, data, moments, reference)
+    better = pressing and better_pressures(solved, data, moments, reference, pressing)
+    if better is not None:
+        data, moments = better.into(data, moments)
     ends = _ends(solved, scales, kinds == DIRICHLET)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
     data, energy = with_pressure(data, moments, reference)
     flux, left, contact = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    if better is not None:
+        flux[better.cells], left[better.cells] = better_parts(solved, better, moments)
+        energy[better.cells] = better.energy
     change = lifted[:, 1] + robin_energy(solved, near.change)
     parts = _Parts(
         flux=flux,
@@ -139,7 +144,7 @@ def energy_bound(
         mean=np.where(ends, scales.l2_weight, 0.0) * left,
         lifting=lifting_norms(solved, scales, near, lifted),
         change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=contact + energy + better,
+        contact=contact + energy,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]

@@ -19,6 +19,7 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
+from dolfinx_signorini.bounds.free_boundary import FreeBoundary
 from dolfinx_signorini.bounds.lifting import gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, reference_flux
 from dolfinx_signorini.bounds.remainders import Solved
@@ -85,6 +86,24 @@ def _better_parts(
     start = better_fluxes(solved.comm, near, start, finer)
     y = flux_values(values, coefficients(near, finer, start), finer)
     return _distance(values, y, degree), _contact_energy(*contact, start, degree)
+
+
+def better_parts(solved: Solved, better: FreeBoundary, moments: Array) -> tuple[Array, Array]:
+    """Return the first two parts of `flux_parts` in the cells around a free boundary.
+
+    Args:
+        solved: The problem; the call is collective.
+        better: The cells.
+        moments: The moments of the flux on all cells, whose first ones are those of the better one.
+    """
+    data, reference, own = better.data, better.reference, better.moments.copy()
+    own[..., 0] = moments[better.cells, :, 0]
+    some = solved.some(better.cells)
+    values = cell_values(some, quadrature_degree(some, reference.degree)[0])
+    field = coefficients(data, reference, own)
+    rest = polynomial_residual(data, field, reference)
+    left = np.sqrt(np.square(rest).sum(axis=1) * data.sizes[:, 0])
+    return _distance(values, flux_values(values, field, reference), reference.degree), left
 
 
 def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:

@@ -12,61 +12,120 @@ convex quadratic program, which an interior point method solves.
 Source: Nocedal and Wright, Numerical Optimization, 2006, Section 16.6.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.cell_pressure import free_pressure
+from dolfinx_signorini.bounds.cell_values import (
+    Pressing,
+    cell_data,
+    cell_moments,
+    cell_values,
+    quadrature_degree,
+)
 from dolfinx_signorini.bounds.condensation import CellData, gradient_products
 from dolfinx_signorini.bounds.contact_ends import Unknowns, clusters
 from dolfinx_signorini.bounds.frames import cells_around
 from dolfinx_signorini.bounds.interior_point import QuadraticProgram
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, from_bernstein, lowest
+from dolfinx_signorini.bounds.reference_flux import (
+    ReferenceFlux,
+    from_bernstein,
+    lowest,
+    reference_flux,
+)
+from dolfinx_signorini.bounds.remainders import Solved
+
+# By dimension: by how much the better fluxes are of higher degree.
+RAISED = {2: 2, 3: 1}
+
+
+@dataclass(frozen=True)
+class FreeBoundary:
+    """Cells around the free boundary, with a better flux and pressure of a higher degree.
+
+    Attributes:
+        cells: The cells, by their rows among the cells of this rank.
+        data: What is known of these cells, with the pressure in the source.
+        moments: The moments of the flux on the facets of these cells.
+        energy: The integrals of pressure times gap.
+        reference: The fields.
+    """
+
+    cells: Indices
+    data: CellData
+    moments: Array
+    energy: Array
+    reference: ReferenceFlux
+
+    def into(self, data: CellData, moments: Array) -> tuple[CellData, Array]:
+        """Return all cells with what these cells have of the lower degree, and the moments."""
+        moments, source, cells = moments.copy(), data.source.copy(), self.cells
+        moments[cells] = self.moments[..., : moments.shape[2]]
+        source[cells] = self.data.source[:, : source.shape[1]]
+        parts = {"source": source}
+        for name in ("sides", "strength", "rises"):
+            parts[name] = getattr(data, name).copy()
+            parts[name][cells] = 0
+        return replace(data, **parts), moments
 
 
 def better_pressures(
-    comm: MPI.Comm, data: CellData, moments: Array, reference: ReferenceFlux
-) -> tuple[CellData, Array, Array]:
-    """Return cells with better fluxes and pressures around the free boundary.
+    solved: Solved, data: CellData, moments: Array, reference: ReferenceFlux, pressing: Pressing
+) -> FreeBoundary | None:
+    """Return better fluxes and pressures around the free boundary; None where none is found.
 
     Args:
-        comm: The communicator; the call is collective.
+        solved: The problem; the call is collective.
         data: The cells of this rank.
         moments: The moments of a flux on facets.
         reference: The fields.
-
-    Returns:
-        The cells, with the new pressures in their sources, the moments of the new flux, and the
-        integrals of these pressures times gaps.
+        pressing: The pressure in the cells.
     """
+    comm, d = solved.comm, solved.dimension
     near = cells_around(comm, data.vertices, _pulled(data, moments, reference))
     cells = np.flatnonzero(near & ((data.strength == 0.0) | np.isinf(data.strength)))
-    energy, loads = np.zeros(len(moments)), np.zeros_like(data.source)
-    rows = comm.allgather(data.some(cells).packed())
-    everything = data.some(np.arange(0)).with_rows(np.concatenate(rows))
-    found = np.concatenate(comm.allgather(moments[cells]))
-    more = np.zeros_like(everything.source)
+    if not comm.allreduce(len(cells)):
+        return None
+    finer = reference_flux(d, reference.degree + RAISED[d])
+    start = np.zeros((len(cells), d + 1, finer.per_facet))  # where the basis goes on
+    start[..., : reference.per_facet] = moments[cells]
+    part = _finer(solved.some(cells), data.some(cells), finer, pressing.some(cells))
+    rows = comm.allgather(part.packed())
+    everything = part.some(np.arange(0)).with_rows(np.concatenate(rows))
+    found = np.concatenate(comm.allgather(start))
+    loads, solvable = np.zeros_like(everything.source), np.zeros(len(found), dtype=bool)
     for members in clusters(everything.facets):
-        part = everything.some(members)
-        if part.sides.any():
-            found[members], more[members] = _better(part, found[members], reference)
+        some = everything.some(members)
+        answer = _better(some, found[members], finer) if some.sides.any() else None
+        if answer is not None:
+            found[members], loads[members] = answer
+            solvable[members] = True
     first = sum(map(len, rows[: comm.rank]))
-    own = slice(first, first + len(cells))
-    moments, settled = moments.copy(), np.zeros(len(moments), dtype=bool)
-    moments[cells], loads[cells] = found[own], more[own]
-    settled[cells] = more[own].any(axis=1)
-    energy = (loads * data.rises).sum(axis=1)
-    data = replace(
-        data,
-        source=data.source + loads,
-        sides=np.where(settled, 0, data.sides),
-        strength=np.where(settled, 0.0, data.strength),
-        rises=np.where(settled[:, None], 0.0, data.rises),
+    own = np.arange(first, first + len(cells))
+    kept = solvable[own]
+    part, own = part.some(kept), own[kept]
+    energy = np.maximum((loads[own] * part.rises).sum(axis=1), 0.0)
+    nothing = np.zeros(len(own))
+    part = replace(
+        part, source=part.source + loads[own], sides=nothing.astype(np.int64), strength=nothing
     )
-    return data, moments, np.maximum(energy, 0.0)
+    return FreeBoundary(cells[kept], part, found[own], energy, finer)
+
+
+def _finer(
+    solved: Solved, data: CellData, reference: ReferenceFlux, pressing: Pressing
+) -> CellData:
+    """Cells for fields of a higher degree; their source is of the lower one."""
+    values = cell_values(solved, quadrature_degree(solved, reference.degree)[0])
+    found = cell_moments(values, reference.degree)
+    source = np.zeros_like(found.source)
+    source[:, : data.source.shape[1]] = data.source
+    none = np.zeros((*data.kinds.shape, reference.per_facet))
+    found = replace(found, source=source)
+    return cell_data(solved.frames, data.kinds, data.touching, none, none, found, pressing)
 
 
 def _pulled(data: CellData, moments: Array, reference: ReferenceFlux) -> Mask:
@@ -79,13 +138,13 @@ def _pulled(data: CellData, moments: Array, reference: ReferenceFlux) -> Mask:
     return pulled
 
 
-def _better(data: CellData, start: Array, reference: ReferenceFlux) -> tuple[Array, Array]:
-    """The moments of some connected cells and the loads of their pressures."""
+def _better(data: CellData, start: Array, reference: ReferenceFlux) -> tuple[Array, Array] | None:
+    """The moments of some connected cells and the loads of their pressures; or None."""
     unknowns = Unknowns(data, reference.per_facet)
     program, pressed, guess = _program(data, start, reference, unknowns)
     loads, found = np.zeros_like(data.source), program.solution(guess)
     if found is None:
-        return start, loads
+        return None
     change, coefficients = np.split(found, [unknowns.count])
     coefficients, more = np.maximum(coefficients, 0.0), np.append(change, 0.0)[unknowns.places]
     series = from_bernstein(reference.dimension, reference.degree)
