@@ -140,11 +140,12 @@ def _feasible(solved: Solved, sides: list[_Side], contact: _Contact, degree: int
     for side, g in zip(sides, obstacles, strict=True):
         limits[int(side.side < 0.0)] = np.where(here, g, -side.side * np.inf)
     around = cells_around(solved.comm, frames.vertices, contact.partly) * (degree > solved.degree)
-    v = nearer(solved, space, np.flatnonzero(around), u.x.array, (limits[0], limits[1]))
+    cells = np.flatnonzero(around)
+    v, changed = nearer(solved, space, cells, u.x.array, (limits[0], limits[1]))
     v = np.clip(v, *limits)
     for g, closed in zip(obstacles, contact.closed, strict=True):
         touching = marked(space, space.dofmap.list[frames.cells[closed]])
-        v = np.where(touching, g, v)
+        v = np.where(touching & ~changed, g, v)
     for data, facets in solved.terms.dirichlet:
         dofs = dofs_on_facets(space, facets)
         fixed = fem.Function(space)

@@ -29,7 +29,12 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.flux_parts import Oscillation, better_parts, flux_parts, oscillation
+from dolfinx_signorini.bounds.flux_parts import (
+    Oscillation,
+    flux_parts,
+    oscillation,
+    with_free_boundary,
+)
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
@@ -82,6 +87,7 @@ class _Parts:
     """The parts of the bound on each cell: norms, and for contact the integral sigma."""
 
     flux: Array
+    middle: Array  # from A grad u_h to the middle of A grad v and y
     data: Oscillation
     mean: Array
     lifting: Array
@@ -132,19 +138,20 @@ def energy_bound(
     ends = _ends(solved, scales, kinds == DIRICHLET)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
     data, energy = with_pressure(data, moments, reference)
-    flux, left, contact = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    own = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    own = replace(own, contact=own.contact + energy)
     if better is not None:
-        flux[better.cells], left[better.cells] = better_parts(solved, better, moments)
-        energy[better.cells] = better.energy
+        own = with_free_boundary(own, solved, better, moments)
     change = lifted[:, 1] + robin_energy(solved, near.change)
     parts = _Parts(
-        flux=flux,
+        flux=own.flux,
+        middle=own.middle,
         data=beside,
         # Rounding alone outside of ends.
-        mean=np.where(ends, scales.l2_weight, 0.0) * left,
+        mean=np.where(ends, scales.l2_weight, 0.0) * own.left,
         lifting=lifting_norms(solved, scales, near, lifted),
         change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=contact + energy,
+        contact=own.contact,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
     notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
@@ -220,14 +227,15 @@ def _bound(
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
     data, weak, comm = parts.data, scales.weak, solved.comm
-    by_gradient = parts.flux + data.on_facets
-    by_gradient += np.where(weak, data.projected + data.missed, 0.0)
+    beside = data.on_facets + np.where(weak, data.projected + data.missed, 0.0)
+    by_gradient = parts.flux + beside
     # What is left of the polynomial part is orthogonal to the rest.
     by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
     taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
-    square = by_gradient**2 + by_reaction**2 + parts.change**2
+    by_reaction += parts.change
+    square = by_gradient**2 + by_reaction**2
 
     def root(values: Array) -> float:
         return math.sqrt(comm.allreduce(float(values.sum())))
@@ -237,9 +245,9 @@ def _bound(
     total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
     cells = np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact)
     if solved.problem.in_domain:
-        both = root((0.5 * np.sqrt(square) + parts.lifting) ** 2) + 0.5 * free
-        total, before = both + math.sqrt(0.25 * eta**2 + contact**2), root(cells**2)
-        cells *= total / (before or 1.0)
+        middle = root((parts.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
+        total = middle + math.sqrt(0.25 * eta**2 + contact**2)
+        cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(
         flux=root(parts.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,

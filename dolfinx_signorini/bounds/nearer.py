@@ -30,8 +30,8 @@ def nearer(
     around: Indices,
     start: Array,
     limits: tuple[Array, Array],
-) -> Array:
-    """Return the coefficients of a feasible function, changed in some cells.
+) -> tuple[Array, Mask]:
+    """Return the coefficients of a function, feasible where they have changed, and where that is.
 
     Args:
         solved: The problem; the call is collective.
@@ -46,7 +46,7 @@ def nearer(
     size = dofs.shape[1]
     count = comm.allreduce(len(around))
     if not count or count * size**2 > 10 * MOST_NUMBERS:
-        return start
+        return start, np.zeros(len(start), dtype=bool)
     stiffness, load = _system(solved, space, around)
     numbers = index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(dofs.shape)
     numbers = np.where(free[dofs], numbers, -1)
@@ -58,7 +58,7 @@ def nearer(
     at = np.minimum(np.searchsorted(names, own), len(names) - 1) if len(names) else None
     if at is not None:
         result += np.where(names[at] == own, change[at], 0.0)
-    return np.where(free, np.clip(result, *limits), start)
+    return np.where(free, np.clip(result, *limits), start), free
 
 
 def _inner(solved: Solved, space: fem.FunctionSpace, around: Indices) -> Mask:
