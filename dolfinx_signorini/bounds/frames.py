@@ -26,7 +26,6 @@ from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.values import Data, called
 
-LAYERS = 2  # of cells around the free boundary that are solved anew
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
 
@@ -169,18 +168,15 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
 
 
 def cells_around(comm: MPI.Comm, vertices: Indices, marked: Mask) -> Mask:
-    """Return which cells are within some layers of cells around marked ones.
+    """Return which cells have a vertex of a marked cell.
 
     Args:
         comm: The communicator; the call is collective.
         vertices: The global numbers of the vertices of the cells of this rank.
         marked: Which of these cells are marked.
     """
-    near = marked
-    for _ in range(LAYERS):
-        ends = np.concatenate(comm.allgather(np.unique(vertices[near])))
-        near = np.isin(vertices, ends).any(axis=1)
-    return near
+    ends = np.concatenate(comm.allgather(np.unique(vertices[marked])))
+    return np.asarray(np.isin(vertices, ends).any(axis=1))
 
 
 def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:

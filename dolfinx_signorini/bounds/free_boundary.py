@@ -4,7 +4,7 @@ The divergence of the flux of the solution jumps at the free boundary, and fluxe
 vertex by vertex for a pressure of any sign are far from this flux. In the cells around those where
 the pressure would have to pull, flux and pressure minimise
 
-    ||A^(1/2) grad v - A^(-1/2) y||^2 + 2 (integral of pressure times gap)
+    ||A^(1/2) grad v - A^(-1/2) y||^2 + 4 (integral of pressure times gap)
 
 together, with the pressure + f - c u + div y = 0 and Bernstein coefficients of the pressure >= 0: a
 convex quadratic program, which an interior point method solves.
@@ -173,7 +173,7 @@ def _program(
     Z[:, n:, n:] = -side[..., None] * series.T[1:]
     H = Z.transpose(0, 2, 1) @ S @ Z
     h = np.einsum("nij,ni->nj", Z, force)
-    h[:, n:] -= side * (data.rises @ series.T)
+    h[:, n:] -= 2.0 * side * (data.rises @ series.T)
     sums = np.zeros((count, n + len(series)))
     sums[:, :n:per] = unknowns.signs[:, ::per]
     sums[:, n:] = side * series[:, 0]
