@@ -24,12 +24,16 @@ from dolfinx_signorini.bounds.free_boundary import RAISED
 from dolfinx_signorini.bounds.lifting import DATA, Feasible
 from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
-from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.elements import is_bernstein, lagrange_space
 from dolfinx_signorini.problem.assembly import dofs_on_entities, dofs_on_facets
 from dolfinx_signorini.problem.values import Data, evaluator
 
+# By dimension: by how much a function that is feasible everywhere is of higher degree than the
+# solution. For P3 on the square with 32 cells per side the bound is 1.74 times the error with 3,
+# 1.81 with 2, 1.98 with 1.
+HIGHER = {2: 3, 3: 1}
 OBSTACLE = "the obstacle is known at points of cells only"
 BELOW = "Dirichlet data are below a lower obstacle, or above an upper one, between nodes"
 
@@ -81,7 +85,7 @@ def contact_in_cells(solved: Solved) -> tuple[Feasible, Pressing]:
     near = _feasible(solved, sides, contact, degree)
     size = highest(solved.comm, np.abs(near.change.x.array))
     if size > tiny or not all(_known(each, degree) for each in data):
-        near = _feasible(solved, sides, contact, degree + MORE[3])
+        near = _feasible(solved, sides, contact, degree + HIGHER[solved.dimension])
     else:
         near.change.x.array[:] = 0.0
     number = np.where(contact.touching.any(axis=0), contact.touching.argmax(axis=0), -1)

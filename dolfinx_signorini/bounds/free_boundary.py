@@ -29,7 +29,7 @@ from dolfinx_signorini.bounds.cell_values import (
 from dolfinx_signorini.bounds.condensation import CellData, gradient_products
 from dolfinx_signorini.bounds.contact_ends import Unknowns, clusters
 from dolfinx_signorini.bounds.frames import cells_around
-from dolfinx_signorini.bounds.interior_point import QuadraticProgram
+from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
     from_bernstein,
@@ -38,8 +38,9 @@ from dolfinx_signorini.bounds.reference_flux import (
 )
 from dolfinx_signorini.bounds.remainders import Solved
 
-# By dimension: by how much the better fluxes are of higher degree.
-RAISED = {2: 2, 3: 1}
+# By dimension: by how much the better fluxes are of higher degree. For P3 on the square with 32
+# cells per side the bound is 1.80 times the error with 0, 1.74 with 1, 1.71 with 2.
+RAISED = {2: 2, 3: 0}
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,9 @@ def better_pressures(
     loads, solvable = np.zeros_like(everything.source), np.zeros(len(found), dtype=bool)
     for members in clusters(everything.facets):
         some = everything.some(members)
-        answer = _better(some, found[members], finer) if some.sides.any() else None
+        entries = len(members) * (finer.fluxes + loads.shape[1]) ** 2
+        fits = some.sides.any() and entries <= MOST_ENTRIES[d]
+        answer = _better(some, found[members], finer) if fits else None
         if answer is not None:
             found[members], loads[members] = answer
             solvable[members] = True

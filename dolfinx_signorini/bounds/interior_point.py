@@ -4,6 +4,7 @@ Source: Nocedal and Wright, Numerical Optimization, 2006, Section 16.6 (predicto
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +12,18 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION, SOLVED
+from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
 
+# Of SuperLU, for positive definite matrices: the factors have half of the entries. With equations
+# they have more entries than by default.
+SYMMETRIC: dict[str, Any] = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
+# By dimension: entries of the matrices of all cells of a program. In space the factors have four
+# times as many entries for each entry of the matrix.
+MOST_ENTRIES = {2: MOST_NUMBERS, 3: MOST_NUMBERS // 8}
 STEPS = 60  # of about 15 that are needed
 SHORT = 0.995  # of the way to the next bound
 
@@ -63,8 +75,9 @@ class QuadraticProgram:
         primal, apart = self.C @ z - self.c, self.E @ z - self.e - b
         stiff = self.H + self.E.T @ sp.diags(nu / b) @ self.E
         tiny = sp.identity(len(y)) * (PRECISION / max(np.abs(self.H.diagonal()).max(), PRECISION))
+        matrix = sp.bmat([[stiff, -self.C.T], [self.C, tiny]]).tocsc()
         try:
-            factor = splu(sp.bmat([[stiff, -self.C.T], [self.C, tiny]]).tocsc())
+            factor = splu(matrix, **(SYMMETRIC if not len(y) else {}))
         except RuntimeError:  # a singular matrix
             return None
 

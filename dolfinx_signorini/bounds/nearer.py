@@ -17,8 +17,7 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.bounds.cell_scales import means
 from dolfinx_signorini.bounds.cell_values import cell_values, quadrature_degree
-from dolfinx_signorini.bounds.interior_point import QuadraticProgram
-from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
+from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import dofs_on_facets
@@ -45,7 +44,7 @@ def nearer(
     dofs = space.dofmap.list[solved.frames.cells[around]]
     size = dofs.shape[1]
     count = comm.allreduce(len(around))
-    if not count or count * size**2 > 10 * MOST_NUMBERS:
+    if not count or count * size**2 > MOST_ENTRIES[solved.dimension]:
         return start, np.zeros(len(start), dtype=bool)
     stiffness, load = _system(solved, space, around)
     numbers = index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(dofs.shape)
