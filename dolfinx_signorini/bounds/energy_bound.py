@@ -132,10 +132,11 @@ def energy_bound(
     found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
     data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
     moments = equilibrated(domain, data, reference)
-    better = pressing and better_pressures(solved, data, moments, reference, pressing)
+    ends = _ends(solved, scales, exits := kinds == DIRICHLET)
+    outlet = domain.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
+    better = pressing and better_pressures(solved, data, moments, reference, pressing, outlet)
     if better is not None:
         data, moments = better.into(data, moments)
-    ends = _ends(solved, scales, kinds == DIRICHLET)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
     data, energy = with_pressure(data, moments, reference)
     own = flux_parts(solved, quadrature, data, moments, reference, (points, gap))

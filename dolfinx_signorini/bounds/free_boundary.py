@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
+from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.cell_pressure import free_pressure
@@ -74,7 +75,12 @@ class FreeBoundary:
 
 
 def better_pressures(
-    solved: Solved, data: CellData, moments: Array, reference: ReferenceFlux, pressing: Pressing
+    solved: Solved,
+    data: CellData,
+    moments: Array,
+    reference: ReferenceFlux,
+    pressing: Pressing,
+    outlet: bool,
 ) -> FreeBoundary | None:
     """Return better fluxes and pressures around the free boundary; None where none is found.
 
@@ -84,6 +90,7 @@ def better_pressures(
         moments: The moments of a flux on facets.
         reference: The fields.
         pressing: The pressure in the cells.
+        outlet: Whether a residual has a way out without the pressure of these cells.
     """
     comm, d = solved.comm, solved.dimension
     near = cells_around(comm, data.vertices, _pulled(data, moments, reference))
@@ -108,7 +115,10 @@ def better_pressures(
             solvable[members] = True
     first = sum(map(len, rows[: comm.rank]))
     own = np.arange(first, first + len(cells))
-    kept = solvable[own]
+    kept, rest = solvable[own], data.sides != 0
+    rest[cells[kept]] = False
+    if not (outlet or comm.allreduce(bool(rest.any()), op=MPI.LOR)):
+        return None
     part, own = part.some(kept), own[kept]
     energy = np.maximum((loads[own] * part.rises).sum(axis=1), 0.0)
     nothing = np.zeros(len(own))
