@@ -143,6 +143,8 @@ def _feasible(solved: Solved, sides: list[_Side], contact: _Contact, degree: int
     limits = [np.full(len(here), np.inf) * sign for sign in (-1.0, 1.0)]
     for side, g in zip(sides, obstacles, strict=True):
         limits[int(side.side < 0.0)] = np.where(here, g, -side.side * np.inf)
+    # Interpolants of obstacles with kinks may cross where the obstacles meet.
+    limits = [func(*limits) for func in (np.minimum, np.maximum)]
     around = cells_around(solved.comm, frames.vertices, contact.partly) * (degree > solved.degree)
     cells = np.flatnonzero(around)
     v, changed = nearer(solved, space, cells, u.x.array, (limits[0], limits[1]))

@@ -64,8 +64,8 @@ class QuadraticProgram:
             share, (dz, dy, db, dnu) = found
             z, y, b, nu = z + share * dz, y + share * dy, b + share * db, nu + share * dnu
             if share > 0.9 and float(b @ nu) <= SOLVED * first:
-                break
-        return z if np.isfinite(z).all() else None
+                return z if np.isfinite(z).all() else None
+        return None
 
     def _step(
         self, z: Array, y: Array, b: Array, nu: Array
