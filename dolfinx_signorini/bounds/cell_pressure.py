@@ -55,7 +55,7 @@ def with_pressure(
         return data, energy
     some = data.some(pressed)
     side, size = some.sides[:, None], some.sizes[:, 0]
-    pressure = _pressure(free_pressure(some, moments[pressed], reference), reference)
+    pressure = _nowhere_negative(free_pressure(some, moments[pressed], reference), reference)
     energy[pressed] = size * (side * pressure * some.rises).sum(axis=1)
     source, strength = data.source.copy(), data.strength.copy()
     source[pressed] += side * pressure * size[:, None]
@@ -78,7 +78,7 @@ def free_pressure(data: CellData, moments: Array, reference: ReferenceFlux) -> A
     return -data.sides[:, None] * polynomial_residual(data, field, reference)
 
 
-def _pressure(wanted: Array, reference: ReferenceFlux) -> Array:
+def _nowhere_negative(wanted: Array, reference: ReferenceFlux) -> Array:
     """The part of polynomials that is nowhere negative, see `with_pressure`."""
     mean, low = wanted[:, 0], lowest(reference.dimension, reference.degree, wanted)
     share = np.divide(mean, mean - low, out=np.ones_like(mean), where=low < 0.0)
@@ -110,7 +110,7 @@ def without_defects(
     """
     changed, reason = moments, ""
     while True:  # cells lose their pressure in each round but the first, or the search ends
-        pulled = (data.sides * _defects(data, changed) > 0.0) & ~ends
+        pulled = _pulled(data, changed, ends)
         more = solved.comm.allreduce(bool(pulled.any()), op=MPI.LOR)
         if changed is not moments and not more:
             return data, changed, reason
@@ -121,6 +121,11 @@ def without_defects(
             rises=np.where(pulled[:, None], 0.0, data.rises),
         )
         changed, reason = _carried(solved, scales, data, moments, ends)
+
+
+def _pulled(data: CellData, moments: Array, ends: Mask) -> Mask:
+    """Whether an obstacle would have to pull at a cell, where no reaction takes up the residual."""
+    return np.asarray((data.sides * _defects(data, moments) > 0.0) & ~ends)
 
 
 def _carried(
