@@ -15,10 +15,11 @@ from mpi4py import MPI
 from ufl.algorithms.analysis import extract_coefficients
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED, Pressing
+from dolfinx_signorini.bounds.cell_pressure import Pressing
+from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
 from dolfinx_signorini.bounds.frames import cells_around, datum
 from dolfinx_signorini.bounds.free_boundary import RAISED
 from dolfinx_signorini.bounds.lifting import DATA, Feasible
@@ -46,10 +47,10 @@ class _Side:
     data: Data
     sign: float  # times the data
 
-    def on(self, space: fem.FunctionSpace, dofs: Indices) -> Array:
+    def on(self, space: fem.FunctionSpace, dofs: LocalIndices) -> Array:
         """The obstacle at all dofs of this rank; 0 away from some owned dofs."""
         g = fem.Function(space)
-        g.x.array[dofs] = self.sign * evaluator(space, self.data, dofs.astype(np.int32))()
+        g.x.array[dofs] = self.sign * evaluator(space, self.data, dofs)()
         g.x.scatter_forward()
         return np.asarray(g.x.array)
 
@@ -110,7 +111,7 @@ def _tiny(solved: Solved) -> float:
 
 def _contact(solved: Solved) -> _Contact:
     problem, cells, tiny = solved.problem, solved.frames.cells, _tiny(solved)
-    space = problem.space
+    space, u = problem.space, np.asarray(problem.sign * problem.u.x.array, dtype=np.float64)
     owned = dofs_on_entities(space, solved.dimension, problem.contact)
     with_obstacle = np.isin(cells, problem.contact)[:, None]
     dofs = space.dofmap.list[cells]
@@ -121,7 +122,7 @@ def _contact(solved: Solved) -> _Contact:
     heavy = weights @ element.tabulate(0, points)[0, :, :, 0] > ROUNDING
     touching, closed = [], []
     for side in _sides(solved):
-        gap = side.side * (problem.sign * problem.u.x.array - side.on(space, owned))
+        gap = side.side * (u - side.on(space, owned))
         touches = (gap <= tiny)[dofs] & with_obstacle
         touching.append((touches & free & heavy).sum(axis=1))
         closed.append((touches | (free & ~heavy)).all(axis=1) & (touching[-1] > 0))

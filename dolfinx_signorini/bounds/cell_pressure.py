@@ -6,17 +6,32 @@ f - c u + div y is minus a function that is nowhere negative, as far as possible
 The proof is in docs/method/energy_bound.md.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.transport import transported
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """The cells on which an obstacle in the domain may press, see `CellData`:
+
+    pressing = Pressing(sides, rises).some(cells)
+    """
+
+    sides: Indices
+    rises: Array  # with polynomials of any degree
+
+    def some(self, cells: Indices) -> "Pressing":
+        """Return what concerns some of the cells."""
+        return Pressing(self.sides[cells], self.rises[cells])
 
 
 def polynomial_residual(data: CellData, field: Array, reference: ReferenceFlux) -> Array:
@@ -92,6 +107,21 @@ def _defects(data: CellData, moments: Array) -> Array:
     return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
 
 
+def without_pressure(data: CellData, marked: Mask) -> CellData:
+    """Return cells of which some have no pressure, and a given divergence.
+
+    Args:
+        data: The cells.
+        marked: These cells.
+    """
+    return replace(
+        data,
+        sides=np.where(marked, 0, data.sides),
+        strength=np.where(marked, 0.0, data.strength),
+        rises=np.where(marked[:, None], 0.0, data.rises),
+    )
+
+
 def without_defects(
     solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
 ) -> tuple[CellData, Array, str]:
@@ -114,12 +144,7 @@ def without_defects(
         more = solved.comm.allreduce(bool(pulled.any()), op=MPI.LOR)
         if changed is not moments and not more:
             return data, changed, reason
-        data = replace(
-            data,
-            sides=np.where(pulled, 0, data.sides),
-            strength=np.where(pulled, 0.0, data.strength),
-            rises=np.where(pulled[:, None], 0.0, data.rises),
-        )
+        data = without_pressure(data, pulled)
         changed, reason = _carried(solved, scales, data, moments, ends)
 
 

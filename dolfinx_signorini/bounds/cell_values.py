@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
 from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
     Diffusion,
@@ -259,21 +260,6 @@ def cell_moments(values: CellValues, degree: int) -> CellMoments:
         source=values.moments(values.residual, degree) * frames.volumes[:, None],
         strength=np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0),
     )
-
-
-@dataclass(frozen=True)
-class Pressing:
-    """The cells on which an obstacle in the domain may press, see `CellData`:
-
-    pressing = Pressing(sides, rises).some(cells)
-    """
-
-    sides: Indices
-    rises: Array  # with polynomials of any degree
-
-    def some(self, cells: Indices) -> "Pressing":
-        """Return what concerns some of the cells."""
-        return Pressing(self.sides[cells], self.rises[cells])
 
 
 def cell_data(

@@ -220,8 +220,7 @@ def shapes_of(data: CellData, reference: ReferenceFlux) -> Shapes:
     above = data.metric[:, *np.triu_indices(reference.dimension)] / size[:, None]
     edges = (data.edges / length[:, None, None]).reshape(len(size), reference.dimension**2)
     numbers = (edges, np.log2(length), above, np.log2(size), np.log2(1.0 + resistance / size))
-    numbers = (*numbers, np.isinf(data.strength))
-    first, number = alike(np.column_stack(numbers))
+    first, number = alike(np.column_stack((*numbers, np.isinf(data.strength))))
     mass = np.asarray(np.tensordot(data.metric[first], reference.mass, 2), dtype=np.float64)
     own = np.arange(n, given)
     mass[:, own, own] += resistance[first, None]

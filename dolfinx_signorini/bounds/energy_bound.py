@@ -114,13 +114,18 @@ def energy_bound(
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
         rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
-    domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
+    domain = problem.space.mesh
     _check_mesh(problem)
     terms.check_on(domain)
-    in_cells = problem.in_domain
-    exact = not in_cells or rest == NOTHING
+    pairs = zip(vars(rest).values(), vars(NOTHING).values(), strict=True)
+    exact = not problem.in_domain or all(one is other for one, other in pairs)
     require(domain.comm, exact, "known for obstacles on the boundary only", "rest")
-    solved = Solved(problem, terms, cell_frames(domain), rest)
+    return _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
+
+
+def _by_a_flux(solved: Solved) -> EnergyBound:
+    """The bound from an equilibrated flux and a feasible function."""
+    degree, in_cells = solved.degree, solved.problem.in_domain
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
     fluxes, missed, more = given_fluxes(solved)
@@ -131,10 +136,12 @@ def energy_bound(
     means = gap_means(points, gap, degree)
     found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
     data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
-    moments = equilibrated(domain, data, reference)
+    moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
-    outlet = domain.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
-    better = pressing and better_pressures(solved, data, moments, reference, pressing, outlet)
+    outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
+    better = None
+    if pressing is not None:
+        better = better_pressures(solved, data, moments, reference, pressing, outlet)
     if better is not None:
         data, moments = better.into(data, moments)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
@@ -155,7 +162,7 @@ def energy_bound(
         contact=own.contact,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
-    notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
+    notes = [*notes, *more, *near.notes, *solved.rest.sampled, *doubt]
     return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
 
 

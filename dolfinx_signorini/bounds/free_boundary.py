@@ -19,9 +19,8 @@ import scipy.sparse as sp
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.bounds.cell_pressure import free_pressure
+from dolfinx_signorini.bounds.cell_pressure import Pressing, free_pressure, without_pressure
 from dolfinx_signorini.bounds.cell_values import (
-    Pressing,
     cell_data,
     cell_moments,
     cell_values,
@@ -64,14 +63,11 @@ class FreeBoundary:
 
     def into(self, data: CellData, moments: Array) -> tuple[CellData, Array]:
         """Return all cells with what these cells have of the lower degree, and the moments."""
-        moments, source, cells = moments.copy(), data.source.copy(), self.cells
-        moments[cells] = self.moments[..., : moments.shape[2]]
-        source[cells] = self.data.source[:, : source.shape[1]]
-        parts = {"source": source}
-        for name in ("sides", "strength", "rises"):
-            parts[name] = getattr(data, name).copy()
-            parts[name][cells] = 0
-        return replace(data, **parts), moments
+        moments, source, mine = moments.copy(), data.source.copy(), np.zeros(len(moments), bool)
+        moments[self.cells] = self.moments[..., : moments.shape[2]]
+        source[self.cells] = self.data.source[:, : source.shape[1]]
+        mine[self.cells] = True
+        return without_pressure(replace(data, source=source), mine), moments
 
 
 def better_pressures(
@@ -199,7 +195,7 @@ def _program(
     columns = np.broadcast_to(places[:, None, :], H.shape)
     used = (rows < last) & (columns < last)
     matrix = sp.coo_matrix((H[used], (rows[used], columns[used])), (last, last)).tocsc()
-    right = np.bincount(places.ravel(), h.ravel(), last + 1)[:last]
+    right: Array = np.asarray(np.bincount(places.ravel(), h.ravel(), last + 1)[:last], float)
     used = places < last
     cell = np.broadcast_to(np.arange(count)[:, None], places.shape)
     C = sp.coo_matrix((sums[used], (cell[used], places[used])), (count, last)).tocsc()

@@ -54,8 +54,10 @@ class QuadraticProgram:
         Args:
             slack: A guess of E z - e, positive.
         """
-        z, y, b = np.zeros(len(self.h)), np.zeros(len(self.c)), slack.copy()
-        nu = np.full(len(b), np.abs(self.H.diagonal()).max(initial=0.0) * slack.mean())
+        z: Array = np.zeros(len(self.h))
+        y: Array = np.zeros(len(self.c))
+        b = slack.copy()
+        nu: Array = np.full(len(b), np.abs(self.H.diagonal()).max(initial=0.0) * slack.mean())
         first = float(b @ nu)
         for _ in range(STEPS):
             found = self._step(z, y, b, nu)

@@ -103,7 +103,7 @@ def _solved(
     columns = np.broadcast_to(places[:, None, :], stiffness.shape)
     used = (rows >= 0) & (columns >= 0)
     H = sp.coo_matrix((stiffness[used], (rows[used], columns[used])), (size, size)).tocsc()
-    h = np.bincount(places[places >= 0], load[places >= 0], size)
+    h: Array = np.asarray(np.bincount(places[places >= 0], load[places >= 0], size), float)
     low, high = low.ravel()[first], high.ravel()[first]
     lower, upper = np.flatnonzero(np.isfinite(low)), np.flatnonzero(np.isfinite(high))
     eye = sp.eye(size, format="csr")
