@@ -1,6 +1,7 @@
 """A proven bound of the energy error of a solved problem, from an equilibrated flux.
 
-The proof is in docs/method/energy_bound.md.
+The proofs are in docs/method/energy_bound.md and, for obstacles in the domain, in
+energy_bound_in_cells.md.
 """
 
 import math
@@ -60,9 +61,10 @@ class EnergyBound:
         print(bound.total, "sampled" if bound.sampled else "proven", bound.notes)
 
     Attributes:
-        flux: The distance of the flux of u_h from the equilibrated one.
+        flux: The distance of the flux of u_h from the equilibrated one; with an obstacle in the
+            domain, of the flux of the feasible function.
         data: What is left of load and fluxes beside polynomials on cells and facets.
-        contact: The root of sigma, the integral of contact flux times gap.
+        contact: The root of sigma, the integral of contact flux or pressure times gap.
         mean: What the algebraic error and the quadrature of the discrete problem leave.
         lifting: The energy norm of the difference from u_h to a feasible function.
         total: The bound; infinite if no bound is found.
@@ -101,10 +103,11 @@ def energy_bound(
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
     Args:
-        problem: The solved problem, of any degree on triangles or tetrahedra; the call is
-            collective.
+        problem: The solved problem, of any degree on triangles or tetrahedra, with an obstacle on
+            the boundary, or one or two in the domain; the call is collective.
         terms: The strong form of the problem, where polynomials may stand for other data.
-        rest: What the data have beside the polynomials that stand for the data.
+        rest: What the data have beside the polynomials that stand for the data, for obstacles on
+            the boundary.
 
     Raises:
         InputError: The terms contradict each other, or the mesh has curved or other cells.
