@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import ufl
 from dolfinx import fem, mesh
+from scipy.optimize import nnls
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.bounds import cell_pressure, free_boundary
+from dolfinx_signorini.bounds import cell_pressure, free_boundary, nearer
 from dolfinx_signorini.bounds.energy_bound import energy_bound
+from dolfinx_signorini.bounds.interior_point import QuadraticProgram
 from dolfinx_signorini.bounds.reference_flux import polynomials, reference_flux
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -135,23 +138,42 @@ def test_a_problem_that_is_hardly_solved(rtol, name, degree, comm):
     checked(make(comm, degree, n, **options), 1.5 * most[degree - 1], rtol)
 
 
-@pytest.mark.parametrize(
-    ("make", "degree", "n", "most"),
-    [
-        (bowl, 1, 4, 1.4),
-        (bowl, 1, 10, 1.4),
-        (bowl, 2, 4, 1.4),
-        (ramp, 1, 4, 1.5),
-        (ramp, 2, 4, 3.0),
-    ],
-)
+SPACE = [
+    (bowl, 1, 4, 1.4),
+    (bowl, 2, 4, 1.4),
+    (bowl, 3, 3, 2.6),
+    (ramp, 1, 4, 1.5),
+    (ramp, 2, 4, 3.0),
+]
+
+
+@pytest.mark.parametrize(("make", "degree", "n", "most"), SPACE)
 def test_space(make, degree, n, most, comm):
     checked(make(comm, degree, n, d=3), most)
 
 
-def test_cubic_elements_in_space(comm):
-    """The mesh resolves no contact: the bound is far away, and a bound."""
-    checked(bowl(comm, 3, 3, d=3), 1e3)
+@pytest.mark.parametrize(("degree", "d", "most"), [(1, 2, 1.5), (2, 2, 7.0), (1, 3, 2.5)])
+def test_a_free_boundary_that_is_too_large_for_a_program(degree, d, most, monkeypatch, comm):
+    """The bound is a bound, but farther from the error."""
+    for module in (free_boundary, nearer):
+        monkeypatch.setattr(module, "MOST_ENTRIES", {2: 0, 3: 0})
+    checked(bowl(comm, degree, 16 if d == 2 else 6, d), most)
+
+
+@pytest.mark.parametrize("equations", [0, 2])
+def test_quadratic_programs(equations):
+    """The conditions of Karush, Kuhn and Tucker hold."""
+    rng = np.random.default_rng(equations)
+    root, C, E = (rng.standard_normal(shape) for shape in ((12, 12), (equations, 12), (20, 12)))
+    H, h, z = root @ root.T, rng.standard_normal(12), rng.standard_normal(12)
+    c, e = C @ z, E @ z - np.maximum(rng.standard_normal(20), 0.0)
+    matrices = sp.csc_matrix(H), h, sp.csc_matrix(C), c, sp.csr_matrix(E), e
+    z = QuadraticProgram(*matrices).solution(np.ones(20))
+    active = E @ z - e < 1e-5
+    assert (E @ z >= e - 1e-7).all() and np.abs(C @ z - c).max(initial=0.0) < 1e-8
+    # Multipliers of the equations may have any sign, those of the inequalities are not negative.
+    held = np.vstack((C, -C, E[active]))
+    assert active.any() and nnls(held.T, H @ z - h)[1] < 1e-4
 
 
 # On one rank.
