@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
@@ -27,8 +26,8 @@ from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_vertices
 from dolfinx_signorini.problem.assembly import dofs_on_facets
-from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.problem.values import Data, called
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.values import Data
 
 
 @dataclass(frozen=True)
@@ -90,18 +89,8 @@ class FacetPoints:
         if isinstance(data, FacetPolynomials):
             own = data.coefficients[self.cells, self.facets]
             return np.einsum("nj,njq->nq", own, self.polynomials(data.degree))
-        if callable(data) and not isinstance(data, Expr):
-            x = np.zeros((3, len(self.cells) * len(self.weights)))
-            x[: self.frames.dimension] = self.places.reshape(-1, self.frames.dimension).T
-            values = called(self.frames.domain.comm, data, x)
-            return values.reshape(len(self.cells), len(self.weights))
         values = datum(self.frames.domain, data)(self.points)
         return np.broadcast_to(values, (len(self.cells), len(self.weights)))
-
-    @functools.cached_property
-    def places(self) -> Array:
-        """The coordinates of the points, shape (n, points, d), where UFL has them."""
-        return np.stack(self.points.x, axis=2)
 
     @functools.cached_property
     def _inside(self) -> Array:
@@ -201,7 +190,7 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     problem, terms, frames, comm = solved.problem, solved.terms, solved.frames, solved.comm
     outer = on_frames(frames, [boundary_facets(frames.domain)])
     fixed = on_frames(frames, [facets for _, facets in terms.dirichlet])
-    contact = on_frames(frames, [problem.contact])
+    contact = on_frames(frames, [] if problem.in_domain else [problem.contact])
     flux = on_frames(frames, [facets for _, facets in (*terms.neumann, *terms.robin)])
     twice = bool((contact & flux).any())
     require(comm, not twice, "a facet has a flux, and is a contact facet", "neumann")
@@ -221,7 +210,7 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     return kinds.astype(np.int64), touching[corners].astype(np.int64)
 
 
-def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Mask) -> Indices:
+def _contact_kinds(problem: BoundConstrainedProblem, dofs: Indices, touching: Mask) -> Indices:
     """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
     free = ~marked(problem.space, problem.fixed_dofs)
     closed = (touching[dofs] | (_weightless(problem)[None, :] & free[dofs])).all(axis=1)
@@ -233,7 +222,7 @@ def _contact_kinds(problem: SignoriniProblem, dofs: Indices, touching: Mask) -> 
 
 
 def contact_closures(
-    problem: SignoriniProblem, frames: Frames, kinds: Indices
+    problem: BoundConstrainedProblem, frames: Frames, kinds: Indices
 ) -> tuple[Indices, Indices, Indices]:
     """Return the cells and numbers of the contact facets of frames, with the dofs on each.
 
@@ -247,7 +236,7 @@ def contact_closures(
     return cells, facets, facet_dofs(problem.space, pairs).astype(np.int64)
 
 
-def _weightless(problem: SignoriniProblem) -> Mask:
+def _weightless(problem: BoundConstrainedProblem) -> Mask:
     """Whether the integral of the function of a dof over a facet is not positive.
 
     The functions of vertices in space at degree 2 have the integral 0: contact forces at these
@@ -262,7 +251,7 @@ def _weightless(problem: SignoriniProblem) -> Mask:
     return np.asarray(means <= ROUNDING)
 
 
-def _check_fixed(problem: SignoriniProblem, terms: EnergyTerms) -> None:
+def _check_fixed(problem: BoundConstrainedProblem, terms: EnergyTerms) -> None:
     parts = [facets for _, facets in terms.dirichlet]
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     dofs, fixed = dofs_on_facets(problem.space, facets), problem.fixed_dofs

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
 from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
     Diffusion,
@@ -97,6 +98,14 @@ class CellValues:
         at = self.frames.points(self.points[:1]) if self.solved.degree == 1 else self.at
         (gradient,) = at.gradients(self.solved.problem.u)
         return np.asarray(self.solved.problem.sign * np.stack(gradient, axis=2))
+
+    @functools.cached_property
+    def aim(self) -> Array:
+        """The gradient that a flux is compared with, see `Solved.change`."""
+        if self.solved.change is None:
+            return self.gradient
+        (more,) = self.at.gradients(self.solved.change)
+        return np.asarray(self.gradient + np.stack(more, axis=2))
 
     @functools.cached_property
     def diffusion(self) -> Diffusion:
@@ -239,12 +248,14 @@ def cell_moments(values: CellValues, degree: int) -> CellMoments:
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
     inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
     det = frames.volumes * math.factorial(frames.dimension)
-    current = values.moments(values.current, degree)
+    current = aim = values.moments(values.current, degree)
+    if values.aim is not values.gradient:
+        aim = values.moments(values.diffusion.times(values.aim), degree)
     return CellMoments(
         sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
         metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
         # The energy of the distance to A grad u, measured with the mean of the inverse of A.
-        gradient=J.transpose(0, 2, 1) @ inverse @ current,
+        gradient=J.transpose(0, 2, 1) @ inverse @ aim,
         current=frames.inverses @ current * frames.volumes[:, None, None],
         source=values.moments(values.residual, degree) * frames.volumes[:, None],
         strength=np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0),
@@ -258,6 +269,7 @@ def cell_data(
     fluxes: Array,
     gaps: Array,
     moments: CellMoments,
+    pressing: Pressing | None = None,
 ) -> CellData:
     """Return what patches need to know of cells.
 
@@ -268,7 +280,13 @@ def cell_data(
         fluxes: The moments of given fluxes on facets.
         gaps: The means of gap times polynomial on contact facets.
         moments: What the solution and its equation tell.
+        pressing: The pressure in the cells; None for none.
     """
+    found = vars(moments)
+    if pressing is None:
+        pressing = Pressing(np.zeros(len(kinds), dtype=np.int64), np.zeros_like(moments.source))
+    else:
+        found = found | {"strength": np.where(pressing.sides, np.inf, moments.strength)}
     return CellData(
         vertices=frames.vertices,
         facets=frames.facets,
@@ -278,7 +296,9 @@ def cell_data(
         gaps=gaps,
         places=frames.places,
         edges=frames.jacobians,
-        **vars(moments),
+        sides=pressing.sides,
+        rises=pressing.rises[:, : moments.source.shape[1]],
+        **found,
     )
 
 
@@ -319,6 +339,8 @@ def quadrature_degree(solved: Solved, degree: int) -> tuple[int, list[str]]:
         found["reaction"] = c is None
     if rest.obstacle_in_space is not None:
         need = max(need, 2 * (degree + MORE[3]))
+    if solved.change is not None:
+        need = max(need, 2 * solved.change.function_space.element.basix_element.degree)
     if any(found.values()):
         need = max(need, 2 * degree + SAMPLED[dimension])
     if need > BEST[dimension]:

@@ -56,7 +56,11 @@ class CellData:
         fluxes: The moments of the given flux on Neumann facets, shape (cells, d + 1, moments).
         gaps: The means of gap times polynomial on contact facets, shape (cells, d + 1, moments).
         strength: c where the reaction is strong, so that the divergence of the flux is not given,
-            but costs the energy of the reaction; 0 elsewhere.
+            but costs the energy of the reaction; infinite where the divergence is free, because
+            the pressure of an obstacle in the domain takes up any residual; 0 elsewhere.
+        sides: 1 where a lower obstacle may press on a cell, -1 for an upper one, 0 elsewhere.
+        rises: The means over cells with a pressure of v - g times polynomial, with the feasible
+            function v and the obstacle g, shape (cells, polynomials); 0 elsewhere.
         places: Where the middle of the cell is along the direction of the frames.
     """
 
@@ -73,6 +77,8 @@ class CellData:
     fluxes: Array
     gaps: Array
     strength: Array
+    sides: Indices
+    rises: Array
     places: Array
 
     def some(self, cells: Indices | slice) -> "CellData":
@@ -214,7 +220,7 @@ def shapes_of(data: CellData, reference: ReferenceFlux) -> Shapes:
     above = data.metric[:, *np.triu_indices(reference.dimension)] / size[:, None]
     edges = (data.edges / length[:, None, None]).reshape(len(size), reference.dimension**2)
     numbers = (edges, np.log2(length), above, np.log2(size), np.log2(1.0 + resistance / size))
-    first, number = alike(np.column_stack(numbers))
+    first, number = alike(np.column_stack((*numbers, np.isinf(data.strength))))
     mass = np.asarray(np.tensordot(data.metric[first], reference.mass, 2), dtype=np.float64)
     own = np.arange(n, given)
     mass[:, own, own] += resistance[first, None]
@@ -246,10 +252,14 @@ def forces_of(
     """
     some, n, targets = data.some(cells), reference.fluxes, reference.targets
     divergence = divergences(some, reference)
-    forces = _forces(some.gradient, targets[..., :n])
+    forces = gradient_products(some.gradient, targets[..., :n])
     # A contact flux costs its product with the gap.
     forces -= some.gaps.reshape(len(forces), 1, n)
-    forces += shapes.products(_drive(some, reference, targets, divergence), shapes.through, cells)
+    # So does a pressure, which is minus the divergence: a hat function has its share of the gap.
+    rises = np.einsum("nj,vjk->nvk", some.rises, reference.products)
+    forces[..., :: reference.per_facet] += rises[..., :1]
+    drive = _drive(some, reference, targets, divergence, rises)
+    forces += shapes.products(drive, shapes.through, cells)
     return forces, divergence[:, :, 0]
 
 
@@ -263,19 +273,21 @@ def coefficients(data: CellData, reference: ReferenceFlux, fluxes: Array) -> Arr
     """
     targets, shapes = reference.targets.sum(axis=0, keepdims=True), shapes_of(data, reference)
     # The divergences for all vertices add up to minus the source.
-    drive = _drive(data, reference, targets, -data.source[:, None])
+    drive = _drive(data, reference, targets, -data.source[:, None], data.rises[:, None])
     x = fluxes.reshape(len(fluxes), 1, reference.fluxes)
     inner = shapes.products(np.concatenate((x, drive), axis=2), shapes.inner)
     return np.concatenate((x, inner), axis=2)[:, 0]
 
 
-def _drive(data: CellData, reference: ReferenceFlux, targets: Array, divergence: Array) -> Array:
+def _drive(
+    data: CellData, reference: ReferenceFlux, targets: Array, divergence: Array, rises: Array
+) -> Array:
     """What drives the coefficients that are no fluxes, see `Shapes`."""
     n, given, known = reference.fluxes, reference.given, divergence[:, :, 1:]
-    drive = np.concatenate((known, _forces(data.gradient, targets[..., given:])), axis=2)
+    drive = np.concatenate((known, gradient_products(data.gradient, targets[..., given:])), axis=2)
     strong = np.flatnonzero(data.strength)
     costly = _resistance(data)[strong, None, None] * known[strong]
-    costly += _forces(data.gradient[strong], targets[..., n:given])
+    costly += gradient_products(data.gradient[strong], targets[..., n:given]) + rises[strong, :, 1:]
     drive[strong, :, : given - n] = costly
     return drive
 
@@ -286,8 +298,13 @@ def _resistance(data: CellData) -> Array:
     return np.where(strong, 1.0 / np.where(strong, data.strength, 1.0), 0.0) / data.sizes[:, 0]
 
 
-def _forces(gradient: Array, targets: Array) -> Array:
-    """The products of A grad u with fields times hat functions, shape (cells, vertices, fields)."""
+def gradient_products(gradient: Array, targets: Array) -> Array:
+    """Return products of A grad u with fields times hat functions, shape (cells, vertices, fields).
+
+    Args:
+        gradient: See `CellData`.
+        targets: See `ReferenceFlux`, or the sum over the vertices.
+    """
     vertices, d, n, fields = targets.shape
     flat = targets.transpose(1, 2, 0, 3).reshape(d * n, -1)
     products = gradient.reshape(-1, d * n) @ flat

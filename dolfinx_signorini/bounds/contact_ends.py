@@ -64,7 +64,7 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
     rows, moments = comm.allgather(data.packed()), comm.allgather(start)
     everything = data.some(np.arange(0)).with_rows(np.concatenate(rows))
     found = np.concatenate(moments)
-    for members in _clusters(everything.facets):
+    for members in clusters(everything.facets):
         size = len(members) * reference.fluxes  # about twice the number of unknowns
         if size**2 <= MOST_NUMBERS and (everything.kinds[members] >= OPEN).any():
             part = everything.some(members)
@@ -73,8 +73,12 @@ def better_fluxes(comm: MPI.Comm, data: CellData, start: Array, reference: Refer
     return np.asarray(found[first : first + len(start)])
 
 
-def _clusters(facets: Indices) -> list[Indices]:
-    """The rows of cells that are connected by facets."""
+def clusters(facets: Indices) -> list[Indices]:
+    """Return the rows of cells that are connected by facets.
+
+    Args:
+        facets: The facets of the cells, shape (cells, d + 1).
+    """
     if not len(facets):
         return []
     _, numbers = np.unique(facets.ravel(), return_inverse=True)
@@ -84,7 +88,7 @@ def _clusters(facets: Indices) -> list[Indices]:
     return [np.flatnonzero(cluster == k) for k in range(count)]
 
 
-class _Unknowns:
+class Unknowns:
     """The moments on facets of cells that may change: inside, on contact and Dirichlet facets.
 
     Args:
@@ -117,7 +121,7 @@ class _Unknowns:
 def _change(data: CellData, start: Array, reference: ReferenceFlux) -> Array:
     """What is to be added to the moments of some connected cells."""
     per, cells = reference.per_facet, np.arange(len(start))
-    unknowns = _Unknowns(data, per)
+    unknowns = Unknowns(data, per)
     places, signs, size = unknowns.places, unknowns.signs, unknowns.count
     shapes = shapes_of(data, reference)
     energies = shapes.matrices[shapes.number]
@@ -138,7 +142,7 @@ def _change(data: CellData, start: Array, reference: ReferenceFlux) -> Array:
 
 
 def _limits(
-    data: CellData, start: Array, reference: ReferenceFlux, unknowns: _Unknowns
+    data: CellData, start: Array, reference: ReferenceFlux, unknowns: Unknowns
 ) -> tuple[Array, Array]:
     """The Bernstein coefficients of contact fluxes by unknowns, and the least change of each."""
     per, (cells, facets) = reference.per_facet, np.nonzero(data.kinds >= OPEN)

@@ -1,10 +1,12 @@
 """A proven bound of the energy error of a solved problem, from an equilibrated flux.
 
-The proof is in docs/method/energy_bound.md.
+The proofs are in docs/method/energy_bound.md and, for obstacles in the domain, in
+energy_bound_in_cells.md.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import basix
 import numpy as np
@@ -14,29 +16,37 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
-from dolfinx_signorini.bounds.boundary_facets import facet_kinds, facet_points
+from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_scales import CellScales, dots
+from dolfinx_signorini.bounds.cell_contact import contact_in_cells, target_of
+from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
+from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
     CellMoments,
-    CellValues,
     cell_data,
     cell_moments,
     cell_values,
     quadrature_degree,
 )
-from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, joined
+from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.flux_parts import Oscillation, flux_parts, oscillation
-from dolfinx_signorini.bounds.frames import cell_frames, on_frames
+from dolfinx_signorini.bounds.flux_parts import (
+    Oscillation,
+    flux_parts,
+    oscillation,
+    with_free_boundary,
+)
+from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
-from dolfinx_signorini.bounds.lifting import Feasible, feasible, gap_means, gaps
+from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
+from dolfinx_signorini.bounds.lifting import feasible, gap_means, gaps
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.meshes.sided_meshes import longest_side
-from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.signorini import one_sided
 
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
@@ -51,9 +61,10 @@ class EnergyBound:
         print(bound.total, "sampled" if bound.sampled else "proven", bound.notes)
 
     Attributes:
-        flux: The distance of the flux of u_h from the equilibrated one.
+        flux: The distance of the flux of u_h from the equilibrated one; with an obstacle in the
+            domain, of the flux of the feasible function.
         data: What is left of load and fluxes beside polynomials on cells and facets.
-        contact: The root of sigma, the integral of contact flux times gap.
+        contact: The root of sigma, the integral of contact flux or pressure times gap.
         mean: What the algebraic error and the quadrature of the discrete problem leave.
         lifting: The energy norm of the difference from u_h to a feasible function.
         total: The bound; infinite if no bound is found.
@@ -78,58 +89,90 @@ class _Parts:
     """The parts of the bound on each cell: norms, and for contact the integral sigma."""
 
     flux: Array
+    middle: Array  # from A grad u_h to the middle of A grad v and y
     data: Oscillation
     mean: Array
     lifting: Array
+    change: Array  # by what the norms of reaction and Robin conditions miss v, where y aims at v
     contact: Array
 
 
 def energy_bound(
-    problem: SignoriniProblem, terms: EnergyTerms, rest: Remainders = NOTHING
+    problem: BoundConstrainedProblem, terms: EnergyTerms, rest: Remainders = NOTHING
 ) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
     Args:
-        problem: The solved problem, of any degree on triangles or tetrahedra; the call is
-            collective.
+        problem: The solved problem, of any degree on triangles or tetrahedra, with an obstacle on
+            the boundary, or one or two in the domain; the call is collective.
         terms: The strong form of the problem, where polynomials may stand for other data.
-        rest: What the data have beside the polynomials that stand for the data.
+        rest: What the data have beside the polynomials that stand for the data, for obstacles on
+            the boundary.
 
     Raises:
         InputError: The terms contradict each other, or the mesh has curved or other cells.
     """
     check(
-        problem=(problem, one_sided),
+        problem=(problem, with_bound),
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
         rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
-    domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
+    domain = problem.space.mesh
     _check_mesh(problem)
     terms.check_on(domain)
-    solved = Solved(problem, terms, cell_frames(domain), rest)
+    pairs = zip(vars(rest).values(), vars(NOTHING).values(), strict=True)
+    exact = not problem.in_domain or all(one is other for one, other in pairs)
+    require(domain.comm, exact, "known for obstacles on the boundary only", "rest")
+    return _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
+
+
+def _by_a_flux(solved: Solved) -> EnergyBound:
+    """The bound from an equilibrated flux and a feasible function."""
+    degree, in_cells = solved.degree, solved.problem.in_domain
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
-    quadrature, notes = quadrature_degree(solved, degree)
     fluxes, missed, more = given_fluxes(solved)
-    near = feasible(solved, kinds)
+    near, pressing = contact_in_cells(solved) if in_cells else (feasible(solved, kinds), None)
+    solved = replace(solved, change=target_of(near) if in_cells else None)
+    quadrature, notes = quadrature_degree(solved, degree)
     points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
     found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
-    data = cell_data(solved.frames, kinds, touching, fluxes, means, found)
-    moments = equilibrated(domain, data, reference)
-    ends = _ends(solved, scales, kinds == DIRICHLET)
-    moments, reason = _without_defects(solved, scales, data, moments, ends)
-    flux, left, contact = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
+    moments = equilibrated(solved.frames.domain, data, reference)
+    ends = _ends(solved, scales, exits := kinds == DIRICHLET)
+    outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
+    better = None
+    if pressing is not None:
+        better = better_pressures(solved, data, moments, reference, pressing, outlet)
+    if better is not None:
+        data, moments = better.into(data, moments)
+    data, moments, reason = without_defects(solved, scales, data, moments, ends)
+    data, energy = with_pressure(data, moments, reference)
+    own = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
+    own = replace(own, contact=own.contact + energy)
+    if better is not None:
+        own = with_free_boundary(own, solved, better, moments)
+    change = lifted[:, 1] + robin_energy(solved, near.change)
     parts = _Parts(
-        flux=flux,
+        flux=own.flux,
+        middle=own.middle,
         data=beside,
-        mean=np.where(ends, scales.l2_weight, 0.0) * left,  # rounding alone outside of ends
-        lifting=_lifting(solved, scales, near, lifted),
-        contact=contact,
+        # Rounding alone outside of ends.
+        mean=np.where(ends, scales.l2_weight, 0.0) * own.left,
+        lifting=lifting_norms(solved, scales, near, lifted),
+        change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
+        contact=own.contact,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
-    notes = [*notes, *more, *near.notes, *rest.sampled, *doubt]
-    return _bound(domain.comm, parts, scales, ends, constant, near.missing or reason, notes)
+    notes = [*notes, *more, *near.notes, *solved.rest.sampled, *doubt]
+    return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
+
+
+def with_bound(value: Any) -> str:
+    """The kind of problems that have a bound."""
+    in_cells = isinstance(value, BoundConstrainedProblem) and value.in_domain
+    return "" if in_cells else one_sided(value)
 
 
 def _on_cells(
@@ -147,12 +190,12 @@ def _on_cells(
     for cells, values in cell_values(solved, quadrature).batches():
         moments = cell_moments(values, solved.degree)
         beside = oscillation(values, missed[cells], moments.source, solved.degree)
-        found.append((moments, values.scales, beside, _lifted_energy(values, change)))
+        found.append((moments, values.scales, beside, lifted_energy(values, change)))
     every, scales, beside_all, lifted = zip(*found, strict=True)
     return joined(every), joined(scales), joined(beside_all), np.concatenate(lifted)
 
 
-def _check_mesh(problem: SignoriniProblem) -> None:
+def _check_mesh(problem: BoundConstrainedProblem) -> None:
     domain = problem.space.mesh
     kind = domain.topology.cell_type.name
     good = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
@@ -163,11 +206,6 @@ def _check_mesh(problem: SignoriniProblem) -> None:
     require(problem.comm, good, "a bound needs continuous Lagrange elements", "space")
 
 
-def _defects(data: CellData, moments: Array) -> Array:
-    """The integrals of f - c u + div y over the cells."""
-    return np.asarray(moments[:, :, 0].sum(axis=1) + data.source[:, 0])
-
-
 def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
     corners = solved.frames.corners.reshape(-1, solved.dimension)
@@ -176,29 +214,6 @@ def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     if solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
         return ends
     return np.asarray(scales.least_reaction > 0.0)
-
-
-def _without_defects(
-    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
-) -> tuple[Array, str]:
-    """Carry away what is left in cells without much reaction; also return why not, or ""."""
-    comm, exits = solved.comm, data.kinds == DIRICHLET
-    moments, ends = moments.copy(), ends.copy()
-    wanted = np.where(ends, 0.0, -_defects(data, moments))
-    if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
-        return moments, ""
-    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
-        contact = data.kinds >= OPEN
-        force = comm.allreduce(float(moments[contact, 0].sum()))
-        factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or math.inf)
-        if force <= 0.0 or factor < 0.0:
-            return moments, "the contact flux is too small to take up the residual"
-        moments[contact] *= factor
-        wanted, first = -_defects(data, moments), np.flatnonzero(comm.allgather(len(ends)))[0]
-        ends[:1] = comm.rank == first  # the sum is 0 now
-    change, found = transported(comm, solved.frames, scales.lowest, wanted, exits, ends)
-    moments[:, :, 0] += change
-    return moments, "" if found else "a residual has no way out of a part without a reaction"
 
 
 def _mean_constant(
@@ -212,52 +227,8 @@ def _mean_constant(
     return (0.0, [MEANS]) if math.isinf(constant) else (constant, [])
 
 
-def _lifted_energy(values: CellValues, change: fem.Function) -> Array:
-    """The energy of v - u_h in each cell, without cones and Robin conditions."""
-    space, frames, rest = change.function_space, values.frames, values.rest
-    if not change.x.array[space.dofmap.list[frames.cells]].any():
-        return np.zeros(len(frames.cells))
-    points = frames.points(values.points)
-    (w,), (slopes,) = points.values(change), points.gradients(change)
-    gradient = np.stack(slopes, axis=2)
-    energy = values.integrals(dots(gradient, values.diffusion.times(gradient)))
-    energy += rest.diffusion * values.integrals(dots(gradient, gradient))
-    energy += values.scales.largest_reaction * values.integrals(w**2)
-    if rest.thin is not None:
-        degree = space.element.basix_element.degree
-        energy += _strip(rest) * values.scales.volumes * values.largest(gradient, degree) ** 2
-    return energy
-
-
-def _strip(rest: Remainders) -> Array | float:
-    """The share of each cell where A may be larger, times the largest eigenvalue of A."""
-    return 0.0 if rest.thin is None else rest.thin[0] * rest.thin[2]
-
-
-def _lifting(solved: Solved, scales: CellScales, near: Feasible, energy: Array) -> Array:
-    """The energy norm of v - u_h on each cell, from the energy of a part."""
-    norms = np.sqrt(energy + _robin_energy(solved, near.change))
-    if near.cones is not None:
-        strip = np.broadcast_to(_strip(solved.rest), norms.shape)
-        norms += near.cones.norms(scales.upper, scales.largest_reaction, strip)
-    return np.asarray(norms)
-
-
-def _robin_energy(solved: Solved, w: fem.Function) -> Array:
-    """The integrals of k w^2, for the Robin coefficient k, over the facets of each cell."""
-    result = np.zeros(len(solved.frames.order))
-    for data, facets in solved.terms.robin:
-        marked = on_frames(solved.frames, [facets])
-        degree = 2 * w.function_space.element.basix_element.degree + 4
-        points = facet_points(solved.frames, marked, degree)
-        square = points.function(w.function_space, w.x.array) ** 2
-        sums = points.values(data) * square @ points.weights * points.sizes
-        result += np.bincount(points.cells, sums, len(result))
-    return result
-
-
 def _bound(
-    comm: MPI.Comm,
+    solved: Solved,
     parts: _Parts,
     scales: CellScales,
     ends: Mask,
@@ -266,14 +237,15 @@ def _bound(
     notes: list[str],
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
-    data, weak = parts.data, scales.weak
-    by_gradient = parts.flux + data.on_facets
-    by_gradient += np.where(weak, data.projected + data.missed, 0.0)
+    data, weak, comm = parts.data, scales.weak, solved.comm
+    beside = data.on_facets + np.where(weak, data.projected + data.missed, 0.0)
+    by_gradient = parts.flux + beside
     # What is left of the polynomial part is orthogonal to the rest.
     by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
     taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
+    by_reaction += parts.change
     square = by_gradient**2 + by_reaction**2
 
     def root(values: Array) -> float:
@@ -282,6 +254,11 @@ def _bound(
     free = constant * root(stray**2)
     eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
     total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
+    cells = np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact)
+    if solved.problem.in_domain:
+        middle = root((parts.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
+        total = middle + math.sqrt(0.25 * eta**2 + contact**2)
+        cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(
         flux=root(parts.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
@@ -289,7 +266,7 @@ def _bound(
         mean=root(parts.mean**2),
         lifting=lifting,
         total=math.inf if missing else total,
-        cells=np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact),
+        cells=cells,
         sampled=bool(notes),
         notes=(missing, *notes) if missing else tuple(notes),
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
+from dolfinx_signorini.bounds.cell_pressure import polynomial_residual
 from dolfinx_signorini.bounds.cell_scales import dots
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
@@ -18,9 +19,30 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
+from dolfinx_signorini.bounds.free_boundary import FreeBoundary
 from dolfinx_signorini.bounds.lifting import gap_means
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, reference_flux
 from dolfinx_signorini.bounds.remainders import Solved
+
+
+@dataclass(frozen=True)
+class FluxParts:
+    """What a flux y leaves on each cell, for the solution u_h and the feasible function v:
+
+        parts = flux_parts(solved, quadrature, data, moments, reference, contact)
+        math.sqrt((parts.flux**2).sum())
+
+    Attributes:
+        flux: The norms of A^(1/2) grad v - A^(-1/2) y, or the same with u_h, see `CellValues.aim`.
+        middle: The norms of the distance from A grad u_h to the middle of A grad v and y.
+        left: The L2 norms of the polynomial f - c u + div y.
+        contact: The integrals of contact flux times gap.
+    """
+
+    flux: Array
+    middle: Array
+    left: Array
+    contact: Array
 
 
 def flux_parts(
@@ -30,7 +52,7 @@ def flux_parts(
     moments: Array,
     reference: ReferenceFlux,
     contact: tuple[FacetPoints, Array],
-) -> tuple[Array, Array, Array]:
+) -> FluxParts:
     """Return the distance of a flux from the one of the solution, and the contact energy.
 
     In the plane, the flux is a better one in the cells around the ends of contact sets.
@@ -42,18 +64,13 @@ def flux_parts(
         moments: The moments of the flux on facets, shape (cells, d + 1, moments).
         reference: The fields.
         contact: Points of contact facets with the gap, see `gaps`.
-
-    Returns:
-        The norms on cells, what is left of the polynomial f - c u + div y, as L2 norms, and the
-        integrals of contact flux times gap.
     """
     degree, count = reference.degree, len(moments)
-    flux, left = np.empty(count), np.empty(count)
+    flux, middle, left = np.empty((3, count))
     for batch, values in cell_values(solved, quadrature).batches():
         inside = data.some(batch)
-        field = coefficients(inside, reference, moments[batch])
-        flux[batch] = _distance(values, flux_values(values, field, reference), degree)
-        left[batch] = _left(inside, field, reference)
+        found = _in_cells(values, inside, moments[batch], reference)
+        flux[batch], middle[batch], left[batch] = found
     energy = _contact_energy(*contact, moments, degree)
     if solved.dimension == 2:
         cells = near_ends(solved.comm, data)
@@ -64,7 +81,7 @@ def flux_parts(
             near = points.some(used, some.frames, cells), gap[used]
             better = _better_parts(some, data.some(cells), moments[cells], degree + RAISED, near)
             flux[cells], energy[cells] = better
-    return flux, left, energy
+    return FluxParts(flux, middle, left, energy)
 
 
 def _better_parts(
@@ -85,11 +102,40 @@ def _better_parts(
     return _distance(values, y, degree), _contact_energy(*contact, start, degree)
 
 
-def _left(data: CellData, field: Array, reference: ReferenceFlux) -> Array:
-    """The L2 norm of the polynomial f - c u + div y on each cell."""
-    inner = field[:, reference.fluxes : reference.given] + data.source[:, 1:]
-    first = field[:, : reference.fluxes : reference.per_facet].sum(axis=1) + data.source[:, 0]
-    return np.asarray(np.sqrt((np.square(inner).sum(axis=1) + first**2) / data.sizes[:, 0]))
+def with_free_boundary(
+    parts: FluxParts, solved: Solved, better: FreeBoundary, moments: Array
+) -> FluxParts:
+    """Return the parts with those of the better flux in the cells around a free boundary.
+
+    Args:
+        parts: The parts on all cells.
+        solved: The problem; the call is collective.
+        better: The cells around the free boundary.
+        moments: The moments of the flux on all cells, whose first ones are those of the better one.
+    """
+    data, reference, own = better.data, better.reference, better.moments.copy()
+    own[..., 0] = moments[better.cells, :, 0]
+    some = solved.some(better.cells)
+    values = cell_values(some, quadrature_degree(some, reference.degree)[0])
+    found = (*_in_cells(values, data, own, reference), better.energy)
+    for part, more in zip(vars(parts).values(), found, strict=True):
+        part[better.cells] = more
+    return parts
+
+
+def _in_cells(
+    values: CellValues, data: CellData, moments: Array, reference: ReferenceFlux
+) -> tuple[Array, Array, Array]:
+    """The parts of the bound that the flux has inside of cells."""
+    field = coefficients(data, reference, moments)
+    y, rest = flux_values(values, field, reference), polynomial_residual(data, field, reference)
+    flux = _distance(values, y, reference.degree)
+    left = np.sqrt(np.square(rest).sum(axis=1) * data.sizes[:, 0])
+    if values.aim is values.gradient:
+        return flux, 0.5 * flux, left
+    apart = 0.5 * (y + values.diffusion.times(values.aim)) - values.current
+    middle = np.sqrt(values.integrals(dots(apart, values.diffusion.divided(apart))))
+    return flux, middle, left
 
 
 def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
@@ -101,8 +147,11 @@ def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int
 
 
 def _distance(values: CellValues, y: Array, degree: int) -> Array:
-    """The norm of A^(1/2) grad u_h - A^(-1/2) y on each cell; u_h is of a degree, y of one more."""
-    apart, rest = values.current - y, values.rest
+    """The norm of A^(1/2) grad v - A^(-1/2) y on each cell, with `CellValues.aim` for grad v.
+
+    The solution is of a degree, y of one more.
+    """
+    apart, rest = values.diffusion.times(values.aim) - y, values.rest
     square = values.integrals(dots(apart, values.diffusion.divided(apart)))
     square += rest.inverse * values.integrals(dots(apart, apart))
     if rest.thin is not None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from dolfinx import la, mesh
+from mpi4py import MPI
 from ufl import Coefficient, FacetNormal, SpatialCoordinate, as_vector
 from ufl.algorithms.analysis import extract_type
 from ufl.classes import GeometricQuantity
@@ -23,6 +24,7 @@ from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.problem.values import Data, called
 
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
@@ -165,6 +167,18 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
     )
 
 
+def cells_around(comm: MPI.Comm, vertices: Indices, marked: Mask) -> Mask:
+    """Return which cells have a vertex of a marked cell.
+
+    Args:
+        comm: The communicator; the call is collective.
+        vertices: The global numbers of the vertices of the cells of this rank.
+        marked: Which of these cells are marked.
+    """
+    ends = np.concatenate(comm.allgather(np.unique(vertices[marked])))
+    return np.asarray(np.isin(vertices, ends).any(axis=1))
+
+
 def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     """Return whether the facets of cells are in one of several lists of facets; collective.
 
@@ -177,7 +191,7 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
 
 
-def datum(domain: mesh.Mesh, item: Expr | float) -> Callable[[Points], Array]:
+def datum(domain: mesh.Mesh, item: Data) -> Callable[[Points], Array]:
     """Return a function with the values of a datum at points of cells or of facets.
 
     The values have the shape (places, points), or (1, 1) for a number; making the function is
@@ -185,12 +199,15 @@ def datum(domain: mesh.Mesh, item: Expr | float) -> Callable[[Points], Array]:
 
     Args:
         domain: The mesh.
-        item: A number or a scalar UFL expression.
+        item: A number, a scalar UFL expression or a callable of the coordinates, whose values are
+            asked for by collective calls.
     """
     x = SpatialCoordinate(domain)
     if isinstance(item, int | float | np.number):
         value = np.full((1, 1), float(item))
         return lambda points: value
+    if callable(item) and not isinstance(item, Expr):
+        return lambda points: _called(domain, item, points)
     if extract_type(item, (Coefficient, GeometricQuantity)) <= {x, FacetNormal(domain)}:
         formula = FormulaAtPoints(domain, [item])
         return lambda points: formula(points)[0]
@@ -202,6 +219,13 @@ def datum(domain: mesh.Mesh, item: Expr | float) -> Callable[[Points], Array]:
         return np.array(values.reshape(len(points.places), len(points.at), 2)[:, :, 0])
 
     return compiled_at
+
+
+def _called(domain: mesh.Mesh, item: Callable[[Array], Array], points: Points) -> Array:
+    places = points.x
+    x = np.zeros((3, places[0].size))
+    x[: len(places)] = [place.ravel() for place in places]
+    return called(domain.comm, item, x).reshape(places[0].shape)
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

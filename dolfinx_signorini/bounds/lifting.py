@@ -44,7 +44,7 @@ from dolfinx_signorini.bounds.reference_flux import lowest, others
 from dolfinx_signorini.bounds.remainders import MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.problem.assembly import dofs_on_facets
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.values import evaluator
 
 OBSTACLE = "the obstacle is known at points of facets only"
@@ -127,7 +127,7 @@ def _within(data: object, degree: int) -> bool:
     return found is not None and found <= degree
 
 
-def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> fem.Function:
+def _pressed(problem: BoundConstrainedProblem, frames: Frames, kinds: Indices) -> fem.Function:
     """What sets the solution to the obstacle at all dofs of closed contact facets."""
     _, _, dofs = contact_closures(problem, frames, np.where(kinds == CLOSED, kinds, 0))
     change = fem.Function(problem.space)
@@ -136,7 +136,11 @@ def _pressed(problem: SignoriniProblem, frames: Frames, kinds: Indices) -> fem.F
 
 
 def _raise_edges(
-    problem: SignoriniProblem, frames: Frames, kinds: Indices, change: fem.Function, tiny: float
+    problem: BoundConstrainedProblem,
+    frames: Frames,
+    kinds: Indices,
+    change: fem.Function,
+    tiny: float,
 ) -> str:
     """Raise a function of degree 2 at the middles of edges; return why that fails, or ""."""
     space, d = problem.space, frames.dimension

@@ -51,7 +51,8 @@ class Patches:
         cells, local: The cell and the number of the vertex in the cell.
         patch: The number of the patch of each pair.
         kind: The kinds of the facets of the cell at the vertex, shape (pairs, d).
-        held: Whether each patch has a facet at its vertex with any flux.
+        held: Whether each patch has a facet at its vertex with any flux, or a cell with any
+            divergence.
     """
 
     def __init__(self, data: CellData, here: Mask, modes: Indices):
@@ -71,8 +72,8 @@ class Patches:
         free = ((kind == CLOSED) & (mode < SPREAD)) | ((kind == PARTLY) & (mode == FREE))
         self.kind[rim] = np.where(free, DIRICHLET, kind)  # any flux is balanced on both
         self.slack = data.strength[self.cells] > 0.0
-        held = self.patch[np.nonzero(self.kind == DIRICHLET)[0]]
-        self.held = np.bincount(held, minlength=len(self.begin)) > 0
+        free = np.isinf(data.strength[self.cells]) | (self.kind == DIRICHLET).any(axis=1)
+        self.held = np.bincount(self.patch[free], minlength=len(self.begin)) > 0
 
     @functools.cached_property
     def number(self) -> Indices:

@@ -155,7 +155,7 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
         K: The matrices of the cells, for the first patch of each class.
         b: The forces of the cells, shape (patches, cells, d moments).
         total: The total outward fluxes of the cells.
-        slack: The slack of the cells of the first patches.
+        slack: The slack of the cells of the first patches; infinite where any total is as good.
         group: The patches.
 
     Returns:
@@ -176,8 +176,11 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
     system = _summed(K, pairs, (last + 1) ** 2).reshape(-1, last + 1, last + 1)
     one, cell = np.arange(len(K))[:, None, None], size + np.arange(rows)[:, None]
     facet, inward = place[:, :rows, ::moments], sign[:, :rows, ::moments]
+    free = np.isinf(slack[:, :rows])  # any total is as good
+    inward = np.where(free[..., None], 0.0, inward)
     system[one, cell, facet] = system[one, facet, cell] = inward
-    system[:, cell[:, 0], cell[:, 0]] = -slack[:, :rows] * scale[:, None]
+    costs = np.where(free, 1.0, slack[:, :rows] * scale[:, None])
+    system[:, cell[:, 0], cell[:, 0]] = -costs
     inside = system[:, :last, :last]
 
     members = np.diff(np.append(group.first, patches))
@@ -191,7 +194,7 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
     one_side, other = (np.take_along_axis(forces, s[of, :size], axis=1) for s in sides)
     right = np.zeros((patches, last + 1))
     right[:, :size] = (one_side - other) / scale[of, None]
-    right[:, size:last] = total[:, :rows]
+    right[:, size:last] = np.where(free[of], 0.0, total[:, :rows])
     alone = group.first[members == 1]
     right[alone, :last] = _solution(inside[members == 1], right[alone, :last, None])[..., 0]
     for k in np.flatnonzero(members > 1):

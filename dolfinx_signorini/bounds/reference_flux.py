@@ -136,6 +136,16 @@ def _to_bernstein(dimension: int, degree: int) -> Array:
     return np.asarray(table @ np.linalg.inv(_bernstein(degree, points)))
 
 
+def from_bernstein(dimension: int, degree: int) -> Array:
+    """Return the coefficients of the Bernstein basis in terms of `polynomials`, one row each.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials.
+    """
+    return np.asarray(np.linalg.inv(_to_bernstein(dimension, degree)))
+
+
 def others(dimension: int) -> Indices:
     """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
     numbers = range(dimension + 1)

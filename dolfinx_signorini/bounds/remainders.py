@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Scalar
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 # By dimension: by how much polynomials that stand for boundary data are of higher degree than the
 # solution. In space they belong to elements, in the plane to facets alone.
@@ -105,12 +106,16 @@ class Solved:
         terms: Its strong form, where polynomials may stand for other data.
         frames: The cells of its mesh, or some of them.
         rest: What the data have beside these polynomials.
+        change: What is to be added to the solution, with the signs of a lower obstacle, where
+            fluxes are compared with the gradient of the sum; None where they are compared with that
+            of the solution.
     """
 
-    problem: SignoriniProblem
+    problem: BoundConstrainedProblem
     terms: EnergyTerms
     frames: Frames
     rest: Remainders = NOTHING
+    change: fem.Function | None = None
 
     def some(self, cells: Indices | slice) -> "Solved":
         """Return what concerns some of the cells."""
