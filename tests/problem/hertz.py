@@ -57,5 +57,5 @@ def pressure(x):
 
 
 def gap(x):
-    """How far the boundary y = 0 may move down: the parabola, as high as the solution touches it."""
+    """How far y = 0 may move down: the parabola, as high as the solution touches it."""
     return (x[0] ** 2 + A**2 * np.log(A)) / (2.0 * R)
