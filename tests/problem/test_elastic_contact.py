@@ -140,14 +140,11 @@ def contact_part(rng, space, x, n, where):
 
 
 def normals(x, where):
-    """The outward normals at nodes of the unit square or cube, averaged at a corner."""
+    """The outward normals at nodes on a side of the unit square or cube."""
     size = 3 if np.ptp(x[2]) > 0.0 else 2
     found = np.zeros((size, len(x.T)))
-    if where in ("bottom", "corner"):
-        found[size - 1] -= np.isclose(x[size - 1], 0.0)
-    if where in ("right", "corner"):
-        found[0] += np.isclose(x[0], 1.0)
-    return found / np.linalg.norm(found, axis=0)
+    found[0 if where == "right" else size - 1] = 1.0 if where == "right" else -1.0
+    return found
 
 
 def given_direction(rng, space, centre, where, way):
@@ -196,7 +193,7 @@ def given_gap(rng, space):
 WAYS = ("normal", "constant", "callable", "expression", "function")
 FEW = [
     ("triangles", 1, "bottom", "normal", "whole"),
-    ("triangles", 1, "corner", "normal", "components"),
+    ("triangles", 1, "corner", "constant", "components"),
     ("triangles", 2, "bottom", "expression", "components"),
     ("triangles", 2, "corner", "callable", "whole"),
     ("quadrilaterals", 1, "right", "constant", "components"),
@@ -215,8 +212,8 @@ def drawn(rng):
     kind = ("triangles", "quadrilaterals", "tetrahedra")[rng.integers(3)]
     where = ("bottom", "right", "corner")[rng.integers(3)]
     way = WAYS[rng.integers(5)]
-    if way == "normal" and where == "corner" and kind == "tetrahedra":
-        way = "constant"  # on an edge in space the weights of two normals depend on the cells
+    if way == "normal" and where == "corner":
+        way = "constant"  # no normal is meant at the corner
     return kind, int(rng.integers(1, 3)), where, way, ("whole", "components")[rng.integers(2)]
 
 
@@ -282,7 +279,7 @@ def check(case, tolerance=SAME):
     if found.margin > 1e-6:
         assert np.array_equal(active, np.flatnonzero(found.multipliers))
     assert integral(problem, case.options["contact"]) == pytest.approx(
-        found.multipliers.sum(), rel=1e-7, abs=1e-8 * found.scale
+        np.linalg.norm(found.forces, axis=1).sum(), rel=1e-7, abs=1e-8 * found.scale
     )
     return found
 
@@ -475,21 +472,59 @@ def test_units_of_force(scale):
         each.problem.destroy()
 
 
-def test_the_length_of_a_direction():
-    """u.d <= g and u.(3 d) <= 3 g are one constraint."""
-    plain = random_case(5, ("triangles", 1, "corner", "callable", "whole"))
-    options = dict(plain.options)
-    direction, gap = options["direction"], options["gap"]
-    options["direction"] = lambda x: 3.0 * direction(x)
-    options["gap"] = (lambda x: 3.0 * gap(x)) if callable(gap) else 3.0 * gap
-    longer = ContactProblem(*plain.forms, **options)
-    for problem in (plain.problem, longer):
-        problem.solve(rtol=TIGHT)
-    for name, factor in (("u", 1.0), ("forces", 1.0), ("gap", 3.0)):
-        expected, found = (gathered(getattr(p, name)) for p in (plain.problem, longer))
-        assert largest(found - factor * expected) <= SAME * largest(found), name
-    for problem in (plain.problem, longer):
-        problem.destroy()
+def test_directions_of_any_length():
+    """The constraint is u.d <= g with d as given, and the pressure is a force per area."""
+    case = random_case(5, ("triangles", 1, "corner", "callable", "whole"))
+    case.problem.destroy()
+    direction = case.options["direction"]
+    case.options |= {
+        "direction": lambda x: (0.5 + 2.0 * x[1]) * direction(x),
+        "gap": lambda x: 0.02 + 0.05 * x[1] - 0.03 * x[0],
+    }
+    x = nodes_of(case.problem.space)[:, case.nodes]
+    case.directions *= (0.5 + 2.0 * x[1])[:, None]
+    case.gaps = 0.02 + 0.05 * x[1] - 0.03 * x[0]
+    case.problem = ContactProblem(*case.forms, **case.options)
+    case.problem.solve(rtol=TIGHT)
+    found = check(case)
+    assert (found.multipliers > 0.0).sum() > 2
+    case.problem.destroy()
+
+
+def bent_normals(space, bottom):
+    """Nodes of a bottom that is a graph, with the normals of its facets averaged by their areas."""
+    degree, x = space.element.basix_element.degree, nodes_of(space)
+    nodes = np.flatnonzero(bottom)
+    nodes = nodes[np.argsort(x[0, nodes])]
+    edges = np.diff(x[:2, nodes[::degree]])  # from vertex to vertex
+    down = np.stack([edges[1], -edges[0]])  # as long as the edge: the area is the weight
+    found = np.repeat(down, degree, axis=1)
+    found = np.concatenate([found, down[:, -1:]], axis=1)
+    found[:, degree:-1:degree] += down[:, :-1]
+    return nodes, (found / np.linalg.norm(found, axis=0)).T
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("kind", CELLS)
+def test_normals_of_a_bent_side(kind, degree):
+    """On a side that is not straight the normals at vertices are averages."""
+    pressed = Pressed(n=12 // degree, degree=degree, kind=CELLS[kind])
+    bottom = np.isclose(nodes_of(pressed.space)[1], 0.0)
+    x, y = pressed.domain.geometry.x.T[:2]
+    pressed.domain.geometry.x[:, 0] = x + 0.12 * np.sin(2.0 * np.pi * x)  # edges of many lengths
+    pressed.domain.geometry.x[:, 1] = y + 0.1 * (1.0 - y) * np.sin(4.0 * x)
+    pressed.height.value = 0.02
+    case = pressed.case
+    nodes, case.directions = bent_normals(pressed.space, bottom)
+    case.gaps = 0.4 * (nodes_of(pressed.space)[0, nodes] - 0.4) ** 2 - 0.02
+    case.options |= {"direction": None}
+    case.problem = ContactProblem(*case.forms, **case.options)
+    case.problem.solve(rtol=TIGHT)
+    order = np.argsort(nodes)
+    case.nodes, case.directions, case.gaps = nodes[order], case.directions[order], case.gaps[order]
+    found = check(case)
+    assert 2 < (found.multipliers > 0.0).sum() < len(nodes)
+    case.problem.destroy()
 
 
 # Loops.
@@ -616,6 +651,18 @@ def test_a_scalar_function_as_direction():
 )
 def test_gaps_that_make_no_sense(gap):
     refused("gap", gap=gap)
+
+
+def test_normals_at_a_corner_are_none():
+    """No average of two normals that are perpendicular is meant; with a direction there is one."""
+    pressed = Pressed(n=4)
+    both = np.concatenate([side(pressed.space, 1, 0.0), side(pressed.space, 0, 1.0)])
+    options = pressed.case.options | {"contact": both}
+    with pytest.raises(InputError) as caught:
+        ContactProblem(*pressed.case.forms, **options | {"direction": None})
+    assert caught.value.subject == "direction"
+    ContactProblem(*pressed.case.forms, **options | {"direction": (0.6, -0.8)}).destroy()
+    pressed.problem.destroy()
 
 
 def test_no_facets():
