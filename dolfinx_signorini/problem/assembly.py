@@ -284,8 +284,10 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndic
 
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """The owned dofs that some Dirichlet conditions fix."""
-    parts = [dofs[:owned] for dofs, owned in (bc.dof_indices() for bc in bcs)]
-    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    owned = space.dofmap.index_map.size_local * space.dofmap.bs
+    parts = [bc.dof_indices()[0] for bc in bcs]  # whose counts of owned dofs are wrong for vectors
+    dofs = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    return dofs[dofs < owned]
 
 
 def _dirichlet_values(
