@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
@@ -241,6 +241,7 @@ class Assembly:
         doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
+        loose: Mask
         if self.layout.frame is not None:
             loose = np.empty(0, dtype=bool)  # see `check_held`
         elif old is None or matrix:

@@ -65,7 +65,7 @@ class ContactProblem(BoundConstrainedProblem):
     Source: Kikuchi and Oden, Contact problems in elasticity, SIAM (1988), Chapter 6.
     """
 
-    _vectors = True
+    vector_valued = True
 
     def __init__(
         self,
