@@ -160,8 +160,8 @@ def _normals(nodal: fem.FunctionSpace, facets: LocalIndices) -> Array:
     pairs = facet_cells(domain, owned)
     element = nodal.element.basix_element
     kinds = basix.cell.subentity_types(element.cell_type)[domain.topology.dim - 1]
-    at, shares = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)
-    weights: Array = np.asarray(shares)
+    rule = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)
+    at, weights = (np.asarray(part, dtype=np.float64) for part in rule)
     points = Points(domain, pairs, at)
     sizes: Array = np.broadcast_to(points.scale, (len(pairs), len(weights))) * weights
     dofs = facet_dofs(nodal, pairs)
