@@ -10,6 +10,8 @@ from dolfinx_signorini.commands import main as cli
 
 ORDER = (
     "obstacle",
+    "membrane",
+    "torsion",
     "osmosis",
     "thermostat",
     "plate",
@@ -35,7 +37,7 @@ ENTRY = """
 ::::{{div}} gallery
 ![The solution: {title}]({name}-solution.png)
 
-![Gap and pressure: {title}]({name}-contact.png)
+![Contact: {title}]({name}-contact.png)
 ::::
 
 {numbers}

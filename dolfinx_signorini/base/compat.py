@@ -47,11 +47,14 @@ def exterior_facet_pairs(topology: mesh.Topology, facets: LocalIndices) -> Local
     return np.asarray(pairs, dtype=np.int32).reshape(-1)
 
 
-def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any]:
-    """Return the mesh of `gmsh.model` on rank 0, shared by a communicator, with its facet tags.
+def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, Any, Any]:
+    """Return the mesh of `gmsh.model` on rank 0, shared by a communicator, and its tags.
 
     dolfinx 0.9 has the module gmshio and returns a tuple; 0.10 has the module gmsh and returns an
     object.
+
+    Returns:
+        The mesh, its facet tags and its cell tags.
     """
     io: Any
     try:
@@ -60,8 +63,8 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, An
         io = importlib.import_module("dolfinx.io.gmsh")
     data = io.model_to_mesh(model, comm, 0, gdim=dimension)
     if hasattr(data, "facet_tags"):
-        return data.mesh, data.facet_tags
-    return data[0], data[2]
+        return data.mesh, data.facet_tags, data.cell_tags
+    return data[0], data[2], data[1]
 
 
 def evaluate(expression: fem.Expression, domain: mesh.Mesh, entities: LocalIndices) -> Array:

@@ -23,6 +23,7 @@ from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
+from dolfinx_signorini.scenes.proven.bounds import refuse_unbounded
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 
 
@@ -96,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
     comm, phases = MPI.COMM_WORLD, Phases(MPI.COMM_WORLD)
     adapted = args.accuracy is not None or args.budget is not None
     scene = load_scene(args.scene, comm, args.overrides, adapted)
+    if args.bound:
+        refuse_unbounded(scene)
     asked = _asked(args, scene)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")

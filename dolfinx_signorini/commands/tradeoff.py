@@ -80,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
         check_norms(norms, expect(scene, coarsest.make(comm)), "--norms")
     make_family = _families(scene)
     family = make_family(PAPER_RULE.degree)
-    configurations = grid(args.max_unknowns, family.dimension, sweeps=paper)
+    every = grid(args.max_unknowns, family.dimension, sweeps=paper)
+    configurations = [c for c in every if family.has_kind(c.kind)]
     if not configurations:
         raise InputError(f"no mesh has as few as {args.max_unknowns}", "--max-unknowns")
     known = scene is None or scene.solution is not None

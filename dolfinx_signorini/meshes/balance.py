@@ -56,7 +56,8 @@ def balanced(refinement: Refinement) -> Shared:
     new, cells = _shared_anew(fine)
     remember_parent(new, Parent(parent.mesh, None, _carried_ends(fine, parent, new, cells)))
     sides = _carried_sides(refinement.sided, new, cells)
-    return Shared(SidedMesh(new, sides), parents.through(cells))
+    regions = _carried_regions(refinement.sided, cells)
+    return Shared(SidedMesh(new, sides, regions), parents.through(cells))
 
 
 def _shared_anew(domain: mesh.Mesh) -> tuple[mesh.Mesh, Lookup]:
@@ -86,6 +87,19 @@ def _carried_sides(sided: SidedMesh, new: mesh.Mesh, cells: Lookup) -> dict[str,
     facets = boundary_facets(new)
     found = cells.of(on)[tuple(facet_cells(new, facets).T)]
     return {name: facets[found[:, k]] for k, name in enumerate(sided.sides)}
+
+
+def _carried_regions(sided: SidedMesh, cells: Lookup) -> dict[str, LocalIndices]:
+    """Return the owned cells of the regions of a mesh that has been shared anew."""
+    if not sided.regions:
+        return {}
+    inside = np.zeros((cells.count, len(sided.regions)), dtype=bool)
+    for k, region in enumerate(sided.regions.values()):
+        inside[region, k] = True
+    found = cells.of(inside)
+    return {
+        name: np.flatnonzero(found[:, k]).astype(np.int32) for k, name in enumerate(sided.regions)
+    }
 
 
 def _carried_ends(fine: mesh.Mesh, parent: Parent, new: mesh.Mesh, cells: Lookup) -> Indices:

@@ -87,7 +87,11 @@ def refined(
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
     remember_parent(fine, Parent(domain, parents))
-    return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets)), parents)
+    regions = {
+        name: np.flatnonzero(np.isin(parents, inside)).astype(np.int32)
+        for name, inside in sided.regions.items()
+    }
+    return Refinement(SidedMesh(fine, _sides(sided, fine, parents, facets), regions), parents)
 
 
 def _edges_at(domain: mesh.Mesh, cells: LocalIndices, points: Array) -> LocalIndices:

@@ -5,8 +5,8 @@ collective; all other functions are local to the rank that calls them.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
 from itertools import combinations
 from typing import Any
@@ -34,13 +34,14 @@ from dolfinx_signorini.base.kinds import (
 
 @dataclass(frozen=True)
 class SidedMesh:
-    """A mesh with the facets of its sides.
+    """A mesh with the facets of its sides and, where they have names, the cells of its regions.
 
     The making of one is collective.
 
     Attributes:
         mesh: The mesh.
         sides: For each side the facets on it that this rank knows.
+        regions: For each region the cells in it that this rank owns.
 
     Raises:
         InputError: An attribute is of another kind, on some rank.
@@ -48,18 +49,28 @@ class SidedMesh:
 
     mesh: mesh.Mesh
     sides: Mapping[str, LocalIndices]
+    regions: Mapping[str, LocalIndices] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check(mesh=(self.mesh, MESH))
-        message = _sides_of(self.mesh)(self.sides)
-        require(self.mesh.comm, not message, message, "sides")
+        for name, given, kind, count in (
+            ("sides", self.sides, "facet", facet_count(self.mesh)),
+            ("regions", self.regions, "owned cell", len(owned_cells(self.mesh))),
+        ):
+            message = _named(kind, count)(given)
+            require(self.mesh.comm, not message, message, name)
 
     def facets(self, names: tuple[str, ...]) -> LocalIndices:
         """Return the facets of some sides; "all" stands for the whole boundary."""
         if names == ("all",):
             return boundary_facets(self.mesh)
-        parts = [self.sides[name] for name in names]
-        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+        return _together([self.sides[name] for name in names])
+
+    def cells(self, names: tuple[str, ...]) -> LocalIndices:
+        """Return the owned cells of some regions; "all" stands for all of them."""
+        if names == ("all",):
+            return owned_cells(self.mesh)
+        return _together([self.regions[name] for name in names])
 
     def combinations(self, facets: LocalIndices) -> tuple[Mask, Indices]:
         """Return which combinations of sides there are, and which of them each facet is on.
@@ -99,25 +110,29 @@ def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, me
         comm=(comm, COMMUNICATOR),
         dimension=(dimension, integer(2, 3)),
     )
-    return compat.gmsh_mesh(model, comm, dimension)
+    return compat.gmsh_mesh(model, comm, dimension)[:2]
 
 
-def _sides_of(domain: mesh.Mesh) -> Kind:
-    """Return the kind of mappings from names to facets of a mesh."""
+def _named(what: str, count: int) -> Kind:
+    """Return the kind of mappings from names to facets or cells, of which a mesh has so many."""
 
-    def kind(sides: Any) -> str:
-        if not isinstance(sides, Mapping):
-            return f"must be a mapping from names to facets, not {type(sides).__name__}"
-        count = facet_count(domain)
-        for name, facets in sides.items():
-            message = TEXT(name) or indices(facets)
+    def kind(parts: Any) -> str:
+        if not isinstance(parts, Mapping):
+            return f"must be a mapping from names to {what}s, not {type(parts).__name__}"
+        for name, entities in parts.items():
+            message = TEXT(name) or indices(entities, f"{what}s")
             if message:
                 return f"{name!r}: {message}"
-            if len(facets) and not 0 <= np.min(facets) <= np.max(facets) < count:
-                return f"{name!r}: has an index that is no facet of this mesh"
+            if len(entities) and not 0 <= np.min(entities) <= np.max(entities) < count:
+                return f"{name!r}: has an index that is no {what} of this mesh"
         return ""
 
     return kind
+
+
+def _together(parts: Sequence[LocalIndices]) -> LocalIndices:
+    """The entities of some parts, each of them once."""
+    return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
 def facet_count(domain: mesh.Mesh) -> int:

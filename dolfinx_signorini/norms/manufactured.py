@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
+from mpi4py import MPI
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
@@ -161,12 +162,25 @@ def contact_violations(
     ]
     found = []
     for condition, defect, tolerance in tests[: 1 if obstacle is None else 3]:
-        worst = int(np.argmax(defect)) if len(defect) else -1
-        local = (float(defect[worst]), tuple(map(float, values[worst, 3:]))) if worst >= 0 else None
-        value, point = max((v for v in domain.comm.allgather(local) if v), default=(0.0, ()))
-        if value > tolerance:
-            found.append(Violation(condition, value, point))
+        worst = worst_violation(domain.comm, condition, defect, values[:, 3:])
+        if worst.value > tolerance:
+            found.append(worst)
     return found
+
+
+def worst_violation(comm: MPI.Comm, condition: str, defect: Array, points: Array) -> Violation:
+    """Return by how much a condition fails at the worst of some points.
+
+    Args:
+        comm: The communicator; the call is collective.
+        condition: The condition, in words.
+        defect: By how much the condition fails at the points of this rank.
+        points: The points, shape (points, dimension).
+    """
+    worst = int(np.argmax(defect)) if len(defect) else -1
+    local = (float(defect[worst]), tuple(map(float, points[worst]))) if worst >= 0 else None
+    value, point = max((v for v in comm.allgather(local) if v), default=(0.0, ()))
+    return Violation(condition, value, point)
 
 
 def matching_obstacle(

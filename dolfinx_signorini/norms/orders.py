@@ -53,23 +53,26 @@ def regression(widths: Sequence[float], errors: Sequence[float]) -> float:
     return float(np.polyfit(np.log(widths), np.log(errors), 1)[0])
 
 
-def approximation_order(norm: str, degree: int = 1, exponent: float = DETACHMENT_EXPONENT) -> float:
-    """Return the order in h up to which elements approximate r^exponent at a point in a norm.
+def approximation_order(
+    norm: str, degree: int = 1, exponent: float = DETACHMENT_EXPONENT, dimension: int = 2
+) -> float:
+    """Return the order in h up to which elements approximate r^exponent in a norm.
 
     Args:
         norm: Name of a norm, see `names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The exponent of r; `SMOOTH` for a mesh that is graded as the norm asks for.
+        dimension: See `is_finite`; 1 for the distance to the end of contact in the domain.
 
     Raises:
         InputError: The norm is unknown.
     """
     parsed = parse_norm(norm)
-    return min(_smooth(parsed, degree), singular_order(parsed, exponent))
+    return min(_smooth(parsed, degree), singular_order(parsed, exponent, dimension))
 
 
 def expected_order(
-    norm: str, degree: int = 1, exponent: float = DETACHMENT_EXPONENT
+    norm: str, degree: int = 1, exponent: float = DETACHMENT_EXPONENT, dimension: int = 2
 ) -> float | None:
     """Return the order of a discrete solution on uniform meshes, up to any epsilon and logarithms.
 
@@ -82,6 +85,7 @@ def expected_order(
         norm: Name of a norm, see `names.parse_norm`.
         degree: Polynomial degree of the elements.
         exponent: The solution is like r^exponent at its worst point.
+        dimension: See `approximation_order`.
 
     Returns:
         The order, or None in L^p and W^{1,p} of the boundary, where nothing is known.
@@ -92,20 +96,21 @@ def expected_order(
     Source: Christof and Haubner, Theorems 4.3 and 6.1; Table 2 for L^16 and W^{1,16}.
     """
     parsed = parse_norm(norm)
-    order = approximation_order(norm, degree, exponent)
+    order = approximation_order(norm, degree, exponent, dimension)
     if parsed.boundary:
         return order if parsed.derivatives == 0.5 else None
     return min(order, 2.0 * min(1.0, exponent)) if parsed.derivatives == 0.0 else max(order, 0.0)
 
 
-def expected_orders(degree: int, exponent: float) -> dict[str, float]:
+def expected_orders(degree: int, exponent: float, dimension: int = 2) -> dict[str, float]:
     """Return the orders of a discrete solution on uniform meshes in the norms listed of a scene.
 
     Args:
         degree: Polynomial degree of the elements.
         exponent: The solution is like r^exponent at its worst point.
+        dimension: See `approximation_order`.
     """
-    orders = {norm: expected_order(norm, degree, exponent) for norm in LISTED}
+    orders = {norm: expected_order(norm, degree, exponent, dimension) for norm in LISTED}
     return {norm: order for norm, order in orders.items() if order is not None}
 
 

@@ -1,19 +1,24 @@
-"""The contact boundary of a solved problem on rank 0, with gap and pressure."""
+"""The contact boundary of a solved problem, or its cells with obstacles, on rank 0."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
-from dolfinx_signorini.meshes.elements import facet_dofs, facet_pieces, values_at_control_points
-from dolfinx_signorini.meshes.sided_meshes import facet_cells, simplex_sizes
+from dolfinx_signorini.meshes.elements import (
+    facet_dofs,
+    facet_pieces,
+    subtriangles,
+    values_at_control_points,
+)
+from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells, simplex_sizes
 from dolfinx_signorini.pictures.triangles import gathered
 
 # Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
@@ -23,7 +28,7 @@ CLEAR = 0.3
 
 
 class Solved(Protocol):
-    """The part of a solved `SignoriniProblem` that this module needs."""
+    """The part of a solved problem that this module needs."""
 
     sign: float
     space: fem.FunctionSpace
@@ -31,7 +36,7 @@ class Solved(Protocol):
 
     @property
     def contact(self) -> npt.NDArray[np.int32]:
-        """The contact facets that this rank knows."""
+        """The facets, or cells, with an obstacle that this rank knows."""
 
     @property
     def fixed_dofs(self) -> npt.NDArray[np.int32]:
@@ -129,6 +134,46 @@ class ContactBoundary:
         ]
 
 
+class ContactRegion(ContactBoundary):
+    """Points and simplices of the cells with an obstacle; see `ContactBoundary`.
+
+    The pieces lie between neighbouring dofs in the plane, and are the cells in space.
+    """
+
+    def measured(self, points: Sequence[Sequence[float]] = ()) -> tuple[float, float]:
+        """Return the size of the contact set; nothing is undecided.
+
+        A piece counts by the share of its points that touch: with linear elements the size is the
+        integral of the basis functions of the dofs in contact.
+
+        Args:
+            points: None, because contact ends along curves.
+        """
+        return float(self.sizes @ self.touching[self.pieces].mean(axis=1)), 0.0
+
+
+Kind = TypeVar("Kind", bound=ContactBoundary)
+
+
+def gather_contact_region(problem: Solved) -> ContactRegion | None:
+    """Return the cells with an obstacle of a solved problem on rank 0, and None on the others.
+
+    Args:
+        problem: The problem, with obstacles in the domain; the call is collective.
+    """
+    space, dim = problem.space, problem.space.mesh.topology.dim
+    element = space.element.basix_element
+    cells = problem.contact[problem.contact < len(owned_cells(space.mesh))]
+    dofs = space.dofmap.list[cells]
+    if dim == 2:
+        corners = subtriangles(element.cell_type, element.degree)
+    else:
+        corners = np.concatenate(element.entity_dofs[0])[None]
+    pieces = dofs[:, corners].reshape(-1, corners.shape[1])
+    found = _gathered(problem, np.unique(dofs), pieces, np.full(len(pieces), -1))
+    return None if found is None else _sorted(ContactRegion, problem.sign < 0.0, (), *found)
+
+
 def gather_contact_boundary(
     problem: Solved, sides: Mapping[str, npt.NDArray[np.int32]] | None = None
 ) -> ContactBoundary | None:
@@ -146,26 +191,42 @@ def gather_contact_boundary(
     named: Indices = np.full(len(facets), -1)
     for number, part in enumerate((sides or {}).values()):
         named[np.isin(facets, part)] = number
-    fixed = marked(space, problem.fixed_dofs)
     pieces, owners = facet_pieces(space, pairs)
-    used = np.unique(facet_dofs(space, pairs))
+    found = _gathered(problem, np.unique(facet_dofs(space, pairs)), pieces, named[owners])
+    upper, names = problem.sign < 0.0, tuple(sides or ())
+    return None if found is None else _sorted(ContactBoundary, upper, names, *found)
+
+
+def _gathered(
+    problem: Solved, used: LocalIndices, pieces: LocalIndices, sides: Indices
+) -> tuple[npt.NDArray[Any], ...] | None:
+    """Points, values, pieces and their sides of all ranks on rank 0, None on the others.
+
+    Args:
+        problem: The problem; the call is collective.
+        used: The dofs of the pieces, and more that are wanted.
+        pieces: The dofs of each piece of this rank.
+        sides: The number of the side of each piece.
+    """
+    space = problem.space
+    fixed = marked(space, problem.fixed_dofs)
     opened = problem.gap.x.array
     fields = problem.u.x.array, opened, problem.pressure.x.array
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
     pressure[fixed[used]] = np.nan
     columns = np.stack((values, gap, pressure, opened[used]), axis=1)
-    found = gathered(space, used, columns, pieces, named[owners])
-    return None if found is None else _sorted(problem.sign < 0.0, tuple(sides or ()), *found)
+    return gathered(space, used, columns, pieces, sides)
 
 
 def _sorted(
+    kind: type[Kind],
     upper: bool,
     names: tuple[str, ...],
     points: Array,
     values: Array,
     pieces: Indices,
     sides: Indices,
-) -> ContactBoundary:
+) -> Kind:
     """Number the points by their place, so that the number of ranks does not show."""
     order = np.lexsort(np.round(points, 12).T[::-1])
     place = np.empty(len(order), dtype=np.int64)
@@ -180,4 +241,4 @@ def _sorted(
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
     touching = values[:, 3] <= TOUCHING * size
-    return ContactBoundary(points, values[:, :3], pieces, touching, clear, upper, names, sides)
+    return kind(points, values[:, :3], pieces, touching, clear, upper, names, sides)

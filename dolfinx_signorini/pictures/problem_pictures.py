@@ -78,45 +78,12 @@ def draw_solution(
     domain, drawn = u.function_space.mesh, gather_triangles(u)
     if domain.topology.dim == 3:
         return None if drawn is None else draw_solid(drawn, boundary, title)
-    edges = _gather_facets(domain, parts)
+    edges = gather_facets(domain, parts)
     if drawn is None or edges is None or boundary is None:
         return None
     edges["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
     styles = {**styles, "in contact": IN_CONTACT}
-    return _draw_plane(drawn, edges, styles, points, title)
-
-
-def _gather_facets(domain: mesh.Mesh, parts: Mapping[str, LocalIndices]) -> dict[str, Array] | None:
-    """The ends of the facets of each part, shape (facets, 2, 2), on rank 0; None on the others."""
-    count = domain.topology.index_map(1).size_local
-    ends = {
-        name: domain.geometry.x[facet_nodes(domain, part[part < count])][:, :, :2]
-        for name, part in parts.items()
-    }
-    found = domain.comm.gather(ends, root=0)
-    if found is None:
-        return None
-    return {name: np.concatenate([part[name] for part in found]) for name in parts}
-
-
-def _draw_plane(
-    field: Triangles,
-    parts: Mapping[str, Array],
-    styles: Mapping[str, Mapping[str, Any]],
-    points: Sequence[Sequence[float]],
-    title: str,
-) -> Picture:
-    """A picture of a function with the parts of the boundary, given by the ends of their facets."""
-    width, height = np.ptp(field.points, axis=0)
-    # The height that the colour bar and the legend need is about 1.4 inches.
-    size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
-    figure = Picture(figsize=size)
-    axes: Any = figure.add_subplot()
-    drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
-    figure.colorbar(drawn, ax=axes, label="solution $u$", fraction=0.06, pad=0.03)
-    for name, edges in parts.items():
-        if len(edges):
-            axes.add_collection(LineCollection(list(edges), label=name, zorder=3, **styles[name]))
+    figure, axes = draw_plane(drawn, "solution $u$", edges, styles, title)
     if len(points):
         axes.plot(
             *np.transpose(points),
@@ -128,12 +95,55 @@ def _draw_plane(
             zorder=4,
             label="detachment point",
         )
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def gather_facets(domain: mesh.Mesh, parts: Mapping[str, LocalIndices]) -> dict[str, Array] | None:
+    """Return the ends of the facets of each part, shape (facets, 2, 2), on rank 0, else None."""
+    dim = domain.topology.dim - 1
+    domain.topology.create_entities(dim)
+    count = domain.topology.index_map(dim).size_local
+    ends = {
+        name: domain.geometry.x[facet_nodes(domain, part[part < count])][:, :, :2]
+        for name, part in parts.items()
+    }
+    found = domain.comm.gather(ends, root=0)
+    if found is None:
+        return None
+    return {name: np.concatenate([part[name] for part in found]) for name in parts}
+
+
+def draw_plane(
+    field: Triangles,
+    label: str,
+    parts: Mapping[str, Array],
+    styles: Mapping[str, Mapping[str, Any]],
+    title: str,
+) -> tuple[Picture, Any]:
+    """Return a picture of a function with parts of the boundary, and its axes.
+
+    Args:
+        field: The function.
+        label: What the function is.
+        parts: The ends of the facets of each part.
+        styles, title: See `draw_solution`.
+    """
+    width, height = np.ptp(field.points, axis=0)
+    # The height that the colour bar and the legend need is about 1.4 inches.
+    size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
+    figure = Picture(figsize=size)
+    axes: Any = figure.add_subplot()
+    drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
+    figure.colorbar(drawn, ax=axes, label=label, fraction=0.06, pad=0.03)
+    for name, edges in parts.items():
+        if len(edges):
+            axes.add_collection(LineCollection(list(edges), label=name, zorder=3, **styles[name]))
     axes.set(xlabel="$x$", ylabel="$y$", aspect="equal")
     shown = textwrap.fill(textwrap.shorten(title, TITLE, placeholder=" ..."), TITLE // 3)
     axes.set_title(shown, parse_math=False)
     axes.margins(0.04)
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    return figure
+    return figure, axes
 
 
 def draw_solid(

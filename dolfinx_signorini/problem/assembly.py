@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
@@ -241,6 +241,7 @@ class Assembly:
         doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
+        loose: Mask
         if self.layout.frame is not None:
             loose = np.empty(0, dtype=bool)  # see `check_held`
         elif old is None or matrix:
@@ -284,8 +285,10 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndic
 
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """The owned dofs that some Dirichlet conditions fix."""
-    parts = [dofs[:owned] for dofs, owned in (bc.dof_indices() for bc in bcs)]
-    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    owned = space.dofmap.index_map.size_local * space.dofmap.bs
+    parts = [bc.dof_indices()[0] for bc in bcs]  # whose counts of owned dofs are wrong for vectors
+    dofs = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    return dofs[dofs < owned]
 
 
 def _dirichlet_values(

@@ -87,7 +87,7 @@ class BoundConstrainedProblem:
             definite, or the problem has no or more than one solution.
     """
 
-    _vectors = False  # whether the unknowns are vectors
+    vector_valued = False  # whether the unknowns are vectors
     # What is there before the constructor has succeeded, and is freed in any case.
     _system: System | None = None
     _solver: ActiveSetSolver | None = None
@@ -109,7 +109,7 @@ class BoundConstrainedProblem:
     ):
         self.result: SolveResult | None = None
         self._history = History()
-        self.a, self.L, self.space = a, L, checked_space(a, L, self._vectors)
+        self.a, self.L, self.space = a, L, checked_space(a, L, self.vector_valued)
         self.u = fem.Function(self.space, name="u") if u is None else u
         check(
             u=(self.u, functions_of(self.space)),
@@ -367,7 +367,7 @@ class BoundConstrainedProblem:
             InputError: The problem has not been solved, or an argument makes no sense.
         """
         if not isinstance(load, fem.Function):
-            checked_space(self.a, load, self._vectors)
+            checked_space(self.a, load, self.vector_valued)
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.system.touching_once(self._solution())
         if self._solver is None:

@@ -1,7 +1,9 @@
 """Elastic contact: a body that a rigid obstacle stops, on a part of the boundary."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -12,8 +14,37 @@ from dolfinx_signorini.base.kinds import check, on_mesh
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
-from dolfinx_signorini.problem.directions import Direction
+from dolfinx_signorini.problem.directions import Direction, Directions
 from dolfinx_signorini.problem.values import Data
+
+if TYPE_CHECKING:
+    from dolfinx_signorini.pictures.picture import Picture
+
+
+@dataclass
+class AlongDirection:
+    """The contact of a displacement along the direction of the obstacle, as that of a scalar.
+
+    What draws and gathers the contact boundary of scalar problems takes the object:
+
+        boundary = gather_contact_boundary(problem.along_direction)
+
+    Attributes:
+        space: The scalar space of one component.
+        u: The displacement u.d at the contact nodes, 0 elsewhere.
+        gap, pressure: As those of the problem.
+        contact: The contact facets that this rank knows.
+        fixed_dofs: The contact nodes that Dirichlet data hold.
+        sign: -1, as of an upper obstacle.
+    """
+
+    space: fem.FunctionSpace
+    u: fem.Function
+    gap: fem.Function
+    pressure: fem.Function
+    contact: LocalIndices
+    fixed_dofs: LocalIndices
+    sign: float = -1.0
 
 
 class ContactProblem(BoundConstrainedProblem):
@@ -65,7 +96,7 @@ class ContactProblem(BoundConstrainedProblem):
     Source: Kikuchi and Oden, Contact problems in elasticity, SIAM (1988), Chapter 6.
     """
 
-    _vectors = True
+    vector_valued = True
 
     def __init__(
         self,
@@ -170,6 +201,49 @@ class ContactProblem(BoundConstrainedProblem):
         forces = self.forces.x.array[: owned * size].reshape(-1, size)
         return np.asarray(self.comm.allreduce(forces.sum(axis=0)))
 
+    @property
+    def along_direction(self) -> AlongDirection:
+        """The contact along the direction of the obstacle, as that of a scalar; collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        layout, size = self._layout, self.space.dofmap.bs
+        nodes = layout.obstacle_dofs // size
+        u = fem.Function(layout.nodal, name="u.d")
+        blocks = self.u.x.array.reshape(-1, size)[nodes]
+        u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
+        u.x.scatter_forward()
+        held = nodes[~layout.free]
+        return AlongDirection(layout.nodal, u, self.gap, self.pressure, self.contact, held)
+
+    def plot(
+        self,
+        path: Path | str | None = None,
+        *,
+        sides: Mapping[str, LocalIndices] | None = None,
+    ) -> "Picture | None":
+        """Draw gap and pressure along the contact boundary; collective.
+
+        Args:
+            path: Where to save the picture, with a suffix that matplotlib knows; not at all by
+                default.
+            sides: Facets of the mesh by the name of their side, written above the curves.
+
+        Returns:
+            The figure on rank 0, which a notebook shows, and None on the other ranks.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.problem_pictures import draw_problem
+
+        figure = draw_problem(self.along_direction, "contact", sides)
+        if figure is not None and path is not None:
+            figure.savefig(path)
+        return figure
+
     def _normal_forces(self) -> fem.Function:
         """The force along the direction at each contact node, a function of the scalar space."""
         layout = self._layout
@@ -180,8 +254,10 @@ class ContactProblem(BoundConstrainedProblem):
         return forces
 
     @property
-    def _directions(self) -> Any:
-        return self._assembly.directions
+    def _directions(self) -> Directions:
+        directions = self._assembly.directions
+        assert directions is not None
+        return directions
 
     def _warn_of_jumps(self) -> None:
         """Coefficients of vectors are not read."""

@@ -160,9 +160,10 @@ def _normals(nodal: fem.FunctionSpace, facets: LocalIndices) -> Array:
     pairs = facet_cells(domain, owned)
     element = nodal.element.basix_element
     kinds = basix.cell.subentity_types(element.cell_type)[domain.topology.dim - 1]
-    at, weights = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)
+    rule = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)
+    at, weights = (np.asarray(part, dtype=np.float64) for part in rule)
     points = Points(domain, pairs, at)
-    sizes = np.broadcast_to(points.scale, (len(pairs), len(weights))) * weights
+    sizes: Array = np.broadcast_to(points.scale, (len(pairs), len(weights))) * weights
     dofs = facet_dofs(nodal, pairs)
     area = np.maximum(summed(index_map, dofs, sizes.sum(axis=1)[:, None]), np.finfo(float).tiny)
     integrals = [(sizes * normal).sum(axis=1)[:, None] for normal in points.normals]

@@ -120,9 +120,7 @@ class ObstacleProblem(BoundConstrainedProblem):
         from dolfinx_signorini.pictures.contact_region import draw_region
 
         self._solution()
-        signs = [obstacle.sign for obstacle in self.obstacles]
-        active = dict(zip(signs, self.active_sides, strict=True))
-        figure = draw_region(self.pressure if what == "contact" else self.u, what, active, plane)
+        figure = draw_region(self, what, plane=plane)
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure

@@ -13,7 +13,12 @@ from dolfinx_signorini.data.interfaces.singular_sets import jumps, poles
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import parse_norm
-from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, expected_orders, is_finite
+from dolfinx_signorini.norms.orders import (
+    DETACHMENT_EXPONENT,
+    FREE_BOUNDARY_EXPONENT,
+    expected_orders,
+    is_finite,
+)
 from dolfinx_signorini.problem.checks import MOST_UNKNOWNS
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS
 from dolfinx_signorini.scenes.files.scene import Scene
@@ -43,8 +48,8 @@ class Expectation:
     Attributes:
         orders: The orders of convergence by norm.
         notes: What limits the orders, and which assumptions of the theory the scene does not meet.
-        worst: The point where the solution is least smooth, if it is less smooth there than at a
-            detachment point; of an exact solution that is known, as its formula says.
+        worst: The point where the solution is least smooth, if it is less smooth there than where
+            contact ends; of an exact solution that is known, as its formula says.
     """
 
     orders: dict[str, float]
@@ -86,11 +91,23 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load may be infinite along a curve, next to which it is integrated roughly: no "
             "estimate of errors shows that"
         )
-    exponent = corners[0].exponent if corners else DETACHMENT_EXPONENT
+    exponent = corners[0].exponent if corners else _contact_exponent(scene)
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
     worst = min(corners, key=lambda corner: corner.exponent, default=None)
-    return Expectation(expected_orders(scene.degree, exponent), tuple(notes), worst)
+    return Expectation(_orders(scene, exponent), tuple(notes), worst)
+
+
+def _orders(scene: Scene, exponent: float) -> dict[str, float]:
+    """The orders of a solution like r^exponent at a point, or as where contact ends in the domain.
+
+    At the distance s of the end of contact in the domain the gap is like s^2.
+    """
+    orders = expected_orders(scene.degree, exponent)
+    if scene.obstacle is None:
+        return orders
+    known = expected_orders(scene.degree, FREE_BOUNDARY_EXPONENT, 1)
+    return {norm: min(order, known[norm]) for norm, order in orders.items()}
 
 
 def _has_poles_on_curves(load: Formula, sided: SidedMesh) -> bool:
@@ -167,6 +184,7 @@ def terms(scene: Scene) -> list[str]:
     elif scene.load is not None:
         found.append(f"load {scene.load.text}")
     words = [c.words() for kind in CONDITIONS[::-1] for c in scene.conditions if type(c) is kind]
+    words += [] if scene.obstacle is None else scene.obstacle.words()
     return found + [text for text in words if text]
 
 
@@ -181,13 +199,24 @@ def cost(scene: Scene) -> tuple[float, float]:
     return PROGRAM_BYTES + BYTES[dimension][kind] * count, SECONDS[dimension][kind] * count
 
 
+def _contact_exponent(scene: Scene) -> float:
+    """The power of the distance to the end of contact that the solution behaves like."""
+    return FREE_BOUNDARY_EXPONENT if scene.contact is None else DETACHMENT_EXPONENT
+
+
+def _where_contact_ends(scene: Scene) -> str:
+    if scene.contact is None:
+        return "r^2, which it is where contact ends"
+    return "r^1.5, which it is at a detachment point"
+
+
 def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:
     """Add what is to be said of the corners of a plane domain; return corners that limit orders."""
     matrix = scene.constant_diffusion
     diffusion = matrix * np.eye(2) if matrix is not None and matrix.size == 1 else matrix
     facets = facets_by_kind(boundary_parts(scene, sided))
     corners = singular_corners(sided.mesh, facets, diffusion)
-    limiting = [c for c in corners if c.exponent < DETACHMENT_EXPONENT]
+    limiting = [c for c in corners if c.exponent < _contact_exponent(scene)]
     angle = math.degrees(largest_angle(sided.mesh))
     if angle > 180.5:
         notes.append(
@@ -196,8 +225,8 @@ def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corn
         )
     if limiting:
         notes.append(
-            "reduced orders: u may be less smooth than r^1.5, which it is at a detachment "
-            f"point, near {listed([str(corner) for corner in limiting], '; ')}"
+            f"reduced orders: u may be less smooth than {_where_contact_ends(scene)}, "
+            f"near {listed([str(corner) for corner in limiting], '; ')}"
         )
     if scene.diffusion and diffusion is None:
         notes.append("the exponents are those of constant diffusion")

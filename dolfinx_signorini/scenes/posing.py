@@ -27,6 +27,8 @@ from dolfinx_signorini.norms.manufactured import (
     contact_violations,
     manufacture,
 )
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.files.conditions import (
     CONDITIONS,
@@ -36,6 +38,7 @@ from dolfinx_signorini.scenes.files.conditions import (
     Setting,
 )
 from dolfinx_signorini.scenes.files.scene import Scene
+from dolfinx_signorini.scenes.files.toml_table import ALL
 
 Terms = dict[str, tuple[Expr, CellMeasure]]
 
@@ -65,7 +68,7 @@ class PosedScene:
         reactions: The same for c, where a has an integral of c u v.
     """
 
-    problem: SignoriniProblem
+    problem: BoundConstrainedProblem
     exact: ManufacturedSolution | None
     scene: Scene
     sided: SidedMesh
@@ -103,24 +106,43 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         a += c * u * v * measure
     loads = [integrand * v * measure for integrand, measure in sources.values()]
     L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
+    problem = _problem(scene, setting, a, L)
+    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
+
+
+def _problem(scene: Scene, setting: Setting, a: ufl.Form, L: ufl.Form) -> BoundConstrainedProblem:
+    """Return the problem of a scene, of the kind that the place of its obstacles decides on."""
     conditions = [condition.dirichlet(setting) for condition in scene.conditions]
-    problem = SignoriniProblem(
+    bcs, sided = [bc for bc in conditions if bc is not None], setting.sided
+    if scene.contact is not None:
+        return SignoriniProblem(
+            a,
+            L,
+            contact=sided.facets(scene.contact.sides),
+            obstacle=scene.contact.obstacle(setting),
+            bound=scene.contact.bound,
+            bcs=bcs,
+        )
+    assert scene.obstacle is not None
+    names = scene.obstacle.cells
+    return ObstacleProblem(
         a,
         L,
-        contact=sided.facets(scene.contact.sides),
-        obstacle=scene.contact.obstacle(setting),
-        bound=scene.contact.bound,
-        bcs=[bc for bc in conditions if bc is not None],
+        lower=setting.optional_data(scene.obstacle.lower),
+        upper=setting.optional_data(scene.obstacle.upper),
+        cells=None if names == ALL else sided.cells(names),
+        bcs=bcs,
     )
-    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
 
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
     """Return the contact conditions that the exact solution of a scene violates; collective."""
-    exact = _exact_solution(scene, sided)
-    if exact is None:
+    exact, contact = _exact_solution(scene, sided), scene.contact
+    if scene.solution is not None and scene.obstacle is not None:
+        return list(map(str, scene.obstacle.violations(scene.solution, sided)))
+    if exact is None or contact is None:
         return []
-    contact, x = scene.contact, ufl.SpatialCoordinate(sided.mesh)
+    x = ufl.SpatialCoordinate(sided.mesh)
     obstacle = None if contact.value is None else contact.value.ufl(x)
     facets, upper = sided.facets(contact.sides), contact.bound == "upper"
     found = contact_violations(sided.mesh, facets, exact.u, exact.flux, obstacle, upper)
@@ -146,8 +168,9 @@ def boundary_parts(scene: Scene, sided: SidedMesh) -> dict[type[BoundaryConditio
         once = bool(np.isin(parts[kind], rest).all())
         require(comm, once, "some facet belongs to more than one part", kind.key)
         rest = np.setdiff1d(rest, parts[kind]).astype(np.int32)
-    found = comm.allreduce(len(parts[Contact])) > 0
-    require(comm, found, f"there is no facet {scene.contact.on_sides()}", "contact")
+    if scene.contact is not None:
+        found = comm.allreduce(len(parts[Contact])) > 0
+        require(comm, found, f"there is no facet {scene.contact.on_sides()}", "contact")
     return parts | {Neumann: np.union1d(parts[Neumann], rest)}
 
 

@@ -20,6 +20,12 @@ def data_of(scene: Scene, sided: SidedMesh) -> list[Datum]:
             measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
             name = f"the {condition.value_key} of '{condition.key}'"
             found.append(Datum(name, condition.value, measure, degree, *parts))
+    if scene.obstacle is not None:
+        inside = on_cells(sided.mesh, sided.cells(scene.obstacle.cells))
+        found += [
+            Datum(f"the {name} obstacle", formula, "height", scene.degree, *inside)
+            for name, formula in scene.obstacle.named()
+        ]
     return [datum for datum in found if datum.formula.constant is None]
 
 

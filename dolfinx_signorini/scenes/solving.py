@@ -35,7 +35,7 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
@@ -84,10 +84,10 @@ class SceneResult:
     Attributes:
         posed: The scene on its finest mesh.
         u: The solution.
-        gap: The distance from u to the obstacle on the contact boundary, 0 elsewhere.
-        pressure: The density of the contact pressure, 0 away from the contact boundary. The
-            pressure is never negative, and pushes u up from a lower obstacle and down from an upper
-            one.
+        gap: The distance from u to the nearest obstacle where there is one, 0 elsewhere.
+        pressure: The density of the contact pressure, 0 away from the contact set. The pressure of
+            one obstacle is never negative, and pushes u up from a lower obstacle and down from an
+            upper one; of two obstacles the upper one has a negative pressure.
         solve: The diagnostics of the last solve.
         phases: The wall-clock seconds of the phases so far.
         expectation: What was to be expected.
@@ -213,7 +213,7 @@ def _solve_on_adapted_meshes(
     phases.lap("first mesh")
     posed: list[PosedScene] = []
 
-    def pose_on(degree: int, sided: SidedMesh) -> SignoriniProblem:
+    def pose_on(degree: int, sided: SidedMesh) -> BoundConstrainedProblem:
         posed[:] = [pose(replace(scene, degree=degree), comm, sided)]
         return posed[0].problem
 
@@ -291,7 +291,9 @@ class _Ascent:
         self.levels: list[Level] = []
         self.began = phases.total
 
-    def pose(self, level: Scene, coarser: SignoriniProblem | None) -> SignoriniProblem:
+    def pose(
+        self, level: Scene, coarser: BoundConstrainedProblem | None
+    ) -> BoundConstrainedProblem:
         if coarser is None:
             sided = level.domain.make(self.comm)
         else:
@@ -306,7 +308,7 @@ class _Ascent:
         self.phases.lap("assembly")
         return self.posed.problem
 
-    def note(self, problem: SignoriniProblem) -> None:
+    def note(self, problem: BoundConstrainedProblem) -> None:
         assert problem.result is not None
         counts = problem.result.linear_solves, problem.result.linear_iterations
         self.phases.lap("solve")

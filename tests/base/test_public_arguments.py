@@ -256,7 +256,7 @@ TABLE = {
         },
     ),
     "SidedMesh": (
-        lambda t: {"mesh": t.mesh, "sides": {"floor": t.facets}},
+        lambda t: {"mesh": t.mesh, "sides": {"floor": t.facets}, "regions": {}},
         lambda t: {
             "mesh": NO_MESH,
             "sides": (
@@ -268,6 +268,7 @@ TABLE = {
                 {"floor": np.array([10**6])},
                 {4: t.facets},
             ),
+            "regions": (None, [0], {"left": 0.5}, {"left": np.array([10**6])}, {4: np.array([0])}),
         },
     ),
     "EnergyTerms": (

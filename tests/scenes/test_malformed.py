@@ -25,6 +25,8 @@ POLYGON = SQUARE | {
     "[dirichlet]": {"sides": "2", "value": "0"},
     "[neumann]": {"sides": "3", "flux": '"x"'},
 }
+IN_DOMAIN = {table: keys for table, keys in SQUARE.items() if table != "contact"}
+IN_DOMAIN |= {"obstacle": {"lower": '"-0.5 - 0.1*a"', "upper": "2"}}
 KEYS = [(table, key) for table, keys in SQUARE.items() for key in keys]
 FORMULAS = [k for k in KEYS if k[1] in ("reaction", "load", "diffusion", "obstacle", "value", "a")]
 REQUIRED = [
@@ -129,7 +131,7 @@ def changed(base, table, key, value):
 @st.composite
 def malformed(draw):
     """The text of a scene file that is no scene."""
-    kind = draw(st.integers(0, 11))
+    kind = draw(st.integers(0, 12))
     base = draw(st.sampled_from([SQUARE, POLYGON]))
     if kind == 0:
         table, key = draw(st.sampled_from(REQUIRED[:1] + REQUIRED[2:]))
@@ -162,6 +164,10 @@ def malformed(draw):
     if kind == 10:
         key = draw(st.sampled_from(["sin", "x", "pi", "where", "a-b", "1a", '"b c"']))
         return changed(SQUARE, "define", key, '"1"')
+    if kind == 11:
+        formulas = BROKEN_FORMULAS.map(lambda f: f'"""{_escaped(f)}"""')
+        obstacle = draw(st.sampled_from(["lower", "upper"])), draw(formulas | BROKEN_VALUES)
+        return changed(IN_DOMAIN, "obstacle", *obstacle)
     return draw(
         st.one_of(
             st.text(min_size=1, max_size=60).map(lambda t: "\x00" + t),
@@ -201,7 +207,7 @@ def solve(comm, folder, capsys, text):
     return captured.err
 
 
-@pytest.mark.parametrize("tables", [SQUARE, POLYGON])
+@pytest.mark.parametrize("tables", [SQUARE, POLYGON, IN_DOMAIN])
 def test_the_files_that_are_spoilt_are_good_ones(tables, comm, folder):
     if tables is POLYGON:
         pytest.importorskip("gmsh")

@@ -50,9 +50,12 @@ def fitted_mesh(
         straight: More formulas, whose jumps count along straight lines and planes only.
 
     Returns:
-        The mesh itself where nothing jumps inside of cells. Where the mesh cannot be refined so far
-        that the cells follow a curve, this curve is left inside of cells.
+        The mesh itself where nothing jumps inside of cells, or where cells belong to regions,
+        whose boundaries stay. Where the mesh cannot be refined so far that the cells follow a
+        curve, this curve is left inside of cells.
     """
+    if sided.regions:
+        return sided
     curves = interfaces(*formulas)[::-1]
     lines = interfaces(*straight)
     comm, best = sided.mesh.comm, sided

@@ -34,11 +34,11 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
     """Move vertices onto the curves next to them; the call is collective.
 
     Args:
-        sided: The mesh with its sides, whose vertices are moved.
+        sided: The mesh with its sides, whose vertices are moved unless cells belong to regions.
         formulas: The formulas that jump at the curves.
     """
     curves = interfaces(*formulas)
-    if not curves:
+    if not curves or sided.regions:
         return
     vertices = _Vertices(sided)
     for curve in curves:

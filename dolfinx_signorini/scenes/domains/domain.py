@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -37,6 +38,7 @@ class Domain(ABC):
         first_cells: The number of cells across the mesh that adapted meshes are refined from.
         dimension: The space dimension.
         side_names: The names of the sides.
+        region_names: The names of the regions, for meshes that are made with them.
         vertices: The number of vertices of the mesh, which may be an estimate.
     """
 
@@ -46,6 +48,7 @@ class Domain(ABC):
     first_cells: ClassVar[int] = 4
     dimension: int
     side_names: tuple[str, ...]
+    region_names: tuple[str, ...] = ()
     vertices: int
 
     @classmethod
@@ -95,6 +98,14 @@ class Domain(ABC):
     def first(self) -> "Domain":
         """Return the domain with the coarse mesh that adapted meshes are refined from."""
         return self.at(self.first_cells)
+
+    def with_regions(self, comm: MPI.Comm) -> "Domain":
+        """Return the domain with meshes whose cells belong to the regions of `region_names`.
+
+        Raises:
+            InputError: The cells have no names; the subject is "cells".
+        """
+        raise InputError("only a mesh from a file has cells with names", "cells")
 
     def record(self) -> dict[str, Any]:
         """Return what a record of a run needs to tell of the domain beside the scene file."""

@@ -13,18 +13,21 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
-from dolfinx_signorini.base.arrays import Indices
+from dolfinx_signorini.base.arrays import Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.meshes.mesh_defects import cell_defect
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 
-def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMesh:
+def with_gmsh(
+    comm: MPI.Comm, build: Callable[[Any], dict[int, str]], regions: bool = False
+) -> SidedMesh:
     """Let gmsh make or read a mesh on rank 0, and share the mesh.
 
     Args:
         comm: The communicator that shares the mesh.
         build: Is given the module gmsh on rank 0, and returns the names of the facet tags.
+        regions: Whether the cells of the physical groups are wanted, too.
 
     Raises:
         InputError: gmsh is missing, or said what is wrong.
@@ -35,7 +38,7 @@ def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMe
         gmsh = None
     message = "this mesh needs gmsh's Python module (package python3-gmsh)"
     require(comm, gmsh is not None, message, "domain")
-    message, names, dimension = "", {}, 0
+    message, names, groups, dimension = "", {}, {}, 0
     if comm.rank == 0:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
         try:
@@ -43,25 +46,38 @@ def with_gmsh(comm: MPI.Comm, build: Callable[[Any], dict[int, str]]) -> SidedMe
             gmsh.option.setNumber("General.AbortOnError", 0)
             names = build(gmsh)
             dimension = gmsh.model.getDimension()
+            groups = names_of_groups(gmsh, dimension) if regions else {}
         except Exception as error:  # gmsh raises this very class
             message = f"gmsh: {error}" if not isinstance(error, InputError) else str(error)
     try:
-        message, names, dimension = comm.bcast((message, names, dimension))
+        message, names, groups, dimension = comm.bcast((message, names, groups, dimension))
         if message:
             raise InputError(message, "domain")
-        domain, tags = compat.gmsh_mesh(gmsh.model, comm, dimension)
+        domain, tags, cell_tags = compat.gmsh_mesh(gmsh.model, comm, dimension)
     finally:
         if comm.rank == 0:
             gmsh.finalize()
-    return with_tags(domain, tags, names)
+    return SidedMesh(domain, by_tag(tags, names), owned_by_tag(domain, cell_tags, groups))
 
 
-def with_tags(domain: mesh.Mesh, tags: Any, names: dict[int, str]) -> SidedMesh:
-    """Return a mesh with the facets of each tag, by its number and by its name."""
-    sides = {}
+def by_tag(tags: Any, names: dict[int, str]) -> dict[str, LocalIndices]:
+    """Return the facets or cells of each tag, by its number and by its name."""
+    found = {}
     for tag, name in names.items():
-        sides[name] = sides[str(tag)] = tags.find(tag)
-    return SidedMesh(domain, sides)
+        found[name] = found[str(tag)] = tags.find(tag)
+    return found
+
+
+def owned_by_tag(domain: mesh.Mesh, tags: Any, names: dict[int, str]) -> dict[str, LocalIndices]:
+    """Return the owned cells of each tag, see `by_tag`."""
+    own = len(owned_cells(domain))
+    return {name: cells[cells < own] for name, cells in by_tag(tags, names).items()}
+
+
+def names_of_groups(gmsh: Any, dimension: int) -> dict[int, str]:
+    """Return the names of the physical groups of a dimension by their tags; numbers for none."""
+    groups = gmsh.model.getPhysicalGroups(dimension)
+    return {tag: gmsh.model.getPhysicalName(d, tag) or str(tag) for d, tag in groups}
 
 
 def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
@@ -105,7 +121,7 @@ def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
         raise InputError(f"{path.name}: {defect}")
     if not groups[dimension - 1]:
         raise InputError(f"{path.name}: no physical group on the boundary, so no side has a tag")
-    return {tag: gmsh.model.getPhysicalName(d, tag) or str(tag) for d, tag in groups[dimension - 1]}
+    return names_of_groups(gmsh, dimension - 1)
 
 
 def _announced(path: Path) -> dict[str, int]:

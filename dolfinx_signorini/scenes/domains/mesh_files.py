@@ -10,6 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from dolfinx import mesh
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
@@ -23,7 +24,12 @@ from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, RefinedDomain
-from dolfinx_signorini.scenes.domains.gmsh_meshes import read_msh, with_gmsh, with_tags
+from dolfinx_signorini.scenes.domains.gmsh_meshes import (
+    by_tag,
+    owned_by_tag,
+    read_msh,
+    with_gmsh,
+)
 from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, TomlTable
 
 
@@ -42,7 +48,8 @@ class MeshFile(RefinedDomain):
         dimension: Space dimension.
         side_names: The facet tags.
         vertices: The number of vertices, which is an estimate where the mesh is refined.
-        grid, tags: For XDMF: the names of the mesh and of its facet tags.
+        grid, tags, cell_tags: For XDMF: the names of the mesh, its facet tags and its cell tags.
+        region_names: The cell tags, where they are asked for by `with_regions`.
         refinements: How often all cells are divided.
         curves: For curved sides a formula whose zeros are the side; new vertices go there.
     """
@@ -53,6 +60,8 @@ class MeshFile(RefinedDomain):
     vertices: int
     grid: str = "mesh"
     tags: str = "facet_tags"
+    cell_tags: str = "cell_tags"
+    region_names: tuple[str, ...] = ()
     refinements: int = 0
     curves: tuple[tuple[str, Formula], ...] = ()
     shape = "file"
@@ -72,7 +81,7 @@ class MeshFile(RefinedDomain):
             InputError: The file cannot be read, or is not a mesh of triangles or tetrahedra with
                 facet tags on its boundary.
         """
-        sided = _read_mesh(comm, path, grid, tags)
+        sided = _read_mesh(comm, path, grid, tags, "")
         count = sided.mesh.topology.index_map(0).size_global
         return cls(path, sided.mesh.geometry.dim, tuple(sided.sides), count, grid, tags)
 
@@ -84,8 +93,8 @@ class MeshFile(RefinedDomain):
         with table.naming("file"):
             found = cls.open(comm, path, *names)
         vertices = found.vertices << found.dimension * times
-        curves = _read_curves(table, found)
-        return replace(found, refinements=times, vertices=vertices, curves=curves)
+        cells, curves = table.text("cell_tags", cls.cell_tags), _read_curves(table, found)
+        return replace(found, cell_tags=cells, refinements=times, vertices=vertices, curves=curves)
 
     @property
     def geometry(self) -> dict[str, Projection]:
@@ -104,7 +113,14 @@ class MeshFile(RefinedDomain):
         return replace(self, vertices=vertices, refinements=self.refinements - times)
 
     def make_coarsest(self, comm: MPI.Comm) -> SidedMesh:
-        return _read_mesh(comm, self.path, self.grid, self.tags)
+        return self._read(comm, regions=len(self.region_names) > 0)
+
+    def with_regions(self, comm: MPI.Comm) -> "MeshFile":
+        return replace(self, region_names=tuple(self._read(comm, regions=True).regions))
+
+    def _read(self, comm: MPI.Comm, regions: bool) -> SidedMesh:
+        names = self.grid, self.tags, self.cell_tags if regions else ""
+        return _read_mesh(comm, self.path, *names)
 
     def record(self) -> dict[str, Any]:
         """Return the name of the file and a digest of its bytes."""
@@ -121,15 +137,19 @@ def _read_curves(table: TomlTable, domain: MeshFile) -> tuple[tuple[str, Formula
     return tuple((name, curves.formula(name)) for name in curves.data)
 
 
-def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str) -> SidedMesh:
-    """Read a mesh with its facet tags; refuse what is no such mesh, with the subject "domain"."""
+def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str, cell_tags: str) -> SidedMesh:
+    """Read a mesh with its facet tags and, unless they are "", its cell tags.
+
+    Raises:
+        InputError: The file has no such mesh; the subject is "domain".
+    """
     message = comm.bcast(_refusal(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, "domain")
     if path.suffix == ".msh":
-        sided = with_gmsh(comm, lambda gmsh: read_msh(gmsh, path))
+        sided = with_gmsh(comm, lambda gmsh: read_msh(gmsh, path), regions=cell_tags != "")
     else:
-        sided = _read_xdmf(comm, path, grid, tags)
+        sided = _read_xdmf(comm, path, grid, tags, cell_tags)
     domain = sided.mesh
     exterior = boundary_facets(domain)
     owned = domain.topology.index_map(domain.topology.dim - 1).size_local
@@ -166,16 +186,18 @@ def _refusal(path: Path) -> str:
     return ""
 
 
-def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
+def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str, cell_name: str) -> SidedMesh:
+    wanted = f"facet tags {name!r}" + (f" and cell tags {cell_name!r}" if cell_name else "")
     try:
         with XDMFFile(comm, str(path), "r") as file:
             domain = file.read_mesh(name=grid)
             tdim = domain.topology.dim
             domain.topology.create_connectivity(tdim - 1, tdim)
             tags = file.read_meshtags(domain, name=name)
+            cell_tags = file.read_meshtags(domain, name=cell_name) if cell_name else None
     except RuntimeError as error:
         reason = (str(error).strip().splitlines() or [""])[-1]
-        message = f"{path.name}: no mesh {grid!r} with facet tags {name!r} ({reason})"
+        message = f"{path.name}: no mesh {grid!r} with {wanted} ({reason})"
         raise InputError(message, "domain") from None
     kind = domain.topology.cell_name()
     straight = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
@@ -190,8 +212,18 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str) -> SidedMesh:
     defect = comm.bcast(cell_defect(*all_cells(domain)))
     if defect:
         raise InputError(f"{path.name}: {defect}", "domain")
+    sides = by_tag(tags, _numbers(comm, tags))
+    if cell_tags is None:
+        return SidedMesh(domain, sides)
+    message = f"{path.name}: the tags {cell_name!r} are none of cells"
+    require(comm, cell_tags.dim == tdim, message, "domain")
+    return SidedMesh(domain, sides, owned_by_tag(domain, cell_tags, _numbers(comm, cell_tags)))
+
+
+def _numbers(comm: MPI.Comm, tags: mesh.MeshTags) -> dict[int, str]:
+    """The numbers of tags on all ranks, with their texts."""
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
-    return with_tags(domain, tags, {tag: str(tag) for tag in values})
+    return {tag: str(tag) for tag in values}
 
 
 def _projection(formula: Formula, dimension: int) -> Projection:

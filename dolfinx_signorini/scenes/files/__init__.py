@@ -1,1 +1,1 @@
-"""Scene files: tables, keys, overrides and boundary conditions."""
+"""Scene files: tables, keys, overrides, boundary conditions and obstacles in the domain."""

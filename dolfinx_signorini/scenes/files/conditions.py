@@ -24,8 +24,8 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cells_with_dofs
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, matching_obstacle
 from dolfinx_signorini.pictures.palette import COLOURS, CONTACT
 from dolfinx_signorini.problem.assembly import restricted
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.dirichlet import dirichlet
-from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
 
@@ -58,6 +58,10 @@ class Setting:
     def data(self, formula: Formula) -> float | Expr:
         """Return a formula as problems take data."""
         return formula.ufl(self.x) if formula.constant is None else formula.constant
+
+    def optional_data(self, formula: Formula | None) -> float | Expr | None:
+        """Return a formula as problems take data; None for None."""
+        return None if formula is None else self.data(formula)
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ class BoundaryCondition(ABC):
         return None
 
     @classmethod
-    def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
+    def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> float | None:
         """Return the force of all conditions of this kind, besides the integrals of load and c u.
 
         Args:
@@ -172,6 +176,11 @@ class Contact(BoundaryCondition):
     def read_all(
         cls, top: TomlTable, domain: Domain, manufactured: bool
     ) -> list[BoundaryCondition]:
+        if top.has("obstacle"):
+            return []
+        if not top.has(cls.key):
+            message = "there is no [contact] and no [obstacle]: without any obstacle the problem is"
+            raise top.error(cls.key, f"{message} linear, see dolfinx.fem.petsc.LinearProblem")
         return [cls.read(top.table(cls.key), domain, manufactured)]
 
     @classmethod
@@ -202,10 +211,6 @@ class Contact(BoundaryCondition):
         upper = self.bound == "upper"
         return matching_obstacle(setting.space, facets, exact.u, exact.flux, upper)
 
-    @classmethod
-    def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
-        return problem.force
-
 
 @dataclass(frozen=True)
 class Dirichlet(BoundaryCondition):
@@ -232,7 +237,7 @@ class Dirichlet(BoundaryCondition):
         return dirichlet(setting.space, setting.sided.facets(self.sides), data)
 
     @classmethod
-    def force(cls, problem: SignoriniProblem, residual: ufl.Form) -> float | None:
+    def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> float | None:
         cells = cells_with_dofs(problem.space, marked(problem.space, problem.fixed_dofs))
         near = compiled.form(restricted(residual, problem.space.mesh, cells))
         vector = fem_petsc.assemble_vector(near)

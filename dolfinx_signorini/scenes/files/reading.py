@@ -19,6 +19,7 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.scenes.domains.kinds import read_domain
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_conditions
+from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
 from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
 
@@ -35,6 +36,7 @@ SUBJECTS: dict[str, Key] = {
     "rtol": ("rtol",),
     "solution": ("solution", "u"),
 }
+SUBJECTS.update(DomainObstacle.subjects)
 for _kind in CONDITIONS:
     SUBJECTS[_kind.key] = (_kind.key,)
     SUBJECTS.update(_kind.subjects)
@@ -94,14 +96,12 @@ def parse_scene(
     if reaction is not None and reaction.constant is not None and reaction.constant < 0.0:
         raise equation.error("reaction", "must not be negative")
     diffusion = _diffusion(equation, domain.dimension)
-    manufactured = solution.flag("manufactured")
-    if manufactured and u is None:
-        raise solution.error("manufactured", "there is no solution 'u' to make the data from")
-    if manufactured and load is not None:
-        raise equation.error("load", "follows from the solution, which is manufactured")
+    obstacle, domain = DomainObstacle.read(top, domain, comm)
+    manufactured = _manufactured(solution, equation, obstacle)
     scene = Scene(
         domain=domain,
         conditions=read_conditions(top, domain, manufactured),
+        obstacle=obstacle,
         diffusion=diffusion,
         reaction=reaction,
         load=load,
@@ -184,6 +184,21 @@ def _diffusion(table: TomlTable, dimension: int) -> Tensor:
         if not np.linalg.eigvalsh(constants).min() > 0.0:
             raise table.error("diffusion", "the tensor is not positive definite")
     return tensor
+
+
+def _manufactured(
+    solution: TomlTable, equation: TomlTable, obstacle: DomainObstacle | None
+) -> bool:
+    """Return whether the data follow from the solution."""
+    manufactured = solution.flag("manufactured")
+    if manufactured and not solution.has("u"):
+        raise solution.error("manufactured", "there is no solution 'u' to make the data from")
+    if manufactured and equation.has("load"):
+        raise equation.error("load", "follows from the solution, which is manufactured")
+    if manufactured and obstacle is not None:
+        message = "not with [obstacle]: from u alone, the load under an obstacle is not known"
+        raise solution.error("manufactured", message)
+    return manufactured
 
 
 def _accuracy(top: TomlTable) -> tuple[float | None, str]:

@@ -1,4 +1,4 @@
-"""Scenes: one Signorini problem as data.
+"""Scenes: one Signorini problem, or one with obstacles in the domain, as data.
 
 A scene names its parts: the domain, the conditions on its boundary, the coefficients, the load
 and, where it is known, the solution. What a scene does not name is neither assembled nor stored.
@@ -12,20 +12,21 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
+from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
 
 Tensor = tuple[tuple[Formula, ...], ...]
 
 OUTPUTS = {
     "fields": "solution, gap and pressure for ParaView (VTX, or XDMF where ADIOS2 is missing)",
-    "boundary": "gap and pressure on the contact boundary as CSV",
-    "pictures": "the solution and the contact boundary as PNG",
+    "boundary": "gap and pressure on the contact boundary, or where the obstacle is, as CSV",
+    "pictures": "the solution and the contact boundary, or the contact set, as PNG",
     "report": "one HTML page with all results",
 }
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One Signorini problem, -div(diffusion grad u) + reaction u = load.
+    """One problem with obstacles, -div(diffusion grad u) + reaction u = load.
 
     A scene is read from a file and solved, here on a mesh of another width:
 
@@ -34,9 +35,11 @@ class Scene:
 
     Attributes:
         domain: The domain with its mesh.
-        conditions: The conditions on the boundary, one of them `Contact`. On sides without a
-            condition the flux is zero or, in a manufactured scene, that of the solution.
+        conditions: The conditions on the boundary, one of them `Contact` unless the obstacles are
+            in the domain. On sides without a condition the flux is zero or, in a manufactured
+            scene, that of the solution.
         diffusion: The rows of a symmetric matrix, with one row and entry for a scalar; () for 1.
+        obstacle: The obstacles in the domain; None for an obstacle on the boundary.
         reaction: None for none.
         load: None for none.
         solution: The exact solution, where it is known.
@@ -58,6 +61,7 @@ class Scene:
 
     domain: Domain
     conditions: tuple[BoundaryCondition, ...]
+    obstacle: DomainObstacle | None = None
     diffusion: Tensor = ()
     reaction: Formula | None = None
     load: Formula | None = None
@@ -74,9 +78,9 @@ class Scene:
     overrides: tuple[str, ...] = ()
 
     @property
-    def contact(self) -> Contact:
-        """The condition on the contact boundary."""
-        return next(c for c in self.conditions if isinstance(c, Contact))
+    def contact(self) -> Contact | None:
+        """The condition on the contact boundary; None where the obstacles are in the domain."""
+        return next((c for c in self.conditions if isinstance(c, Contact)), None)
 
     @property
     def diffusion_entries(self) -> list[Formula]:

@@ -137,27 +137,31 @@ class TomlTable:
             raise self.error(key, "must be a list of texts in quotes")
         return tuple(dict.fromkeys(values))
 
-    def sides(self, known: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the sides that the key `sides` names: one, a list of them, or "all" as `ALL`.
+    def sides(
+        self, known: tuple[str, ...], key: str = "sides", what: str = "side"
+    ) -> tuple[str, ...]:
+        """Return the sides that a key names: one, a list of them, or "all" as `ALL`.
 
         Args:
             known: The names of all sides; numbers stand for names, too.
+            key: The key.
+            what: What is named, in place of a side.
         """
-        value = self.value("sides", object, "names or numbers of sides")
+        value = self.value(key, object, f"names or numbers of {what}s")
         names = value if isinstance(value, list) else [value]
         if names == list(ALL):
             return ALL
         if ALL[0] in names and ALL[0] not in known:
-            raise self.error("sides", "'all' stands for every side, and goes with no other name")
+            raise self.error(key, f"'all' stands for every {what}, and goes with no other name")
         if not names:
-            raise self.error("sides", "names no side")
+            raise self.error(key, f"names no {what}")
         for name in names:
             number = type(name) is int and abs(name) <= sys.maxsize
             if not (number or isinstance(name, str)):
-                raise self.error("sides", "must be names or numbers of sides")
+                raise self.error(key, f"must be names or numbers of {what}s")
             if str(name) not in known:
                 near = suggestion(str(name), known)
-                raise self.error("sides", f"unknown side {str(name)!r}{near}")
+                raise self.error(key, f"unknown {what} {str(name)!r}{near}")
         return tuple(map(str, names))
 
     def table(self, key: str) -> "TomlTable":

@@ -23,8 +23,9 @@ BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 def write_fields(result: SceneResult, folder: Path) -> None:
     """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
 
-    Gap and pressure are defined where `contact_boundary` is 1: at the contact dofs. Elsewhere
-    both are 0. Where `in_contact` is 1 the solution touches the obstacle.
+    Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
+    `has_obstacle`: at the contact dofs. Elsewhere both are 0. Where `in_contact` is 1 the solution
+    touches the obstacle.
 
     Args:
         result: The solved scene; the call is collective.
@@ -53,8 +54,9 @@ def write_fields(result: SceneResult, folder: Path) -> None:
 def masks(result: SceneResult) -> list[fem.Function]:
     """Return functions that are 1 at the contact dofs, and at those in contact; collective."""
     problem = result.posed.problem
+    place = "has_obstacle" if problem.in_domain else "contact_boundary"
     found = []
-    for name, dofs in (("contact_boundary", problem.contact_dofs), ("in_contact", problem.active)):
+    for name, dofs in ((place, problem.contact_dofs), ("in_contact", problem.active)):
         mask = fem.Function(problem.space, name=name)
         mask.x.array[dofs] = 1.0
         mask.x.scatter_forward()

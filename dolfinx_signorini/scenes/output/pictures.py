@@ -5,8 +5,13 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.base.arrays import LocalIndices
-from dolfinx_signorini.pictures.contact_boundary import ContactBoundary, gather_contact_boundary
+from dolfinx_signorini.pictures.contact_boundary import (
+    ContactBoundary,
+    gather_contact_boundary,
+    gather_contact_region,
+)
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
+from dolfinx_signorini.pictures.contact_region import draw_region
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_problem, draw_solution
 from dolfinx_signorini.scenes.files.toml_table import ALL
@@ -14,7 +19,12 @@ from dolfinx_signorini.scenes.solving import SceneResult
 
 
 def scene_boundary(result: SceneResult) -> ContactBoundary | None:
-    """Return the contact boundary of a scene on rank 0, with its names of sides; collective."""
+    """Return where the obstacle of a scene is on rank 0, None on the others; collective.
+
+    A contact boundary has the names of its sides.
+    """
+    if result.posed.problem.in_domain:
+        return gather_contact_region(result.posed.problem)
     return gather_contact_boundary(result.posed.problem, _sides(result))
 
 
@@ -28,11 +38,15 @@ def draw_scene(
         boundary: The contact boundary of the scene, on rank 0.
         points: The detachment points of the scene, to be marked.
     """
-    figures: dict[str, Picture | None] = {
-        "solution": draw_solution(result.u, boundary, points=points, **_parts(result)),
-        "contact": None if boundary is None else draw_contact(boundary),
-        "accuracy": None if result.found is None else draw_adaptive(result.found),
-    }
+    figures: dict[str, Picture | None] = {}
+    problem, parts = result.posed.problem, _parts(result)
+    if problem.in_domain and result.posed.scene.domain.dimension == 2:
+        figures = {what: draw_region(problem, what, **parts) for what in ("solution", "contact")}
+    else:
+        figures["solution"] = draw_solution(result.u, boundary, points=points, **parts)
+        if boundary is not None and not problem.in_domain:
+            figures["contact"] = draw_contact(boundary)
+    figures["accuracy"] = None if result.found is None else draw_adaptive(result.found)
     return {name: figure for name, figure in figures.items() if figure is not None}
 
 
@@ -46,12 +60,18 @@ def draw_result(result: SceneResult, what: str) -> Picture | None:
     Raises:
         InputError: There is no such picture.
     """
-    return draw_problem(result.posed.problem, what, _sides(result), **_parts(result))
+    problem, parts = result.posed.problem, _parts(result)
+    if not problem.in_domain:
+        return draw_problem(problem, what, _sides(result), **parts)
+    if what == "solution" and result.posed.scene.domain.dimension == 3:
+        return draw_solution(result.u, scene_boundary(result), **parts)
+    return draw_region(problem, what, **parts)
 
 
 def _sides(result: SceneResult) -> dict[str, LocalIndices]:
     """The contact facets by the names of the sides that a scene names."""
-    sides, names = result.posed.sided.sides, result.posed.scene.contact.sides
+    sides, contact = result.posed.sided.sides, result.posed.scene.contact
+    names = () if contact is None else contact.sides
     if names == ALL:  # a name wins over a number for the same facets
         names = tuple(sorted(sides, key=lambda name: not name.isdecimal()))
     return {name: sides[name] for name in names}

@@ -47,7 +47,7 @@ $versions
 )
 CAPTIONS = {
     "solution": "The solution, and the parts of the boundary",
-    "contact": "Gap and pressure on the contact boundary",
+    "contact": "Gap and pressure on the contact boundary, or the pressure and where contact ends",
     "accuracy": "The adapted mesh with the estimated error of each cell, and the way to it",
 }
 

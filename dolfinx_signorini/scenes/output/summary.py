@@ -16,6 +16,7 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.posing import LOAD
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -29,16 +30,18 @@ class Summary:
 
     For example:
 
-        summary = summarise(result, gather_contact_boundary(result.posed.problem))
+        summary = summarise(result, scene_boundary(result))
         print(listing(lines(summary)))
 
     Attributes:
         cells, unknowns: The number of cells of the finest mesh, and of the dofs of its problem.
-        contact_size: The length or area of the contact set, where the gap is zero; in the plane up
-            to the detachment points.
+        contact_size: The size of the contact set, where the gap is zero: the length or area, and
+            with an obstacle in the domain the area or volume. On a boundary in the plane the set
+            reaches up to the detachment points.
         undecided_size: The length or area of what is not in contact, but has a gap that is too
-            small for the mesh to tell; the piece that has a detachment point is decided.
-        boundary_size: The length or area of the whole contact boundary.
+            small for the mesh to tell; the piece that has a detachment point is decided. 0 with an
+            obstacle in the domain.
+        boundary_size: The size of the whole contact boundary, or of the cells with an obstacle.
         detachment_points: In the plane, the points where contact ends.
         uncertainties: How far off each of these points may be.
         forces: What acts on u, by name, positive upwards; the sum is zero.
@@ -78,13 +81,14 @@ def summarise(
 
     Args:
         result: The solved scene.
-        boundary: The contact boundary of the scene, on rank 0.
+        boundary: The contact boundary of the scene, or its cells with obstacles, on rank 0.
         bound: Whether to compute the proven bound of the energy error.
     """
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
-    found = detachment_points(problem) if scene.domain.dimension == 2 else []
-    points = _by_place(found)
+    points: list[DetachmentPoint] = []
+    if isinstance(problem, SignoriniProblem) and scene.domain.dimension == 2:
+        points = _by_place(detachment_points(problem))
     sizes = None
     if boundary is not None:  # rank 0
         sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
@@ -209,6 +213,7 @@ def _forces(result: SceneResult) -> dict[str, float]:
     residual = ufl.action(posed.a, result.u)
     if posed.sources:
         residual -= posed.L
+    forces["contact"] = problem.force
     for kind in dict.fromkeys(type(condition) for condition in posed.scene.conditions):
         force = kind.force(problem, residual)
         if force is not None:

@@ -4,15 +4,29 @@ from dataclasses import replace
 
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann, Setting
+from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, diffusion, facets_by_kind
 from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 MADE = "the bound is that of the problem with the obstacle that was made at the nodes"
+
+
+def refuse_unbounded(scene: Scene) -> None:
+    """Refuse a scene whose energy error has no proven bound.
+
+    Raises:
+        InputError: The obstacles are in the domain.
+    """
+    if scene.contact is None:
+        message = "a proven bound of the energy error is known for obstacles on the boundary only"
+        raise InputError(message, "--bound")
 
 
 def bound_of_scene(posed: PosedScene) -> EnergyBound:
@@ -25,14 +39,18 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
         posed: The scene on a mesh; the call is collective.
 
     Raises:
-        InputError: The problem has not been solved, or its data make no sense.
+        InputError: The problem has not been solved, its data make no sense, or there is no such
+            bound, see `refuse_unbounded`.
     """
+    refuse_unbounded(posed.scene)
+    contact, problem = posed.scene.contact, posed.problem
+    assert contact is not None and isinstance(problem, SignoriniProblem)
     known, terms = KnownData(posed), energy_terms(posed)
     tolerance = HIDDEN * known.size
-    bound = energy_bound(posed.problem, *known.enclosed(terms, tolerance))
+    bound = energy_bound(problem, *known.enclosed(terms, tolerance))
     if known.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
-        bound = energy_bound(posed.problem, *known.enclosed(terms, HIDDEN * bound.flux))
-    if posed.scene.contact.value is None:
+        bound = energy_bound(problem, *known.enclosed(terms, HIDDEN * bound.flux))
+    if contact.value is None:
         return replace(bound, sampled=True, notes=(*bound.notes, MADE))
     return bound
 

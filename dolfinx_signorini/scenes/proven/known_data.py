@@ -224,6 +224,7 @@ class KnownData:
     def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
         """Polynomials for the obstacle on facets in space, and what these polynomials miss."""
         contact = self.scene.contact
+        assert contact is not None
         if self.d == 2 or is_polynomial(contact.value, self.domain, self.degree):
             return None
         assert contact.value is not None

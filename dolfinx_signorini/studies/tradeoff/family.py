@@ -12,15 +12,16 @@ from mpi4py import MPI
 
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.references import Reference
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import pose
+from dolfinx_signorini.studies.tradeoff.kinds import Kind
 
 
 class Posed(NamedTuple):
     """A problem on one mesh, and its exact solution, or None where that is not known."""
 
-    problem: SignoriniProblem
+    problem: BoundConstrainedProblem
     exact: Reference | None
 
 
@@ -36,12 +37,19 @@ class Family:
         width: The cell size of the mesh with n = 1: the root of twice the area of a cell.
         make: Makes the mesh with n cells across.
         pose: Assembles the problem on a mesh, for elements of a degree.
+        has_ends: Whether contact is on the boundary and ends at points, in the plane: meshes can be
+            graded towards them.
     """
 
     dimension: int
     width: float
     make: Callable[[MPI.Comm, int], SidedMesh]
     pose: Callable[[SidedMesh, int], Posed]
+    has_ends: bool = True
+
+    def has_kind(self, kind: Kind) -> bool:
+        """Return whether meshes of a kind exist."""
+        return kind.suits(self.dimension) and (self.has_ends or kind.mesh != "graded")
 
 
 def scene_family(scene: Scene) -> Family:
@@ -61,4 +69,5 @@ def scene_family(scene: Scene) -> Family:
         width=domain.at(1).size,
         make=lambda comm, n: domain.at(n).make(comm),
         pose=on,
+        has_ends=scene.contact is not None,
     )

@@ -22,6 +22,7 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.norms.references import Reference, carried
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
@@ -225,8 +226,8 @@ def _check(family: Family, configuration: Configuration) -> None:
         raise InputError(f"1 to {HIGHEST_DEGREE}, not {configuration.kind.degree}", "degree")
     if configuration.method not in METHODS:
         raise InputError(f"unknown {configuration.method!r}", "method")
-    if not configuration.kind.suits(family.dimension):
-        raise InputError("only in the plane", "graded")
+    if not family.has_kind(configuration.kind):
+        raise InputError("only in the plane, with the obstacle on the boundary", "graded")
     if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
         raise InputError("for adapted meshes, and only for these", "norm")
 
@@ -256,21 +257,21 @@ class _Ascent:
         self.comm, self.family, self.kind = comm, family, kind
         self.points: list[DetachmentPoint] = []
 
-    def problem(self, n: int, coarser: SignoriniProblem | None) -> SignoriniProblem:
+    def problem(self, n: int, coarser: BoundConstrainedProblem | None) -> BoundConstrainedProblem:
         """The problem with n cells across; a coarser problem tells where to grade the mesh."""
-        if self.kind.mesh == "graded" and coarser is not None:
+        if self.kind.mesh == "graded" and isinstance(coarser, SignoriniProblem):
             self.points = detachment_points(coarser)
         self.phases = Phases(self.comm)
         with self.phases("mesh"):
             sided = self._mesh(n)
         return self._posed(sided)
 
-    def on(self, sided: SidedMesh) -> SignoriniProblem:
+    def on(self, sided: SidedMesh) -> BoundConstrainedProblem:
         """The problem on a mesh."""
         self.phases = Phases(self.comm)
         return self._posed(sided)
 
-    def _posed(self, sided: SidedMesh) -> SignoriniProblem:
+    def _posed(self, sided: SidedMesh) -> BoundConstrainedProblem:
         with self.phases("assembly"):
             self.posed = self.family.pose(sided, self.kind.degree)
         return self.posed.problem

@@ -1,0 +1,111 @@
+"""The obstacles in the domain of a scene, or in some of its cells: the table [obstacle]."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formulas import Formula, together
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.manufactured import Violation, worst_violation
+from dolfinx_signorini.scenes.domains.domain import Domain
+from dolfinx_signorini.scenes.files.toml_table import ALL, Key, TomlTable
+
+
+@dataclass(frozen=True)
+class DomainObstacle:
+    """One obstacle, or two, in the domain.
+
+    The obstacles come from a scene file, and an `ObstacleProblem` takes them:
+
+        obstacle, domain = DomainObstacle.read(top, domain, comm)
+        print(*obstacle.words(), sep="; ")
+
+    Attributes:
+        lower, upper: The obstacles; one of them may be None.
+        cells: The regions that have the obstacles; `ALL` for the whole domain.
+        key: The table of a scene file.
+        subjects: Subjects of errors about such obstacles, with the keys of a scene file that the
+            errors are about.
+    """
+
+    lower: Formula | None
+    upper: Formula | None
+    cells: tuple[str, ...] = ALL
+    key: ClassVar = "obstacle"
+    subjects: ClassVar[dict[str, Key]] = {
+        "lower": ("obstacle", "lower"),
+        "upper": ("obstacle", "upper"),
+        "cells": ("obstacle", "cells"),
+        "load and lower": ("equation", "load"),
+        "load and upper": ("equation", "load"),
+    }
+
+    @classmethod
+    def read(
+        cls, top: TomlTable, domain: Domain, comm: MPI.Comm
+    ) -> tuple["DomainObstacle | None", Domain]:
+        """Return the obstacles of a scene file, and the domain with the regions that they need.
+
+        The pressure on a contact boundary is a force per length in the plane, and the pressure in
+        the domain a force per area: a problem has one of them.
+
+        Args:
+            top: The file.
+            domain: The domain of the scene.
+            comm: The communicator that will share the mesh; the call is collective.
+
+        Raises:
+            InputError: The table has no obstacle or a key that makes no sense, or the file has a
+                contact boundary, too.
+        """
+        if not top.has(cls.key):
+            return None, domain
+        if top.has("contact"):
+            message = "goes with no [contact]: obstacles are on the boundary or in the domain"
+            raise top.error(cls.key, message)
+        table = top.table(cls.key)
+        lower, upper = (table.optional_formula(key) for key in ("lower", "upper"))
+        cells: tuple[str, ...] = ALL
+        if table.has("cells"):
+            with table.naming("cells"):
+                domain = domain.with_regions(comm)
+            cells = table.sides(domain.region_names, "cells", "cell tag")
+        table.finish()
+        if lower is None and upper is None:
+            raise table.error(None, "'lower' or 'upper' is missing")
+        return cls(lower, upper, cells), domain
+
+    def named(self) -> list[tuple[str, Formula]]:
+        """Return the obstacles with the names of their keys."""
+        both = ("lower", self.lower), ("upper", self.upper)
+        return [(name, formula) for name, formula in both if formula is not None]
+
+    def violations(self, u: Formula, sided: SidedMesh) -> list[Violation]:
+        """Return the obstacles that a function lies beyond, each at the worst vertex.
+
+        Args:
+            u: The function.
+            sided: A mesh of the domain; the call is collective.
+        """
+        comm, geometry = sided.mesh.comm, sided.mesh.geometry
+        vertices = np.unique(geometry.dofmap[sided.cells(self.cells)])
+        points: Array = np.asarray(geometry.x[vertices, : geometry.dim], dtype=np.float64)
+        found = []
+        for name, formula in self.named():
+            order, sign = ("u >= lower", 1.0) if name == "lower" else ("u <= upper", -1.0)
+            values = together([u.root, formula.root], points)
+            known = np.where(np.isfinite(values).all(axis=0), values, 0.0)
+            worst = worst_violation(comm, order, sign * (known[1] - known[0]), points)
+            if worst.value > SOLVED * highest(comm, np.abs(known)):
+                found.append(worst)
+        return found
+
+    def words(self) -> list[str]:
+        """Return what the obstacles add to a problem, in words."""
+        where = "in the domain" if self.cells == ALL else f"in cells of {', '.join(self.cells)}"
+        return [f"{name} obstacle {formula.text} {where}" for name, formula in self.named()]
