@@ -175,16 +175,16 @@ def given_gap(rng, space):
     scalar = fem.functionspace(space.mesh, ("Lagrange", space.element.basix_element.degree))
     way = rng.integers(4)
     if way == 0:
-        number = float(rng.normal() * 0.02)
+        number = float(rng.uniform(0.0, 0.15))
         return number, lambda x: np.full(len(x.T), number)
-    shape = waves(rng, 0.03, 0.02)
+    shape = waves(rng, 0.1, 0.1)
     if way == 1:
         return shape, shape
     if way == 2:
         function = fem.Function(scalar)
         function.interpolate(shape)
         return function, shape
-    scale, slope = float(rng.normal() * 0.05), float(rng.uniform(1.0, 4.0))
+    scale, slope = float(rng.normal() * 0.2), float(rng.uniform(1.0, 4.0))
     x = ufl.SpatialCoordinate(space.mesh)
     expression = scale * ufl.sin(slope * x[0]) * ufl.cos(x[1])
     return expression, lambda x: scale * np.sin(slope * x[0]) * np.cos(x[1])
