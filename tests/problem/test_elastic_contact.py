@@ -449,7 +449,8 @@ def test_uniform_pressure(size, degree):
     assert problem.force == pytest.approx([0.0] * (size - 1) + [exact], rel=1e-9, abs=1e-9)
     assert u[:, 0] == pytest.approx(0.1 * wide * x[0], abs=1e-10)
     assert u[:, size - 1] == pytest.approx(-0.1 * x[size - 1], abs=1e-10)
-    assert not gathered(problem.gap)[at].any()
+    # Vertices of degree 2 on triangles have no force, so that rounding decides about their gap.
+    assert largest(gathered(problem.gap)[at]) <= 1e-13
     problem.destroy()
 
 
