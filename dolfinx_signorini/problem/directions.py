@@ -205,7 +205,7 @@ def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> N
     size = nodal.mesh.geometry.dim
     held: Mask = np.zeros(owned * size, dtype=bool)
     held[fixed] = True
-    parts, motions = components(nodal), _rigid_motions(nodal, owned, size)
+    parts, motions = components(nodal), rigid_motions(nodal)
     for k in range(parts.count):
         own = motions * (parts.numbers == k)[:, None, None]
         rows = own.reshape(owned * size, -1)
@@ -222,8 +222,13 @@ def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> N
             )
 
 
-def _rigid_motions(nodal: fem.FunctionSpace, owned: int, size: int) -> Array:
-    """The rigid motions at the owned nodes, shape (nodes, components, motions)."""
+def rigid_motions(nodal: fem.FunctionSpace) -> Array:
+    """Return the rigid motions at the owned nodes, shape (nodes, components, motions).
+
+    Args:
+        nodal: The scalar space of one component; the call is collective.
+    """
+    owned, size = nodal.dofmap.index_map.size_local, nodal.mesh.geometry.dim
     x = control_points(nodal)[:owned, :size]
     low, high = box(nodal.mesh.comm, x)
     x = (x - 0.5 * (low + high)) / (high - low).max()
