@@ -148,7 +148,7 @@ class ContactProblem(BoundConstrainedProblem):
 
     @property
     def gap(self) -> fem.Function:
-        """The distance g - u.d to the obstacle at the contact nodes, 0 elsewhere.
+        """The gap that is left, g - u.d, at the contact nodes, 0 elsewhere; a distance for |d| = 1.
 
         The gap is never negative, and exactly 0 at the nodes in contact; a function of the scalar
         space of one component.
@@ -159,7 +159,8 @@ class ContactProblem(BoundConstrainedProblem):
         x, layout, directions = self._solution(), self._layout, self._directions
         gap = fem.Function(layout.nodal, name="gap")
         left = np.maximum(self.obstacle - x.array_r[layout.contact_dofs], 0.0)
-        gap.x.array[layout.contact_nodes] = left * directions.shares[layout.free]
+        lengths = (directions.lengths * directions.shares)[layout.free]
+        gap.x.array[layout.contact_nodes] = left * lengths
         gap.x.scatter_forward()
         return gap
 

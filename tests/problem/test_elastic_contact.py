@@ -480,7 +480,7 @@ def test_units_of_force(scale):
 
 def test_directions_of_any_length():
     """The constraint is u.d <= g with d as given, and the pressure is a force per area."""
-    case = random_case(5, ("triangles", 1, "corner", "callable", "whole"))
+    case = random_case(2, ("triangles", 1, "corner", "callable", "whole"))
     case.problem.destroy()
     direction = case.options["direction"]
     case.options |= {
@@ -493,7 +493,7 @@ def test_directions_of_any_length():
     case.problem = ContactProblem(*case.forms, **case.options)
     case.problem.solve(rtol=TIGHT)
     found = check(case)
-    assert (found.multipliers > 0.0).sum() > 2
+    assert 2 < (found.multipliers > 0.0).sum() < len(case.nodes) - 2
     case.problem.destroy()
 
 
