@@ -218,11 +218,16 @@ class Assembly:
             A = _assembled_matrix(self._a, self.bcs, fixed)
             check_held(A, frame.nodal, fixed)
             turn = frame.matrix().transpose()
-            turned = A.ptap(turn, result=known)
+            turned = A.ptap(turn)
             turned.setBlockSize(self.layout.block)
             for item in (A, turn):
                 item.destroy()
-            return turned
+            if known is None:
+                return turned
+            # PETSc reuses a product on several ranks for the same two factors only.
+            turned.copy(known, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            turned.destroy()
+            return known
 
     def _checked(
         self,
