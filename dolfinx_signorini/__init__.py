@@ -19,7 +19,9 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, gm
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.norms.references import Reference, interpolated
+from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.elasticity import elasticity, stress
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import Scene, SceneResult, load_scene, solve_scene
@@ -34,6 +36,7 @@ del requirements
 __all__ = [
     "METHODS",
     "AdaptiveSolution",
+    "ContactProblem",
     "ContactState",
     "DetachmentPoint",
     "EnergyBound",
@@ -56,6 +59,7 @@ __all__ = [
     "christof_haubner",
     "coarse_levels",
     "detachment_points",
+    "elasticity",
     "energy_bound",
     "error_norms",
     "friedrichs_keller",
@@ -67,6 +71,7 @@ __all__ = [
     "solve_adaptively",
     "solve_cascade",
     "solve_scene",
+    "stress",
     "stress_intensity",
 ]
 

@@ -139,6 +139,7 @@ def test_a_loop_that_was_stopped_goes_on_as_the_recipe_says(tmp_path, monkeypatc
         "howto/continue.md",
         "howto/curved.md",
         "howto/derivatives.md",
+        "howto/elastic.md",
         "howto/functional.md",
         "howto/hysteresis.md",
         "howto/jumps.md",
@@ -230,6 +231,23 @@ def slope_on_the_ring(names):
     assert abs(names["value"](names["polygon"]) - exact) > 10.0 * names["polygon"].estimate
 
 
+def bodies_rest_on_their_obstacles(names):
+    """The forces are in balance, and no body is inside of its obstacle."""
+    x = names["V"].tabulate_dof_coordinates().T
+    for name, gap, towards in (
+        ("problem", 0.2 * x[0] ** 2, np.stack([0.0 * x[0], 0.0 * x[0] - 1.0])),
+        ("down", 0.1 + 0.0 * x[0], np.stack([0.0 * x[0], 0.0 * x[0] - 1.0])),
+        ("radial", names["distance"](x), names["towards_a_disc"](x)),
+    ):
+        problem, at = names[name], names[name].contact_nodes
+        left = (gap - (problem.u.x.array.reshape(-1, 2).T * towards).sum(axis=0))[at]
+        assert left.min(initial=0.0) >= -1e-12, name
+        assert problem.gap.x.array[at] == pytest.approx(left, abs=1e-12), name
+        touching = COMM.allreduce(len(problem.active))
+        assert (touching > 0) == (name != "down"), name
+        assert (problem.force[1] > 0.0) == (touching > 0), name
+
+
 def a_jump_inside_cells_costs_an_order(names):
     fitted, crossed = names["errors"]
     assert abs(fitted) < 1e-8 and 1e-3 < abs(crossed) < 1e-2
@@ -240,6 +258,7 @@ EXPECTED = {
     "scope.md": outside_by_snes,
     "howto/curved.md": slope_on_the_ring,
     "howto/derivatives.md": derivatives_agree,
+    "howto/elastic.md": bodies_rest_on_their_obstacles,
     "howto/jumps.md": a_jump_inside_cells_costs_an_order,
     "howto/which_problem.md": each_bound_holds_where_it_acts,
 }

@@ -14,6 +14,7 @@ TUTORIALS = (
     "high_order",
     "parallel_and_large",
     "membrane",
+    "hertz",
     "american_put",
     "irreversible",
 )

@@ -51,12 +51,15 @@ def posed(pose: Pose, sided: SidedMesh) -> BoundConstrainedProblem:
     """Pose a problem on a mesh by the user's function; the call is collective.
 
     Raises:
-        InputError: The function raises an exception, or poses a problem on another mesh.
+        InputError: The function raises an exception, or poses a problem on another mesh or one of
+            displacements.
     """
     with together(sided.mesh.comm, "pose"):
         problem = pose(sided)
     if isinstance(problem, BoundConstrainedProblem) and problem.space.mesh is not sided.mesh:
         raise InputError("poses the problem on another mesh than that of its argument", "pose")
+    if isinstance(problem, BoundConstrainedProblem) and problem.vector_valued:
+        raise InputError("errors are estimated for scalars, not for displacements", "pose")
     return problem
 
 

@@ -28,12 +28,13 @@ SCOPE = 'the page "What this is not" (docs/scope.md) solves such problems by SNE
 IN_CELLS = "ObstacleProblem has obstacles in cells and on curves (docs/howto/which_problem.md)"
 
 
-def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
+def checked_space(a: Any, L: Any, vectors: bool = False) -> fem.FunctionSpace:
     """Return the space of a bilinear and a linear form.
 
     Args:
-        a: What should be a bilinear form on a scalar, continuous Lagrange space.
+        a: What should be a bilinear form on a continuous Lagrange space.
         L: What should be a linear form on the same space.
+        vectors: Whether the functions should be vectors, and not scalars.
 
     Raises:
         InputError: The subject is "form a" or "load".
@@ -54,13 +55,17 @@ def checked_space(a: Any, L: Any) -> fem.FunctionSpace:
     if cell not in CELLS:
         raise InputError(f"known on meshes of {', '.join(CELLS)}, not of {cell} cells", "form a")
     element = space.ufl_element()
-    if space.dofmap.bs != 1:
+    size = space.mesh.geometry.dim if vectors else 1
+    if space.dofmap.bs != size and vectors:
+        message = f"the space must be one of vectors with {size} components, a displacement"
+        raise InputError(f"{message}; SignoriniProblem has scalars", "form a")
+    if space.dofmap.bs != 1 and not vectors:
         message = (
             f"the space has vectors of {space.dofmap.bs} components, and the unknown is a scalar"
         )
-        raise InputError(f"{message}; {SCOPE}", "form a")
+        raise InputError(f"{message}; ContactProblem has displacements", "form a")
     if element.family_name != "P" or element.discontinuous:
-        raise InputError("the space must be a scalar, continuous Lagrange space", "form a")
+        raise InputError("the space must be a continuous Lagrange space", "form a")
     if not _same_space(arguments[1].ufl_function_space(), space):
         raise InputError("trial and test function belong to different spaces", "form a")
     if len(L.arguments()) != 1:

@@ -15,13 +15,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.problem import checks
 from dolfinx_signorini.problem.constraint import Constraint
+from dolfinx_signorini.problem.directions import Directions, check_held, scalar_space
 from dolfinx_signorini.problem.values import evaluator
 from dolfinx_signorini.solvers.system import Layout, System
 
@@ -48,6 +49,7 @@ class Assembly:
         obstacles: For each obstacle its values in the last system, at the owned dofs that have an
             obstacle.
         phases: The seconds of the phases so far.
+        directions: The directions of the obstacle, where the unknowns are vectors; else None.
         total_load: L(1), the sum of the load on all basis functions.
         assembled: The forms a and L that are assembled, which `integrated` may have replaced.
     """
@@ -70,9 +72,18 @@ class Assembly:
         with self.phases("forms"):
             dim, entities = constraint.dim, constraint.entities
             sides = tuple(obstacle.sign for obstacle in constraint.obstacles)
-            dofs = dofs_on_entities(space, dim, entities)
             fixed = _dirichlet_dofs(space, self.bcs)
-            self.layout = Layout(space, dim, entities, sides, dofs, fixed)
+            self.directions: Directions | None = None
+            if constraint.vectors:
+                nodal = scalar_space(space)
+                self._nodes = dofs_on_entities(nodal, dim, entities)
+                known = entities, self._nodes, fixed, constraint.direction
+                self.directions = Directions(space, nodal, *known)
+                dofs, frame = self.directions.dofs, self.directions.frame
+            else:
+                dofs, frame = dofs_on_entities(space, dim, entities), None
+                self._nodes = dofs
+            self.layout = Layout(space, dim, entities, sides, dofs, fixed, frame)
             self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
                 "jit_options": jit_options,
@@ -86,8 +97,8 @@ class Assembly:
 
     def _look_up(self) -> None:
         """Find where the obstacles are evaluated."""
-        space, dofs = self.layout.space, self.layout.obstacle_dofs
-        self._obstacles_at = [evaluator(space, g.data, dofs, g.name) for g in self._given]
+        space, nodes = self.layout.nodal, self._nodes
+        self._obstacles_at = [evaluator(space, g.data, nodes, g.name) for g in self._given]
 
     def _take(self, a: ufl.Form | None, L: ufl.Form | None) -> None:
         """Take forms, where they are given."""
@@ -154,10 +165,15 @@ class Assembly:
         """Return the obstacle of each constraint and the Dirichlet data, all of them checked."""
         layout = self.layout
         data = _dirichlet_values(layout.space, self.bcs, layout.fixed_dofs)
-        checks.check_finite(layout.space, layout.fixed_dofs, data, "Dirichlet data")
+        nodes = layout.fixed_dofs // layout.block
+        checks.check_finite(layout.nodal, nodes, data, "Dirichlet data")
         values = [at() for at in self._obstacles_at]
         for each, found in zip(self._given, values, strict=True):
-            checks.check_finite(layout.space, layout.obstacle_dofs, found, each.name)
+            checks.check_finite(layout.nodal, self._nodes, found, each.name)
+        if self.directions is not None:
+            (each,), (gaps,) = self._given, values
+            self.obstacles = [self.directions.bounds(gaps, data, each.name)]
+            return self.obstacles[0][layout.free], data
         clamped = [
             checks.clamped(layout, each, found, data, self._reach)
             for each, found in zip(self._given, values, strict=True)
@@ -183,6 +199,7 @@ class Assembly:
             with b.localForm() as local:
                 self.total_load = self.comm.allreduce(float(local.array_r.sum()))
             _lift(b, self._a, self.bcs, self.layout, A)
+            b.array_w[:] = self.layout.turned(b.array_r)
         with self.phases("checks"):
             try:
                 return self._checked(A, b, bounds, old, matrix)
@@ -194,8 +211,23 @@ class Assembly:
 
     def _matrix(self, old: System | None) -> PETSc.Mat:
         with self.phases("matrix"):
-            fixed = self.layout.fixed_dofs
-            return _assembled_matrix(self._a, self.bcs, fixed, None if old is None else old.A)
+            fixed, frame = self.layout.fixed_dofs, self.layout.frame
+            known = None if old is None else old.A
+            if frame is None:
+                return _assembled_matrix(self._a, self.bcs, fixed, known)
+            A = _assembled_matrix(self._a, self.bcs, fixed)
+            check_held(A, frame.nodal, fixed)
+            turn = frame.matrix().transpose()
+            turned = A.ptap(turn)
+            turned.setBlockSize(self.layout.block)
+            for item in (A, turn):
+                item.destroy()
+            if known is None:
+                return turned
+            # PETSc reuses a product on several ranks for the same two factors only.
+            turned.copy(known, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            turned.destroy()
+            return known
 
     def _checked(
         self,
@@ -214,7 +246,10 @@ class Assembly:
         doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
-        if old is None or matrix:
+        loose: Mask
+        if self.layout.frame is not None:
+            loose = np.empty(0, dtype=bool)  # see `check_held`
+        elif old is None or matrix:
             loose = checks.vanishes_on_constants(self._forms[0], A, self.layout, diagonal)
         else:
             loose = old.loose
@@ -229,7 +264,7 @@ class Assembly:
             assembled=assembled,
         )
         checks.check_range(made, diagonal, self._given)
-        if doubtful:
+        if doubtful and self.layout.frame is None:
             checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
         checks.check_held(made)
         return made
@@ -255,8 +290,10 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndic
 
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """The owned dofs that some Dirichlet conditions fix."""
-    parts = [dofs[:owned] for dofs, owned in (bc.dof_indices() for bc in bcs)]
-    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    owned = space.dofmap.index_map.size_local * space.dofmap.bs
+    parts = [bc.dof_indices()[0] for bc in bcs]  # whose counts of owned dofs are wrong for vectors
+    dofs = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    return dofs[dofs < owned]
 
 
 def _dirichlet_values(
@@ -266,7 +303,7 @@ def _dirichlet_values(
     values = np.zeros(len(dofs))
     if bcs:
         index_map = space.dofmap.index_map
-        everywhere = np.zeros(index_map.size_local + index_map.num_ghosts)
+        everywhere = np.zeros((index_map.size_local + index_map.num_ghosts) * space.dofmap.bs)
         for bc in bcs:
             bc.set(everywhere)
         values[:] = everywhere[dofs]

@@ -87,6 +87,7 @@ class BoundConstrainedProblem:
             definite, or the problem has no or more than one solution.
     """
 
+    vector_valued = False  # whether the unknowns are vectors
     # What is there before the constructor has succeeded, and is freed in any case.
     _system: System | None = None
     _solver: ActiveSetSolver | None = None
@@ -108,7 +109,7 @@ class BoundConstrainedProblem:
     ):
         self.result: SolveResult | None = None
         self._history = History()
-        self.a, self.L, self.space = a, L, checked_space(a, L)
+        self.a, self.L, self.space = a, L, checked_space(a, L, self.vector_valued)
         self.u = fem.Function(self.space, name="u") if u is None else u
         check(
             u=(self.u, functions_of(self.space)),
@@ -158,7 +159,7 @@ class BoundConstrainedProblem:
     @property
     def unknowns(self) -> int:
         """The global number of dofs."""
-        return int(self.space.dofmap.index_map.size_global)
+        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.bs)
 
     @property
     def system(self) -> System:
@@ -366,7 +367,7 @@ class BoundConstrainedProblem:
             InputError: The problem has not been solved, or an argument makes no sense.
         """
         if not isinstance(load, fem.Function):
-            checked_space(self.a, load)
+            checked_space(self.a, load, self.vector_valued)
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.system.touching_once(self._solution())
         if self._solver is None:
@@ -377,6 +378,7 @@ class BoundConstrainedProblem:
         else:
             b = fem_petsc.assemble_vector(compiled.form(load, "load"))
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        b.array_w[:] = system.layout.turned(b.array_r)
         b.array_w[system.fixed_dofs] = 0.0
         zero = np.zeros_like(system.obstacle), np.zeros_like(system.fixed_values)
         linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
@@ -385,8 +387,7 @@ class BoundConstrainedProblem:
         try:
             self._solver.linear.solve(linear, x, held, rtol * b.norm())
             z = fem.Function(self.space)
-            z.x.array[: x.getLocalSize()] = x.array_r
-            z.x.scatter_forward()
+            system.fill(z, x)
             return z, self._layout.forces_at(np.where(held, linear.multiplier(x), 0.0))
         finally:
             for item in (x, b):
@@ -493,8 +494,7 @@ class BoundConstrainedProblem:
             x.destroy()
             raise
         self._x = x
-        self.u.x.array[: x.getLocalSize()] = x.array_r
-        self.u.x.scatter_forward()
+        system.fill(self.u, x)
         return self.u
 
     @names_coarse_rule

@@ -32,7 +32,7 @@ MOST_UNKNOWNS = 20_000  # of a mesh that data are checked on: the first level of
 def check_finite(space: fem.FunctionSpace, dofs: LocalIndices, values: Array, name: str) -> None:
     """Refuse values at dofs that are not finite; the subject of the InputError is the name."""
     bad = dofs[~np.isfinite(values)]
-    message = f"not a finite number at {_place(space, bad[0])}" if len(bad) else ""
+    message = f"not a finite number at {place(space, bad[0])}" if len(bad) else ""
     require(space.mesh.comm, not message, message, name)
 
 
@@ -61,7 +61,7 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
     message = ""
     for k in np.flatnonzero(low - high > ROUNDING * size)[:1]:
         message = f"{high[k]:.6g} lies below the lower obstacle {low[k]:.6g}"
-        message += f" at {_place(layout.space, layout.obstacle_dofs[k])}"
+        message += f" at {place(layout.space, layout.obstacle_dofs[k])}"
     require(comm, not message, message, "upper")
     mean = 0.5 * (lower + upper)
     return [np.minimum(lower, mean), np.maximum(upper, mean)]
@@ -111,7 +111,7 @@ def clamped(
     for k in np.flatnonzero(beyond > ROUNDING * size)[:1]:
         message = (
             f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
-            f"{data[j[k]]:.6g} at {_place(space, fixed[j[k]])}"
+            f"{data[j[k]]:.6g} at {place(space, fixed[j[k]])}"
         )
     require(comm, not message, message, given.name)
     return moved
@@ -441,6 +441,7 @@ def check_unique(system: System, x: PETSc.Vec) -> None:
         )
 
 
-def _place(space: fem.FunctionSpace, dof: int) -> str:
+def place(space: fem.FunctionSpace, dof: int) -> str:
+    """Return the coordinates of a dof of a scalar space in words."""
     x = control_points(space)[dof]
     return "(" + ", ".join(f"{c:.6g}" for c in x) + ")"

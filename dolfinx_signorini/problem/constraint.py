@@ -1,6 +1,7 @@
 """The constraint of a problem: obstacles below or above, on facets of the boundary or in cells."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from dolfinx.mesh import Mesh
 
@@ -37,11 +38,15 @@ class Constraint:
         dim: The dimension of the facets or cells on which the obstacles act.
         entities: These facets or cells, as far as this rank knows them.
         obstacles: The obstacles, a lower one first.
+        vectors: Whether the unknowns are vectors, which the obstacle meets in a direction.
+        direction: This direction; None for the averaged normal.
     """
 
     dim: int
     entities: LocalIndices
     obstacles: tuple[Obstacle, ...]
+    vectors: bool = False
+    direction: Any = None
 
 
 def obstacles_of(mesh: Mesh, lower: Data | None, upper: Data | None) -> tuple[Obstacle, ...]:

@@ -49,6 +49,8 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     domain, comm = system.space.mesh, system.comm
     if domain.topology.dim < max(domain.geometry.dim, min(RATIO)) or has_few_dofs(system):
         return None
+    if system.layout.block > 1:  # linear functions alone are too stiff for bodies that bend
+        return None
     if _out_of_reach(system, x):
         return np.full(len(system.contact_dofs), False)
     places = control_points(system.space)[: x.getLocalSize(), : domain.geometry.dim]

@@ -17,7 +17,7 @@ from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.system import System
-from dolfinx_signorini.solvers.transfer import Carrier
+from dolfinx_signorini.solvers.transfer import Carrier, Pairs
 
 
 def predict(system: System, coarse: ContactState) -> Mask:
@@ -31,12 +31,38 @@ def predict(system: System, coarse: ContactState) -> Mask:
     Returns:
         One entry per contact dof of this rank.
     """
-    dofs = system.contact_dofs
-    carry = Carrier(coarse.u.function_space, system.space)
-    u, density = fem.Function(system.space), fem.Function(system.space)
-    carry([(coarse.u, u), (coarse.density, density)], dofs)
-    held = presses(system, density.x.array[dofs], u.x.array[dofs])
-    return _settled(system, carry, coarse.u, u, held)
+    layout = system.layout
+    nodes, target = layout.contact_nodes, layout.nodal
+    carry = Carrier(coarse.density.function_space, target)
+    parts = components_of(coarse.u, coarse.density.function_space)
+    pairs = [(part, fem.Function(target)) for part in parts]
+    density = fem.Function(target)
+    carry([*pairs, (coarse.density, density)], nodes)
+    x = _joined(system, pairs)
+    held = presses(system, density.x.array[nodes], x.array_r[system.contact_dofs])
+    held = _settled(system, carry, pairs, held)
+    x.destroy()
+    return held
+
+
+def components_of(u: fem.Function, nodal: fem.FunctionSpace) -> list[fem.Function]:
+    """Return the components of a function, each in the scalar space; u itself if it is scalar."""
+    size = u.function_space.dofmap.bs
+    if size == 1:
+        return [u]
+    parts = [fem.Function(nodal) for _ in range(size)]
+    for i, part in enumerate(parts):
+        part.x.array[:] = u.x.array[i::size]
+    return parts
+
+
+def _joined(system: System, pairs: Pairs) -> PETSc.Vec:
+    """The vector of the components that were carried, the second functions of the pairs."""
+    x = system.A.createVecRight()
+    size = x.getLocalSize() // len(pairs)
+    parts = np.stack([new.x.array[:size] for _, new in pairs], axis=1)
+    x.array_w[:] = system.layout.turned(parts.ravel())
+    return x
 
 
 def presses(system: System, density: Array, values: Array) -> Mask:
@@ -51,18 +77,16 @@ def presses(system: System, density: Array, values: Array) -> Mask:
     return np.asarray(pressure - system.scaled_gap(values) > 0.0)
 
 
-def _settled(
-    system: System, carry: Carrier, coarse: fem.Function, u: fem.Function, held: Mask
-) -> Mask:
+def _settled(system: System, carry: Carrier, pairs: Pairs, held: Mask) -> Mask:
     """Return the predicted set with its ends settled by patch problems, if the patches are small.
 
     In comparison with a problem that is small itself no patch is small.
 
     Args:
         system: The system.
-        carry: Carries coarse functions to the space of the system.
-        coarse: The coarse solution.
-        u: The coarse solution at the contact dofs; overwritten near the ends.
+        carry: Carries coarse functions to the nodes of the system.
+        pairs: The components of the coarse solution, and their values at the contact nodes, which
+            are overwritten near the ends.
         held: The predicted set.
     """
     if is_small(system):
@@ -74,13 +98,13 @@ def _settled(
     near = patch_dofs(system, seeds, RINGS[dimension] + 1)
     patch.setValues(near, np.ones(len(near)))
     patch.assemble()
-    wanted = np.flatnonzero(patch.array_r).astype(np.int32)
+    wanted = np.unique(np.flatnonzero(patch.array_r) // system.layout.block).astype(np.int32)
     count = patch.sum()
     patch.destroy()
     if not 0.0 < count <= LARGE[dimension] * system.unknowns:
         return held
-    carry([(coarse, u)], wanted)
-    x = system.vector_of(u)
+    carry(pairs, wanted)
+    x = _joined(system, pairs)
     held = settled(system, x, held)
     x.destroy()
     return held
@@ -107,13 +131,13 @@ def settled(system: System, x: PETSc.Vec, held: Mask) -> Mask:
 
 def _ends(system: System, held: Mask) -> LocalIndices:
     """Owned contact dofs of cells with an obstacle that have held and free contact dofs."""
-    space = system.space
+    space, nodes = system.layout.nodal, system.layout.contact_nodes
     state = fem.Function(space)
-    state.x.array[system.layout.free_dofs] = -1.0
-    state.x.array[system.contact_dofs[held]] = 1.0
+    state.x.array[nodes] = -1.0
+    state.x.array[nodes[held]] = 1.0
     state.x.scatter_forward()
     cells = space.dofmap.list[system.layout.cells]
     values = state.x.array[cells]
     mixed = (values > 0.0).any(axis=1) & (values < 0.0).any(axis=1)
     ends = marked(space, cells[mixed][values[mixed] != 0.0])
-    return np.flatnonzero(ends[: space.dofmap.index_map.size_local]).astype(np.int32)
+    return np.unique(system.contact_dofs[ends[nodes]])

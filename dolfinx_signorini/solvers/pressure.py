@@ -20,7 +20,8 @@ class ContactState:
 
     Attributes:
         u: The solution.
-        density: The density of the contact force on u, zero away from the contact dofs.
+        density: The density of the contact force on u, zero away from the contact dofs; where u is
+            a vector, of the force along the direction of the obstacle.
 
     Raises:
         InputError: An attribute is of another kind, or the density lives on another mesh.
@@ -43,9 +44,8 @@ def contact_state(system: System, x: PETSc.Vec) -> ContactState:
         x: The solution of the system.
     """
     u = fem.Function(system.space, name="u")
-    u.x.array[: x.getLocalSize()] = x.array_r
-    u.x.scatter_forward()
-    forces = fem.Function(system.space)
-    forces.x.array[system.contact_dofs] = system.signs * system.multiplier(x)
+    system.fill(u, x)
+    forces = fem.Function(system.layout.nodal)
+    forces.x.array[system.layout.contact_nodes] = system.signs * system.multiplier(x)
     forces.x.scatter_forward()
     return ContactState(u=u, density=system.layout.density(forces))

@@ -7,8 +7,10 @@ The solvers of this package see one system,
 with the Dirichlet data eliminated symmetrically: a Dirichlet row of A has only its diagonal entry.
 A constraint c is a contact dof i(c) with an obstacle g_c, whose sign s_c is 1 for a lower obstacle
 and -1 for an upper one. A dof between two obstacles has two constraints, of which one at most is
-active. What the problem does not mention is neither assembled nor stored: gaps, forces and active
-sets are arrays over the constraints of a rank.
+active. Where the unknowns are vectors, a node has several dofs, and a `Frame` turns those of the
+contact nodes into directions of which one has the obstacle: v is the vector in these directions.
+What the problem does not mention is neither assembled nor stored: gaps, forces and active sets are
+arrays over the constraints of a rank.
 """
 
 import functools
@@ -24,6 +26,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.solvers.components import Components, components
 from dolfinx_signorini.solvers.densities import Densities
+from dolfinx_signorini.solvers.frames import Frame
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class Layout:
         sides: The signs of the obstacles: 1 for a lower one, -1 for an upper one.
         obstacle_dofs: The owned dofs of these entities, with or without Dirichlet data.
         fixed_dofs: The owned dofs with Dirichlet data.
+        frame: The directions of the contact nodes, where the unknowns are vectors; nodes are then
+            the dofs of the scalar space of one component.
     """
 
     space: fem.FunctionSpace
@@ -45,10 +50,23 @@ class Layout:
     sides: tuple[float, ...]
     obstacle_dofs: LocalIndices
     fixed_dofs: LocalIndices
+    frame: Frame | None = None
+
+    @property
+    def block(self) -> int:
+        """The number of dofs of a node."""
+        return int(self.space.dofmap.bs)
+
+    @functools.cached_property
+    def nodal(self) -> fem.FunctionSpace:
+        """The scalar space of the nodes: that of one component where the unknowns are vectors."""
+        return self.space if self.frame is None else self.frame.nodal
 
     @functools.cached_property
     def free(self) -> npt.NDArray[np.bool_]:
-        """Whether a dof with an obstacle has no Dirichlet data."""
+        """Whether an obstacle's dof has no Dirichlet data, or its node a free direction."""
+        if self.frame is not None:
+            return self.frame.free
         return ~np.isin(self.obstacle_dofs, self.fixed_dofs)
 
     @functools.cached_property
@@ -62,6 +80,11 @@ class Layout:
         return np.tile(self.free_dofs, len(self.sides))
 
     @functools.cached_property
+    def contact_nodes(self) -> LocalIndices:
+        """The node of each constraint, a dof of `nodal`."""
+        return self.contact_dofs // self.block
+
+    @functools.cached_property
     def signs(self) -> Array:
         """The sign of each constraint: 1 for a lower obstacle, -1 for an upper one."""
         return np.repeat(self.sides, len(self.free_dofs))
@@ -69,7 +92,7 @@ class Layout:
     @functools.cached_property
     def components(self) -> Components:
         """The connected parts of the mesh; the first call is collective."""
-        return components(self.space)
+        return components(self.nodal)
 
     @property
     def in_domain(self) -> bool:
@@ -90,7 +113,15 @@ class Layout:
 
     @functools.cached_property
     def _densities(self) -> Densities:
-        return Densities(self.space, self.owned_entities)
+        return Densities(self.nodal, self.owned_entities)
+
+    def turned(self, values: Array) -> Array:
+        """Return values of the owned dofs in the directions of the contact nodes."""
+        return values if self.frame is None else self.frame.turned(values)
+
+    def turned_back(self, values: Array) -> Array:
+        """Return values in the directions of the contact nodes as those of the owned dofs."""
+        return values if self.frame is None else self.frame.turned(values, back=True)
 
     @property
     def weights(self) -> Array:
@@ -99,7 +130,7 @@ class Layout:
         A weight is the force of the pressure 1 on the dof. Nodal weights may be zero or negative at
         the vertices of triangles and tetrahedra, of even degree.
         """
-        return self._densities.integrals[self.contact_dofs]
+        return self._densities.integrals[self.contact_nodes]
 
     def forces_at(self, forces: Array) -> fem.Function:
         """Return the function whose coefficients are forces on u, 0 without an obstacle.
@@ -107,8 +138,8 @@ class Layout:
         Args:
             forces: The force of each constraint, in the direction of its sign; collective.
         """
-        result = fem.Function(self.space, name="forces")
-        np.add.at(result.x.array, self.contact_dofs, self.signs * forces)
+        result = fem.Function(self.nodal, name="forces")
+        np.add.at(result.x.array, self.contact_nodes, self.signs * forces)
         result.x.scatter_forward()
         return result
 
@@ -118,7 +149,7 @@ class Layout:
         Args:
             forces: The forces; the call is collective.
         """
-        density = fem.Function(self.space, name="pressure")
+        density = fem.Function(self.nodal, name="pressure")
         density.x.array[:] = self._densities.of(forces.x.array)
         return density
 
@@ -185,7 +216,7 @@ class System:
     @property
     def unknowns(self) -> int:
         """The global number of dofs."""
-        return int(self.space.dofmap.index_map.size_global)
+        return int(self.space.dofmap.index_map.size_global * self.layout.block)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -209,15 +240,20 @@ class System:
     def start(self, values: Array | None = None) -> PETSc.Vec:
         """Return a feasible new vector: values of the owned dofs, or zero, projected."""
         x = self.A.createVecRight()
-        x.array_w[:] = 0.0 if values is None else values[: x.getLocalSize()]
+        x.array_w[:] = 0.0 if values is None else self.layout.turned(values[: x.getLocalSize()])
         self.project(x)
         return x
 
     def vector_of(self, u: fem.Function) -> PETSc.Vec:
         """Return the owned values of a function of the space as a new vector."""
         x = self.A.createVecRight()
-        x.array_w[:] = u.x.array[: x.getLocalSize()]
+        x.array_w[:] = self.layout.turned(u.x.array[: x.getLocalSize()])
         return x
+
+    def fill(self, u: fem.Function, x: PETSc.Vec) -> None:
+        """Set a function of the space to a vector, the reverse of `vector_of`; collective."""
+        u.x.array[: x.getLocalSize()] = self.layout.turned_back(x.array_r)
+        u.x.scatter_forward()
 
     def project(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None = None) -> bool:
         """Move x to an obstacle where x lies beyond, and set the Dirichlet data.

@@ -232,7 +232,13 @@ def multigrid_for(
     names = (*options, *PETSc.Options(prefix).getAll())
     if any(name.startswith("pc_") for name in names):
         return None
-    degrees, meshes = prolongations(system.space)
+    degrees, meshes = prolongations(system.layout.nodal)
+    if system.layout.frame is not None:
+        wide = [
+            system.layout.frame.prolongation(each, finest=k == 0)
+            for k, each in enumerate([*degrees, *meshes])
+        ]
+        degrees, meshes = wide[: len(degrees)], wide[len(degrees) :]
     return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
 
 

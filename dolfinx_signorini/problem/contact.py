@@ -1,0 +1,264 @@
+"""Elastic contact: a body that a rigid obstacle stops, on a part of the boundary."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.kinds import check, on_mesh
+from dolfinx_signorini.problem.arguments import checked_facets
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.constraint import Constraint, Obstacle
+from dolfinx_signorini.problem.directions import Direction, Directions
+from dolfinx_signorini.problem.values import Data
+
+if TYPE_CHECKING:
+    from dolfinx_signorini.pictures.picture import Picture
+
+
+@dataclass
+class AlongDirection:
+    """The contact of a displacement along the direction of the obstacle, as that of a scalar.
+
+    What draws and gathers the contact boundary of scalar problems takes the object:
+
+        boundary = gather_contact_boundary(problem.along_direction)
+
+    Attributes:
+        space: The scalar space of one component.
+        u: The displacement u.d at the contact nodes, 0 elsewhere.
+        gap, pressure: As those of the problem.
+        contact: The contact facets that this rank knows.
+        fixed_dofs: The contact nodes that Dirichlet data hold.
+        sign: -1, as of an upper obstacle.
+    """
+
+    space: fem.FunctionSpace
+    u: fem.Function
+    gap: fem.Function
+    pressure: fem.Function
+    contact: LocalIndices
+    fixed_dofs: LocalIndices
+    sign: float = -1.0
+
+
+class ContactProblem(BoundConstrainedProblem):
+    """Signorini's problem: an elastic body on a rigid obstacle, without friction.
+
+    Find the displacement u with u.d <= g on the contact boundary and a(u, v - u) >= L(v - u) for
+    all such v. The surface is that of `SignoriniProblem`:
+
+        a = elasticity(u, v, young=200.0, poisson=0.3)
+        problem = ContactProblem(a, L, contact=facets, gap=g, bcs=[bc])
+        u = problem.solve()
+
+    Later solves see changed values in the forms, the gap and the Dirichlet data; the directions
+    stay those of the mesh at the start.
+
+    Args:
+        a: A symmetric, positive (semi)definite bilinear form on a Lagrange space of vectors, with a
+            component for each coordinate, see `elasticity`.
+        L: A linear form.
+        contact: The contact boundary, see `SignoriniProblem`.
+        gap: The distance g from the body to the obstacle along the direction, at rest: a number, a
+            UFL expression, a scalar function, or a callable of the coordinates, shape (3, n).
+        direction: The direction d in which the obstacle lies: a constant vector, a UFL vector, a
+            vector function, or a callable of the coordinates that returns shape (components, n); by
+            default the outward normal, averaged over the facets around a node. For a constant
+            direction, degree 1 and Bernstein elements the constraint holds at every point of the
+            contact boundary against the interpolant of g; otherwise it holds at the nodes. At
+            nodes where Dirichlet data fix some components, the obstacle stops the others.
+        bcs: Dirichlet conditions, on vectors or on components. They hold the body against all rigid
+            motions, or the form does.
+        u: The function to be filled with the solution; a new one by default.
+        petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
+        petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
+            multigrid by default. An option of the same name in PETSc's database wins.
+        form_compiler_options, jit_options: See `dolfinx.fem.form`.
+
+    Attributes:
+        u: The displacement, after `solve`.
+        result: The diagnostics of the last solve; None before.
+        a, L: The forms.
+        space: The space of the displacement.
+        system: What the solvers see.
+
+    Raises:
+        InputError: The data are not finite, the space has no vectors, a direction is none, the
+            contact boundary is none, the form is not symmetric or not definite, or a rigid motion
+            is not held.
+
+    Source: Kikuchi and Oden, Contact problems in elasticity, SIAM (1988), Chapter 6.
+    """
+
+    vector_valued = True
+
+    def __init__(
+        self,
+        a: ufl.Form,
+        L: ufl.Form,
+        *,
+        contact: Any,
+        gap: Data = 0.0,
+        direction: Direction = None,
+        bcs: Sequence[fem.DirichletBC] = (),
+        u: fem.Function | None = None,
+        petsc_options_prefix: str | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
+        form_compiler_options: Mapping[str, Any] | None = None,
+        jit_options: Mapping[str, Any] | None = None,
+    ):
+        def constraint(space: fem.FunctionSpace) -> Constraint:
+            domain = space.mesh
+            facets = checked_facets(domain, contact)
+            check(gap=(gap, on_mesh(domain, callables=True)))
+            upper = Obstacle(-1.0, gap, "gap")
+            return Constraint(domain.topology.dim - 1, facets, (upper,), True, direction)
+
+        super().__init__(
+            a,
+            L,
+            constraint,
+            bcs=bcs,
+            u=u,
+            petsc_options_prefix=petsc_options_prefix,
+            petsc_options=petsc_options,
+            form_compiler_options=form_compiler_options,
+            jit_options=jit_options,
+        )
+
+    @property
+    def contact_nodes(self) -> LocalIndices:
+        """The owned nodes that have an obstacle and a free direction."""
+        return self._layout.contact_nodes
+
+    @property
+    def active(self) -> LocalIndices:
+        """The owned nodes in contact.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return np.sort(self.contact_nodes[self.system.touching(self._solution())])
+
+    @property
+    def gap(self) -> fem.Function:
+        """The gap that is left, g - u.d, at the contact nodes, 0 elsewhere; a distance for |d| = 1.
+
+        The gap is never negative, and exactly 0 at the nodes in contact; a function of the scalar
+        space of one component.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        x, layout, directions = self._solution(), self._layout, self._directions
+        gap = fem.Function(layout.nodal, name="gap")
+        left = np.maximum(self.obstacle - x.array_r[layout.contact_dofs], 0.0)
+        lengths = (directions.lengths * directions.shares)[layout.free]
+        gap.x.array[layout.contact_nodes] = left * lengths
+        gap.x.scatter_forward()
+        return gap
+
+    @property
+    def pressure(self) -> fem.Function:
+        """The density of the contact pressure, never negative, and 0 away from contact.
+
+        Its integral is the sum of the normal forces; a function of the scalar space, see
+        `SignoriniProblem.pressure`.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self._layout.density(self._normal_forces())
+
+    @property
+    def forces(self) -> fem.Function:
+        """The contact force on the body at each contact node, against the direction: -p d.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        sizes, size = self._normal_forces(), self.space.dofmap.bs
+        forces = fem.Function(self.space, name="forces")
+        nodes = self._layout.obstacle_dofs // size
+        blocks = forces.x.array.reshape(-1, size)
+        blocks[nodes] = -sizes.x.array[nodes, None] * self._directions.units
+        forces.x.scatter_forward()
+        return forces
+
+    @property
+    def force(self) -> Array:  # type: ignore[override]
+        """The total contact force on the body, one number for each component; collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        size, owned = self.space.dofmap.bs, self.space.dofmap.index_map.size_local
+        forces = self.forces.x.array[: owned * size].reshape(-1, size)
+        return np.asarray(self.comm.allreduce(forces.sum(axis=0)))
+
+    @property
+    def along_direction(self) -> AlongDirection:
+        """The contact along the direction of the obstacle, as that of a scalar; collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        layout, size = self._layout, self.space.dofmap.bs
+        nodes = layout.obstacle_dofs // size
+        u = fem.Function(layout.nodal, name="u.d")
+        blocks = self.u.x.array.reshape(-1, size)[nodes]
+        u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
+        u.x.scatter_forward()
+        held = nodes[~layout.free]
+        return AlongDirection(layout.nodal, u, self.gap, self.pressure, self.contact, held)
+
+    def plot(
+        self,
+        path: Path | str | None = None,
+        *,
+        sides: Mapping[str, LocalIndices] | None = None,
+    ) -> "Picture | None":
+        """Draw gap and pressure along the contact boundary; collective.
+
+        Args:
+            path: Where to save the picture, with a suffix that matplotlib knows; not at all by
+                default.
+            sides: Facets of the mesh by the name of their side, written above the curves.
+
+        Returns:
+            The figure on rank 0, which a notebook shows, and None on the other ranks.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.problem_pictures import draw_problem
+
+        figure = draw_problem(self.along_direction, "contact", sides)
+        if figure is not None and path is not None:
+            figure.savefig(path)
+        return figure
+
+    def _normal_forces(self) -> fem.Function:
+        """The force along the direction at each contact node, a function of the scalar space."""
+        layout = self._layout
+        forces = super().forces
+        shares = self._directions.shares[layout.free]
+        forces.x.array[layout.contact_nodes] /= shares
+        forces.x.scatter_forward()
+        return forces
+
+    @property
+    def _directions(self) -> Directions:
+        directions = self._assembly.directions
+        assert directions is not None
+        return directions
+
+    def _warn_of_jumps(self) -> None:
+        """Coefficients of vectors are not read."""

@@ -1,0 +1,277 @@
+"""Directions of an obstacle that vectors meet: at each contact node u.d <= g.
+
+Without a direction of the user's own, d is the outward unit normal, averaged over the facets around
+a node with their areas as weights. On straight sides this average is the normal; on a curved side
+the averages converge to the normals of the side. Where the mesh has a corner, no average is meant:
+the node is refused.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import basix
+import numpy as np
+from dolfinx import fem, mesh
+from petsc4py import PETSc
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.meshes.elements import control_points, facet_dofs
+from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.sided_meshes import box, facet_cells
+from dolfinx_signorini.problem.checks import place
+from dolfinx_signorini.problem.values import called, evaluator
+from dolfinx_signorini.solvers.components import components
+from dolfinx_signorini.solvers.frames import Frame, turn_towards
+
+Direction: TypeAlias = Sequence[float] | Expr | fem.Function | Callable[[Array], Array] | None
+
+# The length of an averaged normal: cos(30 degrees), half of the turn between two sides of 60.
+SHORTEST = 3.0**0.5 / 2.0
+
+
+class Directions:
+    """The directions at the contact nodes of a problem, and the bounds along them; collective.
+
+    An obstacle at the gap g and Dirichlet data give upper bounds on the turned dofs:
+
+        directions = Directions(space, nodal, facets, nodes, fixed, direction)
+        bounds = directions.bounds(gaps, data, "gap")
+
+    Args:
+        space: The vector space.
+        nodal: The scalar space of one component, whose dofs are the nodes.
+        facets: The contact facets that this rank knows.
+        nodes: The owned contact nodes.
+        fixed: The owned dofs of the vector space with Dirichlet data.
+        direction: The direction, see `ContactProblem`.
+
+    Attributes:
+        units: The unit vector d at each of the nodes, shape (nodes, components).
+        shares: The length of the part of d that Dirichlet data leave free.
+        dofs: The dof of each node that has the bound, after the turn.
+        frame: The turn of the nodes.
+
+    Raises:
+        InputError: A direction is zero or not finite, or an averaged normal is at a corner; the
+            subject is "direction".
+    """
+
+    def __init__(
+        self,
+        space: fem.FunctionSpace,
+        nodal: fem.FunctionSpace,
+        facets: LocalIndices,
+        nodes: LocalIndices,
+        fixed: LocalIndices,
+        direction: Direction,
+    ):
+        size, owned = space.dofmap.bs, nodal.dofmap.index_map.size_local
+        self._fixed = fixed
+        if direction is None:
+            vectors = _normals(nodal, facets)[nodes]
+        else:
+            vectors = _evaluated(nodal, direction, nodes, size)
+        self.lengths = _checked_lengths(nodal, nodes, vectors, direction is None)
+        self.units = vectors / self.lengths[:, None]
+        if direction is None:
+            self.lengths = np.ones(len(nodes))  # the gap is a distance along the normal
+        held = np.zeros(owned * size, dtype=bool)
+        held[fixed] = True
+        self._held = held.reshape(owned, size)[nodes]
+        turns, self.shares, rows = turn_towards(self.units, self._held)
+        free = self.shares > SOLVED
+        self.dofs = (nodes * size + rows).astype(np.int32)
+        self._nodes = nodes
+        self.frame = Frame(nodal, nodes[free], turns[free], free)
+
+    def bounds(self, gaps: Array, data: Array, name: str) -> Array:
+        """Return the bounds on the turned dofs, one for each node.
+
+        Args:
+            gaps: The gap g at each node.
+            data: The Dirichlet data at the fixed dofs; collective.
+            name: The name of the argument that gave the gap.
+
+        Raises:
+            InputError: Dirichlet data alone lie beyond the obstacle.
+        """
+        nodal, size = self.frame.nodal, self.units.shape[1]
+        values = np.zeros(nodal.dofmap.index_map.size_local * size)
+        values[self._fixed] = data
+        known = np.where(self._held, values.reshape(-1, size)[self._nodes], 0.0)
+        scaled = gaps / self.lengths
+        left = scaled - np.einsum("ni,ni->n", self.units, known)
+        free = self.frame.free
+        size_of_data = max(np.abs(known).max(initial=0.0), np.abs(scaled).max(initial=0.0))
+        beyond = ~free & (left < -ROUNDING * size_of_data)
+        message = ""
+        for k in np.flatnonzero(beyond)[:1]:
+            message = (
+                f"{gaps[k]:.6g} lies below the Dirichlet data at {place(nodal, self._nodes[k])}"
+            )
+        require(nodal.mesh.comm, not message, message, name)
+        return np.divide(left, self.shares, out=left.copy(), where=free)
+
+
+def _evaluated(
+    nodal: fem.FunctionSpace, direction: Direction, nodes: LocalIndices, size: int
+) -> Array:
+    """The vectors that a user gives as directions, shape (nodes, components)."""
+    if isinstance(direction, Expr):
+        if direction.ufl_shape != (size,):
+            shape = direction.ufl_shape
+            raise InputError(
+                f"must be a vector of {size} components, has shape {shape}", "direction"
+            )
+        parts = [evaluator(nodal, direction[i], nodes, "direction")() for i in range(size)]
+        return np.stack(parts, axis=1)
+    if callable(direction):
+        x = control_points(nodal)[nodes].T
+        function: Any = direction
+
+        def part(i: int) -> Callable[[Array], Any]:
+            def component(x: Array) -> Any:
+                found = np.asarray(function(x))
+                if len(found) != size:
+                    raise ValueError(f"{len(found)} components, not {size}")
+                return found[i]
+
+            return component
+
+        comm = nodal.mesh.comm
+        return np.stack([called(comm, part(i), x, "direction") for i in range(size)], axis=1)
+    try:
+        constant = np.array(direction, dtype=np.float64)
+    except (TypeError, ValueError):
+        constant = np.empty(0)
+    if constant.shape != (size,):
+        raise InputError(f"must be a vector of {size} components", "direction")
+    return np.tile(constant, (len(nodes), 1))
+
+
+def _normals(nodal: fem.FunctionSpace, facets: LocalIndices) -> Array:
+    """The mean outward normal of the facets around each dof of this rank, weighted by area."""
+    domain, index_map = nodal.mesh, nodal.dofmap.index_map
+    owned = facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
+    pairs = facet_cells(domain, owned)
+    element = nodal.element.basix_element
+    kinds = basix.cell.subentity_types(element.cell_type)[domain.topology.dim - 1]
+    rule = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)
+    at, weights = (np.asarray(part, dtype=np.float64) for part in rule)
+    points = Points(domain, pairs, at)
+    sizes: Array = np.broadcast_to(points.scale, (len(pairs), len(weights))) * weights
+    dofs = facet_dofs(nodal, pairs)
+    area = np.maximum(summed(index_map, dofs, sizes.sum(axis=1)[:, None]), np.finfo(float).tiny)
+    integrals = [(sizes * normal).sum(axis=1)[:, None] for normal in points.normals]
+    return np.stack([summed(index_map, dofs, each) / area for each in integrals], axis=1)
+
+
+def _checked_lengths(
+    nodal: fem.FunctionSpace, nodes: LocalIndices, vectors: Array, averaged: bool
+) -> Array:
+    """The lengths of directions, all of which have one."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    least = SHORTEST if averaged else 0.0
+    bad = ~np.isfinite(lengths) | (lengths <= least)
+    message = ""
+    for k in np.flatnonzero(bad)[:1]:
+        where = place(nodal, nodes[k])
+        message = f"{vectors[k].tolist()} at {where} is no direction"
+        if averaged:
+            message = (
+                f"facets with normals far apart meet at {where}, whose average means none of them; "
+                "give a direction, or leave the facets of one side out of the contact boundary"
+            )
+    require(nodal.mesh.comm, not message, message, "direction")
+    return lengths
+
+
+def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> None:
+    """Refuse a body that Dirichlet data and the form leave free to move as a rigid body.
+
+    Args:
+        A: The matrix in the components of the space, with the Dirichlet data eliminated.
+        nodal: The scalar space of one component; the call is collective.
+        fixed: The owned dofs with Dirichlet data.
+
+    Raises:
+        InputError: The subject is "bcs".
+    """
+    comm, owned = nodal.mesh.comm, nodal.dofmap.index_map.size_local
+    size = nodal.mesh.geometry.dim
+    held: Mask = np.zeros(owned * size, dtype=bool)
+    held[fixed] = True
+    parts, motions = components(nodal), rigid_motions(nodal)
+    for k in range(parts.count):
+        own = motions * (parts.numbers == k)[:, None, None]
+        rows = own.reshape(owned * size, -1)
+        total, fixing = comm.allreduce(np.stack((rows.T @ rows, rows[held].T @ rows[held])))
+        sizes = np.sqrt(np.diag(total))
+        values, vectors = np.linalg.eigh(fixing / np.outer(sizes, sizes))
+        loose = rows @ (vectors[:, values <= ROUNDING] / sizes[:, None])
+        if loose.shape[1] and _least_energy(A, np.where(held[:, None], 0.0, loose)) <= SOLVED:
+            where = f" of {parts.names[k]}" if parts.count > 1 else ""
+            raise InputError(
+                f"a rigid motion{where} is not held: contact alone does not hold a body; fix it by "
+                "Dirichlet conditions, or add a reaction term to the form a",
+                "bcs",
+            )
+
+
+def rigid_motions(nodal: fem.FunctionSpace) -> Array:
+    """Return the rigid motions at the owned nodes, shape (nodes, components, motions).
+
+    Args:
+        nodal: The scalar space of one component; the call is collective.
+    """
+    owned, size = nodal.dofmap.index_map.size_local, nodal.mesh.geometry.dim
+    x = control_points(nodal)[:owned, :size]
+    low, high = box(nodal.mesh.comm, x)
+    x = (x - 0.5 * (low + high)) / (high - low).max()
+    motions = [np.tile(unit, (owned, 1)) for unit in np.eye(size)]
+    for i in range(size):
+        for j in range(i):
+            turn = np.zeros((owned, size))
+            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
+            motions.append(turn)
+    return np.stack(motions, axis=2)
+
+
+def _least_energy(A: PETSc.Mat, columns: Array) -> float:
+    """The least energy of a combination of functions, relative to the diagonal of the matrix."""
+    x, y = A.createVecs()
+    products = []
+    for column in columns.T:
+        x.array_w[:] = column
+        A.mult(x, y)
+        products.append(y.array_r.copy())
+    diagonal = A.getDiagonal()
+    comm = A.comm.tompi4py()
+    energies = columns.T @ np.stack(products, axis=1)
+    scales = columns.T @ (diagonal.array_r[:, None] * columns)
+    energies, scales = comm.allreduce(np.stack((energies, scales)))
+    for item in (x, y, diagonal):
+        item.destroy()
+    inverse = np.linalg.inv(np.linalg.cholesky(scales))
+    return float(np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0])
+
+
+def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """Return the scalar space of one component, whose dofs have the numbers of the nodes.
+
+    Args:
+        space: A space of vectors with Lagrange components.
+    """
+    element = space.ufl_element().sub_elements[0]
+    nodal: fem.FunctionSpace = fem.functionspace(space.mesh, element)
+    assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+    return nodal
+
+
+def is_vector(space: fem.FunctionSpace, domain: mesh.Mesh) -> bool:
+    """Return whether the functions of a space are vectors with a component for each coordinate."""
+    return bool(space.dofmap.bs == domain.geometry.dim > 1)

@@ -1,0 +1,61 @@
+"""A block that is pressed against a parabola, with a displacement in closed form (plane strain).
+
+The half-plane y > 0 carries the pressure p0 sqrt(1 - (x/a)^2) of Hertz on its boundary. The
+potential of Kolosov and Muskhelishvili is analytic there, Phi = i p0 (s - z)/(2 a) with
+s = sqrt(z^2 - a^2): 2 Re Phi = -p on the boundary, and psi' = -z Phi' leaves no shear. On the
+boundary the displacement is -(x^2 + a^2 log a)/(2 R) upwards for |x| <= a, the parabola of an
+obstacle. Any block in the half-plane with this displacement on its other sides has the solution.
+
+Source: Muskhelishvili, Some basic problems of the mathematical theory of elasticity, chapter 19;
+K. L. Johnson, Contact mechanics, section 4.2.
+"""
+
+import numpy as np
+
+E, NU, R, FORCE = 200.0, 0.3, 8.0, 10.0
+MU, KAPPA = E / (2.0 * (1.0 + NU)), 3.0 - 4.0 * NU
+LAMBDA = E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU))
+E_STAR = E / (1.0 - NU**2)
+A = 2.0 * np.sqrt(R * FORCE / (np.pi * E_STAR))
+P0 = 2.0 * FORCE / (np.pi * A)
+
+
+def _potential(x):
+    """z, s, Phi and phi, the integral of Phi."""
+    z = x[0] + 1j * np.maximum(x[1], 0.0)  # + 0.0, for the branch above the cut
+    s = np.sqrt(z - A) * np.sqrt(z + A)
+    factor = 0.5j * P0 / A
+    return z, s, factor * (s - z), factor * 0.5 * (z * s - A**2 * np.log(z + s) - z**2)
+
+
+def displacement(x):
+    """The displacement at points, shape (2 or 3, n): shape (2, n)."""
+    z, _, slope, phi = _potential(x)
+    w = KAPPA * phi - np.conj(phi) - 2j * z.imag * np.conj(slope)
+    return np.stack([w.real, w.imag]) / (2.0 * MU)
+
+
+def gradient(x):
+    """The gradient of the displacement, not at (±a, 0): shape (4, n), row by row."""
+    z, s, slope, _ = _potential(x)
+    curvature = np.conj(0.5j * P0 / A * (z / s - 1.0))
+    along = KAPPA * slope - np.conj(slope) - 2j * z.imag * curvature
+    up = 1j * (KAPPA * slope - np.conj(slope)) - 2.0 * z.imag * curvature
+    return np.stack([along.real, up.real, along.imag, up.imag]) / (2.0 * MU)
+
+
+def stress(x):
+    """The stress, shape (3, n): xx, yy and xy."""
+    xx, xy, yx, yy = gradient(x)
+    trace = LAMBDA * (xx + yy)
+    return np.stack([2.0 * MU * xx + trace, 2.0 * MU * yy + trace, MU * (xy + yx)])
+
+
+def pressure(x):
+    """The pressure on y = 0."""
+    return P0 * np.sqrt(np.maximum(1.0 - (x[0] / A) ** 2, 0.0))
+
+
+def gap(x):
+    """How far y = 0 may move down: the parabola, as high as the solution touches it."""
+    return (x[0] ** 2 + A**2 * np.log(A)) / (2.0 * R)
