@@ -25,7 +25,7 @@ def refuse_unbounded(scene: Scene) -> None:
         InputError: The obstacles are in the domain.
     """
     if scene.contact is None:
-        message = "a proven bound of the energy error is known for obstacles on the boundary only"
+        message = "proven bounds of scenes are for obstacles on the boundary, not for [obstacle]"
         raise InputError(message, "--bound")
 
 
