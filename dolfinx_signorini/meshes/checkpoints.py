@@ -38,12 +38,12 @@ def write_checkpoint(
 
     Args:
         path: The file, which is replaced when the new one is complete.
-        functions: The functions by name, in scalar continuous elements on one mesh.
+        functions: The functions by name, scalars or vectors in continuous elements on one mesh.
         numbers: What else the run needs to go on, such as the time.
 
     Raises:
-        InputError: There is no function, a function is not scalar, two dofs lie at the same place,
-            or the file cannot be written.
+        InputError: There is no function, two nodes lie at the same place, or the file cannot be
+            written.
     """
     _check_functions(functions)
     path, spaces = Path(path), [f.function_space for f in functions.values()]
@@ -53,7 +53,7 @@ def write_checkpoint(
     for name, function in functions.items():
         space = function.function_space
         owned = space.dofmap.index_map.size_local
-        parts = comm.gather((control_points(space)[:owned], function.x.array[:owned]), root=0)
+        parts = comm.gather((control_points(space)[:owned], _at_nodes(function)[:owned]), root=0)
         points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
         data |= {f"points {name}": points, f"values {name}": values}
         data[f"basis {name}"] = _basis(space)
@@ -96,12 +96,13 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
         extent = float(np.ptp(points, axis=0).max())
         distances, found = cKDTree(points).query(places)
         same = len(values) == function.function_space.dofmap.index_map.size_global
+        same &= values.shape[1:] == _at_nodes(function).shape[1:]
         same &= bool((distances <= SOLVED * extent).all())
-        require(comm, same, f"{name!r} lives on another mesh, or is of another degree", str(path))
+        require(comm, same, f"{name!r} lives on another mesh, or in other elements", str(path))
         basis, wanted = str(data.get(f"basis {name}", "")), _basis(function.function_space)
         if basis and basis != wanted:  # files of version 0.1 do not tell
             raise InputError(f"{name!r} has the basis {basis}, not {wanted}", str(path))
-        function.x.array[:] = values[found]
+        _at_nodes(function)[:] = values[found]
     return {
         key.removeprefix("number "): float(value)
         for key, value in data.items()
@@ -133,10 +134,14 @@ def _check_functions(functions: Mapping[str, fem.Function]) -> None:
         raise InputError("names no function", "functions")
     for name, function in functions.items():
         check(functions=(function, FUNCTION))
-        if function.function_space.dofmap.bs != 1:
-            raise InputError(f"{name!r} must be scalar", "functions")
         if function.function_space.mesh.geometry.cmap.degree > 1:
             raise InputError(f"{name!r} must live on a mesh with straight edges", "functions")
+
+
+def _at_nodes(function: fem.Function) -> Array:
+    """A view of the values of this rank: one for each node, or one row for vectors."""
+    size, values = function.function_space.dofmap.bs, function.x.array
+    return np.asarray(values if size == 1 else values.reshape(-1, size))
 
 
 def _basis(space: fem.FunctionSpace) -> str:
@@ -159,10 +164,10 @@ def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
 
 
 def _check_places(points: Array, name: str) -> None:
-    """Refuse two dofs at the same place, which could not be told apart when they are read."""
+    """Refuse two nodes at the same place, which could not be told apart when they are read."""
     extent = float(np.ptp(points, axis=0).max())
     if len(cKDTree(points).query_pairs(SOLVED * extent)):
-        raise InputError(f"{name!r} has two dofs at the same place", "functions")
+        raise InputError(f"{name!r} has two nodes at the same place", "functions")
 
 
 def _read(path: Path, comm: MPI.Comm) -> dict[str, Any]:
