@@ -147,7 +147,10 @@ def draw_plane(
 
 
 def draw_solid(
-    surface: Triangles, contact: ContactBoundary | None = None, title: str = ""
+    surface: Triangles,
+    contact: ContactBoundary | None = None,
+    title: str = "",
+    label: str = "solution $u$",
 ) -> Picture:
     """Return a picture of a function on a solid's boundary, from where most contact is seen."""
     figure = Picture(figsize=(7.6, 5.4))
@@ -158,7 +161,7 @@ def draw_solid(
     view = view_of(surface, contact)
     azimuth = np.degrees(np.arctan2(view[1], view[0])) + 10.0
     axes.view_init(elev=30.0 * view[2], azim=azimuth)
-    figure.colorbar(faces, ax=axes, label="solution $u$", shrink=0.7, pad=0.1)
+    figure.colorbar(faces, ax=axes, label=label, shrink=0.7, pad=0.1)
     axes.set_title(title, parse_math=False)
     return figure
 

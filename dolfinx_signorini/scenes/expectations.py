@@ -57,6 +57,8 @@ class Expectation:
     worst: Corner | None = None
 
     def __str__(self) -> str:
+        if not self.orders:
+            return "not known for displacements"
         orders = (f"{name} {order:.3g}" for name, order in self.orders.items() if order > 0.0)
         rest = [name for name, order in self.orders.items() if order <= 0.0]
         infinite = [name for name in rest if self.infinite(name)]
@@ -72,6 +74,8 @@ class Expectation:
 
 def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     """Return what to expect of a scene, by any mesh of its domain; the call is collective."""
+    if scene.elasticity is not None:
+        return Expectation({}, ())
     notes: list[str] = []
     corners: list[Corner] = []
     if scene.domain.dimension == 2:
@@ -171,7 +175,9 @@ def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
 def terms(scene: Scene) -> list[str]:
     """Return the terms that a scene needs assembled, in words."""
     rows = [", ".join(entry.text for entry in row) for row in scene.diffusion]
-    if not rows:
+    if scene.elasticity is not None:
+        found = scene.elasticity.words()
+    elif not rows:
         found = ["stiffness"]
     elif len(rows) == 1:
         found = [f"stiffness with diffusion {rows[0]}"]
@@ -183,14 +189,17 @@ def terms(scene: Scene) -> list[str]:
         found.append("load and, on Neumann sides, flux of the manufactured solution")
     elif scene.load is not None:
         found.append(f"load {scene.load.text}")
-    words = [c.words() for kind in CONDITIONS[::-1] for c in scene.conditions if type(c) is kind]
+    words = [
+        c.words() for kind in CONDITIONS[::-1] for c in scene.conditions if isinstance(c, kind)
+    ]
     words += [] if scene.obstacle is None else scene.obstacle.words()
     return found + [text for text in words if text]
 
 
 def unknowns(scene: Scene) -> int:
     """Return about how many unknowns a scene has: exactly where the mesh is no polygon's."""
-    return int(scene.degree**scene.domain.dimension * scene.domain.vertices)
+    components = 1 if scene.elasticity is None else scene.domain.dimension
+    return int(components * scene.degree**scene.domain.dimension * scene.domain.vertices)
 
 
 def cost(scene: Scene) -> tuple[float, float]:

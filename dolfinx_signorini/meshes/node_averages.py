@@ -1,0 +1,53 @@
+"""Expressions that jump between cells, such as stresses: their values in cells, and means at nodes.
+
+The stress of a displacement of degree k is, for a constant material, of degree k - 1 in each cell,
+and the size of a polynomial of degree 1 is largest at a corner: up to degree 2 the largest value at
+the nodes of a cell is the largest one in the cell.
+"""
+
+import numpy as np
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.meshes.elements import control_lattice
+from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
+
+
+def values_in_cells(space: fem.FunctionSpace, expression: Expr) -> Array:
+    """Return the values of an expression at the nodes of each owned cell, as seen from the cell.
+
+    Args:
+        space: A scalar space of continuous elements, whose nodes are taken; the call is collective.
+        expression: A UFL expression of any shape.
+
+    Returns:
+        Shape (cells, nodes of a cell, components).
+    """
+    domain, points = space.mesh, control_lattice(space)
+    compiled_one = compiled.expression(expression, points, domain.comm)
+    cells = owned_cells(domain)
+    values = compat.evaluate(compiled_one, domain, cells)
+    size = int(np.prod(expression.ufl_shape))
+    return values.reshape(len(cells), len(points), size)
+
+
+def node_averages(space: fem.FunctionSpace, values: Array) -> Array:
+    """Return the means at the nodes of values in cells, whose weights are the sizes of the cells.
+
+    Args:
+        space: The space of the nodes; the call is collective.
+        values: See `values_in_cells`; on meshes of triangles or tetrahedra.
+
+    Returns:
+        Shape (nodes of this rank, components).
+    """
+    domain, index_map = space.mesh, space.dofmap.index_map
+    count = len(owned_cells(domain))
+    corners = domain.geometry.x[domain.geometry.dofmap[:count, : domain.topology.dim + 1]]
+    dofs, sizes = space.dofmap.list[:count], simplex_sizes(corners)[:, None]
+    total = summed(index_map, dofs, sizes)
+    parts = [summed(index_map, dofs, sizes * part) for part in np.moveaxis(values, 2, 0)]
+    return np.stack(parts, axis=1) / total[:, None]
