@@ -83,7 +83,9 @@ def draw_deformed(
     drawn = Triangles(
         body.points + scale * displacement, np.ascontiguousarray(body.values[:, -1]), body.triangles
     )
+    grey = "" if outline is not None else "; grey: the obstacle"
     told = "displacement to scale" if scale == 1.0 else f"displacement {scale:g} times as large"
+    told += grey
     title = f"{title}\n{told}" if title else told
     if outline is None:
         return _draw_in_space(drawn, seen, boundary, scale, label, title)
@@ -189,5 +191,5 @@ def _draw_in_space(
     figure = draw_solid(drawn, contact, title, label)
     axes = cast(Axes3D, figure.axes[0])
     obstacle, _, _ = _surfaces(boundary, scale)
-    axes.add_collection3d(Poly3DCollection(list(obstacle), color=SHADE, alpha=0.3))
+    axes.add_collection3d(Poly3DCollection(list(obstacle), color=SHADE, alpha=0.3, linewidth=0.3))
     return figure

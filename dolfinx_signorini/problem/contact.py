@@ -47,6 +47,7 @@ class AlongDirection:
         distance: The distance at rest from each free contact node to the obstacle along d, 0
             elsewhere.
         sign: -1, as of an upper obstacle.
+        unknown: The name of u, as matplotlib sets it.
     """
 
     space: fem.FunctionSpace
@@ -58,6 +59,7 @@ class AlongDirection:
     directions: fem.Function
     distance: fem.Function
     sign: float = -1.0
+    unknown: str = r"u \cdot d"
 
 
 class ContactProblem(BoundConstrainedProblem):

@@ -117,7 +117,8 @@ class Held(Dirichlet):
         data = setting.data(self.value)
         values.x.array[owned * size + self.component] = evaluator(nodal, data, owned)()
         values.x.scatter_forward()
-        return fem.dirichletbc(values, [dofs, dofs], setting.space.sub(self.component))
+        component = setting.space.sub(self.component)
+        return fem.dirichletbc(values, [dofs, dofs], component)  # type: ignore[arg-type]
 
     @classmethod
     def reaction(cls, problem: ContactProblem, residual: ufl.Form) -> Array:
@@ -143,12 +144,12 @@ class Traction(Neumann):
     """Sides with a load: the stress times the outward normal is the force.
 
     Attributes:
-        force: The components of the force per area; () for a pressure.
+        parts: The components of the force per area; () for a pressure.
         pressure: The pressure, against the outward normal; None for a force.
     """
 
     value: Formula | None = None
-    force: tuple[Formula, ...] = ()
+    parts: tuple[Formula, ...] = ()
     pressure: Formula | None = None
     key = "traction"
     value_key = "force"
@@ -167,7 +168,7 @@ class Traction(Neumann):
     def words(self) -> str:
         if self.pressure is not None:
             return f"pressure {self.pressure.text} {self.on_sides()}"
-        return f"traction [{', '.join(part.text for part in self.force)}] {self.on_sides()}"
+        return f"traction [{', '.join(part.text for part in self.parts)}] {self.on_sides()}"
 
     def load(self, setting: Setting) -> Expr:
         domain, degree = setting.sided.mesh, setting.space.element.basix_element.degree
@@ -175,7 +176,7 @@ class Traction(Neumann):
         if self.pressure is not None:
             found = integrable_on_facets(self.pressure, domain, facets, degree)
             return -found * ufl.FacetNormal(domain)
-        parts = [integrable_on_facets(part, domain, facets, degree) for part in self.force]
+        parts = [integrable_on_facets(part, domain, facets, degree) for part in self.parts]
         return ufl.as_vector(parts)
 
 
