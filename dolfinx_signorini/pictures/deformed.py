@@ -32,7 +32,7 @@ from dolfinx_signorini.pictures.triangles import Triangles, gather_rows, gathere
 # of the gallery with less could not be told from those at rest, and with more looked torn.
 SEEN, DRAWN = 0.02, 0.06
 MARGIN = 0.06  # of the size of the body, around the body
-AT_REST: dict[str, Any] = {"color": "0.6", "linewidth": 0.8, "linestyle": "--"}
+AT_REST: dict[str, Any] = {"color": "0.6", "linewidth": 0.8}
 OBSTACLE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
 SHADE = "0.85"  # grey, of what is behind the surface of the obstacle
 
@@ -116,17 +116,14 @@ def _gather_boundary(
 ) -> tuple[Array, Array, Indices] | None:
     """Points of the contact boundary, what is known of each, and pieces, on rank 0.
 
-    Of each point are known the displacement, the direction to the obstacle, the distance to it at
-    rest, and the gap, which is infinite where Dirichlet data hold the point.
+    Of each point are known the displacement, the direction to the obstacle, the distance of both at
+    rest, and the gap.
     """
     domain = space.mesh
     count = domain.topology.index_map(domain.topology.dim - 1).size_local
     pairs = facet_cells(domain, contact.contact[contact.contact < count])
     used, (pieces, _) = np.unique(facet_dofs(space, pairs)), facet_pieces(space, pairs)
-    held = fem.Function(space)
-    held.x.array[contact.fixed_dofs] = np.inf
-    held.x.scatter_forward()
-    gap = contact.gap.x.array + held.x.array
+    gap = contact.gap.x.array
     distance = values_at_control_points(space, contact.distance.x.array)
     rows = np.column_stack((moved, _components(space, contact.directions), distance, gap))
     found = gathered(space, used, rows[used], pieces)
@@ -148,10 +145,9 @@ def _surfaces(boundary: tuple[Array, Array, Indices], scale: float) -> tuple[Arr
     points, rows, pieces = boundary
     dim = points.shape[1]
     moved, directions, distance, gap = np.split(rows, [dim, 2 * dim, 2 * dim + 1], axis=1)
-    known = np.isfinite(gap[pieces, 0]).all(axis=1)
     touching = (gap[pieces, 0] == 0.0).all(axis=1)
-    there = (points + scale * distance * directions)[pieces[known]]
-    return there, directions[pieces[known]], (points + scale * moved)[pieces[touching]]
+    there = (points + scale * distance * directions)[pieces]
+    return there, directions[pieces], (points + scale * moved)[pieces[touching]]
 
 
 def _draw_in_plane(

@@ -135,7 +135,8 @@ def draw_plane(
     figure = Picture(figsize=size)
     axes: Any = figure.add_subplot()
     drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
-    figure.colorbar(drawn, ax=axes, label=label, fraction=0.06, pad=0.03)
+    beside = axes.inset_axes([1.03, 0.0, 0.035, 1.0])  # as high as the domain
+    figure.colorbar(drawn, cax=beside, label=label)
     for name, edges in parts.items():
         if len(edges):
             axes.add_collection(LineCollection(list(edges), label=name, zorder=3, **styles[name]))

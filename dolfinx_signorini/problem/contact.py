@@ -44,8 +44,7 @@ class AlongDirection:
         contact: The contact facets that this rank knows.
         fixed_dofs: The contact nodes that Dirichlet data hold.
         directions: The unit vectors d at the contact nodes, 0 elsewhere.
-        distance: The distance at rest from each free contact node to the obstacle along d, 0
-            elsewhere.
+        distance: The distance at rest from each contact node to the obstacle along d, 0 elsewhere.
         sign: -1, as of an upper obstacle.
         unknown: The name of u, as matplotlib sets it.
     """
@@ -163,19 +162,20 @@ class ContactProblem(BoundConstrainedProblem):
 
     @property
     def gap(self) -> fem.Function:
-        """The gap that is left, g - u.d, at the contact nodes, 0 elsewhere; a distance for |d| = 1.
+        """The gap that is left, g - u.d, at nodes with an obstacle, a distance for |d| = 1.
 
-        The gap is never negative, and exactly 0 at the nodes in contact; a function of the scalar
-        space of one component.
+        The gap is never negative, exactly 0 at the nodes in contact, and 0 away from the contact
+        boundary; a function of the scalar space of one component.
 
         Raises:
             InputError: The problem has not been solved.
         """
         x, layout, directions = self._solution(), self._layout, self._directions
         gap = fem.Function(layout.nodal, name="gap")
-        left = np.maximum(self.obstacle - x.array_r[layout.contact_dofs], 0.0)
-        lengths = (directions.lengths * directions.shares)[layout.free]
-        gap.x.array[layout.contact_nodes] = left * lengths
+        free, left = layout.free, self._assembly.obstacles[0].copy()  # of held nodes what is left
+        left[free] = (left[free] - x.array_r[layout.contact_dofs]) * directions.shares[free]
+        nodes = layout.obstacle_dofs // layout.block
+        gap.x.array[nodes] = np.maximum(left, 0.0) * directions.lengths
         gap.x.scatter_forward()
         return gap
 
@@ -234,8 +234,7 @@ class ContactProblem(BoundConstrainedProblem):
         directions.x.array.reshape(-1, size)[nodes] = self._directions.units
         directions.x.scatter_forward()
         gap, distance = self.gap, fem.Function(layout.nodal, name="distance")
-        free, lengths = nodes[layout.free], self._directions.lengths[layout.free]
-        distance.x.array[free] = u.x.array[free] + gap.x.array[free] / lengths
+        distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
         distance.x.scatter_forward()
         held = nodes[~layout.free]
         known = u, gap, self.pressure, self.contact, held
