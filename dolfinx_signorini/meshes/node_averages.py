@@ -45,15 +45,18 @@ def node_averages(space: fem.FunctionSpace, values: Array) -> Array:
 
     Args:
         space: The space of the nodes; the call is collective.
-        values: See `values_in_cells`; on meshes of triangles or tetrahedra.
+        values: See `values_in_cells`. The size of a quadrilateral or hexahedron is that of the
+            simplex of a corner and the next ones.
 
     Returns:
         Shape (nodes of this rank, components).
     """
     domain, index_map = space.mesh, space.dofmap.index_map
-    count = len(owned_cells(domain))
-    corners = domain.geometry.x[domain.geometry.dofmap[:count, : domain.topology.dim + 1]]
-    dofs, sizes = space.dofmap.list[:count], simplex_sizes(corners)[:, None]
+    count, dim = len(owned_cells(domain)), domain.topology.dim
+    simplex = domain.topology.cell_name() in ("triangle", "tetrahedron")
+    corners = [0, *(k + 1 if simplex else 2**k for k in range(dim))]
+    x = domain.geometry.x[domain.geometry.dofmap[:count, corners]]
+    dofs, sizes = space.dofmap.list[:count], simplex_sizes(x)[:, None]
     total = summed(index_map, dofs, sizes)
     parts = [summed(index_map, dofs, sizes * part) for part in np.moveaxis(values, 2, 0)]
     return np.stack(parts, axis=1) / total[:, None]

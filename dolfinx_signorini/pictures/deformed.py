@@ -58,7 +58,7 @@ def draw_deformed(
     obstacle in any scale.
 
     Args:
-        u: The displacement, on triangles or tetrahedra; the call is collective.
+        u: The displacement; the call is collective.
         contact: The contact along the direction of the obstacle.
         stress: What colours the body; None for the size of the displacement.
         label: What the colours mean.
@@ -101,7 +101,7 @@ def scale_for(share: float) -> float:
     if share >= SEEN or share == 0.0 or not math.isfinite(share):
         return 1.0
     power = 10.0 ** math.floor(math.log10(DRAWN / share))
-    return float(max(k * power for k in (1.0, 2.0, 5.0) if k * power * share <= DRAWN))
+    return float(max((k * power for k in (2.0, 5.0) if k * power * share <= DRAWN), default=power))
 
 
 def _components(space: fem.FunctionSpace, u: fem.Function) -> Array:

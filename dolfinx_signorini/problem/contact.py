@@ -11,6 +11,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     check,
     choice,
@@ -276,6 +277,8 @@ class ContactProblem(BoundConstrainedProblem):
             stress=(stress, optional(instance(Expr, "a UFL expression"))),
             scale=(scale, optional(positive)),
         )
+        if stress is not None and stress.ufl_shape:
+            raise InputError("must be a scalar, for example von_mises(...)", "stress")
         # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.pictures.deformed import draw_deformed
         from dolfinx_signorini.pictures.problem_pictures import draw_problem

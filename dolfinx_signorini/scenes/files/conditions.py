@@ -292,18 +292,19 @@ def read_conditions(
     top: TomlTable,
     domain: Domain,
     manufactured: bool,
-    kinds: Sequence[type[BoundaryCondition]] = CONDITIONS,
+    kinds: Sequence[type[BoundaryCondition]] | None = None,
 ) -> tuple[BoundaryCondition, ...]:
     """Return the conditions of a scene file, see `BoundaryCondition.read_all`.
 
     Args:
         top, domain, manufactured: See `BoundaryCondition.read_all`.
-        kinds: The kinds of condition that the file may have.
+        kinds: The kinds of condition that the file may have; those of scalars by default.
 
     Raises:
         InputError: A table makes no sense, or a component on a side belongs to two conditions.
     """
-    conditions = [c for kind in kinds for c in kind.read_all(top, domain, manufactured)]
+    known = CONDITIONS if kinds is None else kinds
+    conditions = [c for kind in known for c in kind.read_all(top, domain, manufactured)]
     owner: dict[tuple[str, int], str] = {}
     for condition in conditions:
         for side in domain.side_names if condition.sides == ALL else condition.sides:

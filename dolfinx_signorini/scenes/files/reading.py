@@ -102,7 +102,7 @@ def parse_scene(
     obstacle, domain = DomainObstacle.read(top, domain, comm)
     elasticity = Elasticity.read(top, domain)
     manufactured = _manufactured(solution, equation, obstacle)
-    kinds = CONDITIONS if elasticity is None else ELASTIC_CONDITIONS
+    kinds = None if elasticity is None else ELASTIC_CONDITIONS
     scene = Scene(
         domain=domain,
         conditions=read_conditions(top, domain, manufactured, kinds),
