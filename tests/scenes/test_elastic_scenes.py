@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -15,6 +16,7 @@ from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.meshes.node_averages import values_in_cells
 from dolfinx_signorini.scenes import load_scene, pose, solve_scene
 from dolfinx_signorini.scenes.elastic_terms import stresses
+from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.bodies import fields_of_body
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import force_columns, lines, summarise
@@ -241,6 +243,42 @@ def test_a_scene_is_the_problem_of_the_python_class(parse, cells, degree):
     assert both[0] == pytest.approx(both[1], rel=1e-6)
     result.destroy()
     problem.destroy()
+
+
+@pytest.mark.parametrize("cells", [12, 72])
+def test_forces_balance_where_contact_meets_a_held_component(parse, cells):
+    """The obstacle pushes sidewards on the corner node, too, whose sidewards component is held."""
+    held = '[[dirichlet]]\nsides = "left"\ncomponents = "x"\nvalue = 0'
+    text = WHOLE.format(cells=cells, degree=1).split("[[traction]]")[0].replace("rtol", "# rtol")
+    text = text.replace('["bottom", "right"]', '"bottom"').replace('"0.02*x"', "0")
+    text = text.replace("x - 0.4", "x") + held
+    result = solve_scene(parse(text), COMM)
+    forces = fem.Function(result.posed.problem.space)
+    forces.x.array[:] = result.posed.problem.forces.x.array
+    x, values_there = values(forces)
+    corner = np.isclose(x[:, 0], 0.0) & np.isclose(x[:, 1], 0.0)
+    assert COMM.allreduce(float(np.abs(values_there[corner, 0]).sum())) > 1e-3
+    summary = summarise(result, scene_boundary(result))
+    assert summary.imbalance <= 1e-6
+    result.destroy()
+
+
+def test_the_scene_of_the_docs_is_one(parse):
+    page = Path(__file__).parents[2] / "docs" / "scenes.md"
+    blocks = [part.split("```")[0] for part in page.read_text().split("```toml\n")[1:]]
+    (text,) = [block for block in blocks if "[elasticity]" in block]
+    result = solve_scene(parse(text), COMM)
+    assert result.solve.active_dofs > 3 and result.posed.problem.force[1] > 0.0
+    result.destroy()
+
+
+def test_elements_of_degree_1_are_too_stiff_near_poissons_ratio_one_half(parse):
+    text = block(poisson=0.495)
+    for degree, told in ((1, True), (2, False)):
+        scene = parse(text.replace("degree = 1", f"degree = {degree}"))
+        notes = expect(scene, scene.domain.make(COMM)).notes
+        assert any("too stiff for Poisson's ratio 0.495" in note for note in notes) == told
+    assert not expect(parse(block()), parse(block()).domain.make(COMM)).notes
 
 
 def test_von_mises_stress_of_known_states(comm):
