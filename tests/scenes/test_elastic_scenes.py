@@ -421,6 +421,26 @@ def test_paraview_gets_displacement_and_stress(folder):
         assert name in data
 
 
+def test_without_adios2_paraview_gets_xdmf(folder, monkeypatch):
+    monkeypatch.setattr(dolfinx, "has_adios2", False)
+    out = folder / "out"
+    text = block(degree=2)
+    assert main(["solve", write(folder, text), "--outputs", "fields", "--out", str(out)]) == 0
+    COMM.barrier()
+    described = (out / "fields.xdmf").read_text()
+    for name in ("displacement", "stress", "von_mises_stress", "gap", "pressure", "in_contact"):
+        assert f'Name="{name}"' in described
+    assert 'AttributeType="Vector"' in described and 'AttributeType="Tensor"' in described
+
+
+def test_costs_name_the_terms_of_bodies(folder, capsys):
+    assert main(["solve", write(folder, block()), "--costs"]) == 0
+    printed = capsys.readouterr().out
+    if COMM.rank == 0:
+        assert "form a: elasticity on cells" in printed
+        assert "form L: traction on the boundary" in printed
+
+
 def test_a_sweep_has_the_components_of_the_force(folder):
     path, out = write(folder, block()), folder / "sweep"
     arguments = ["contact.gap", "0.01", "0.03", "--out", str(out)]
