@@ -16,7 +16,11 @@ from dolfinx_signorini.meshes.elements import (
     facet_pieces,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.node_averages import node_averages, values_in_cells
+from dolfinx_signorini.meshes.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
@@ -66,7 +70,7 @@ def draw_deformed(
         title: The title of the picture.
     """
     space = contact.space
-    moved = _components(space, u)
+    moved = vectors_at_nodes(space, u)
     colours = np.linalg.norm(moved, axis=1)
     if stress is not None:
         colours = node_averages(space, values_in_cells(space, stress))[:, 0]
@@ -83,9 +87,8 @@ def draw_deformed(
     drawn = Triangles(
         body.points + scale * displacement, np.ascontiguousarray(body.values[:, -1]), body.triangles
     )
-    grey = "" if outline is not None else "; grey: the obstacle"
     told = "displacement to scale" if scale == 1.0 else f"displacement {scale:g} times as large"
-    told += grey
+    told += "" if outline is not None else "; grey: the obstacle"
     title = f"{title}\n{told}" if title else told
     if outline is None:
         return _draw_in_space(drawn, seen, boundary, scale, label, title)
@@ -104,13 +107,6 @@ def scale_for(share: float) -> float:
     return float(max((k * power for k in (2.0, 5.0) if k * power * share <= DRAWN), default=power))
 
 
-def _components(space: fem.FunctionSpace, u: fem.Function) -> Array:
-    """The values of a vector at the nodes, or control points, of this rank, one row for each."""
-    size = u.function_space.dofmap.bs
-    parts = u.x.array.reshape(-1, size).T
-    return np.stack([values_at_control_points(space, part.copy()) for part in parts], axis=1)
-
-
 def _gather_boundary(
     space: fem.FunctionSpace, contact: OnObstacle, moved: Array
 ) -> tuple[Array, Array, Indices] | None:
@@ -125,7 +121,8 @@ def _gather_boundary(
     used, (pieces, _) = np.unique(facet_dofs(space, pairs)), facet_pieces(space, pairs)
     gap = contact.gap.x.array
     distance = values_at_control_points(space, contact.distance.x.array)
-    rows = np.column_stack((moved, _components(space, contact.directions), distance, gap))
+    directions = contact.directions.x.array.reshape(moved.shape)  # no coefficients, in any basis
+    rows = np.column_stack((moved, directions, distance, gap))
     found = gathered(space, used, rows[used], pieces)
     return None if found is None else (found[0], found[1], found[2])
 

@@ -11,7 +11,11 @@ from dolfinx_signorini.meshes.elements import (
     nodal_space,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.node_averages import node_averages, values_in_cells
+from dolfinx_signorini.meshes.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.scenes.elastic_terms import LOAD, stresses
@@ -65,15 +69,13 @@ def largest_values(posed: PosedScene, boundary: ContactBoundary | None) -> dict[
         found = float(known.max(initial=0.0)), float(gap.min())
     pressure, gap = problem.comm.bcast(found)
     nodal = problem.gap.function_space
-    size = problem.space.dofmap.bs
-    parts = problem.u.x.array.reshape(-1, size).T
-    moved = np.stack([values_at_control_points(nodal, part.copy()) for part in parts])
+    moved = vectors_at_nodes(nodal, problem.u)
     stress = values_in_cells(nodal, stresses(material, problem.u)[1])
     return {
         "nodes in contact": problem.comm.allreduce(len(problem.active)),
         "largest pressure": pressure,
         "smallest gap": gap,
-        "largest displacement": highest(problem.comm, np.linalg.norm(moved, axis=0)),
+        "largest displacement": highest(problem.comm, np.linalg.norm(moved, axis=1)),
         "largest von Mises stress": highest(problem.comm, stress),
     }
 
@@ -98,8 +100,7 @@ def fields_of_body(posed: PosedScene) -> list[fem.Function]:
         return fem.Function(target, name=name)
 
     found = [function("displacement", (size,)), function("stress", (size, size))]
-    for column, part in enumerate(problem.u.x.array.reshape(-1, size).T):
-        found[0].x.array[column::size] = values_at_control_points(space, part.copy())
+    found[0].x.array[:] = vectors_at_nodes(space, problem.u).ravel()
     tensor, scalar = stresses(material, problem.u)
     found[1].x.array[:] = node_averages(nodal, values_in_cells(nodal, tensor)).ravel()
     scalars = {

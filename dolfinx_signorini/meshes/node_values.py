@@ -1,4 +1,4 @@
-"""Expressions that jump between cells, such as stresses: their values in cells, and means at nodes.
+"""Values at nodes of vectors, and of expressions that jump between cells, such as stresses.
 
 The stress of a displacement of degree k is, for a constant material, of degree k - 1 in each cell,
 and the size of a polynomial of degree 1 is largest at a corner: up to degree 2 the largest value at
@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import summed
-from dolfinx_signorini.meshes.elements import control_lattice
+from dolfinx_signorini.meshes.elements import control_lattice, values_at_control_points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
 
 # How far inside of a cell a node is taken, of the way to its middle. FFCx takes a value of a basis
@@ -38,6 +38,17 @@ def values_in_cells(space: fem.FunctionSpace, expression: Expr) -> Array:
     values = compat.evaluate(at_nodes, domain, cells)
     size = int(np.prod(expression.ufl_shape))
     return values.reshape(len(cells), len(points), size)
+
+
+def vectors_at_nodes(space: fem.FunctionSpace, u: fem.Function) -> Array:
+    """Return the values of a vector at the nodes, or control points, of this rank, a row for each.
+
+    Args:
+        space: The scalar space of one component.
+        u: The vector.
+    """
+    parts = u.x.array.reshape(-1, u.function_space.dofmap.bs).T
+    return np.stack([values_at_control_points(space, part.copy()) for part in parts], axis=1)
 
 
 def node_averages(space: fem.FunctionSpace, values: Array) -> Array:
