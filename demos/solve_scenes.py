@@ -7,14 +7,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.scenes import load_scene, solve_scene
+from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import lines, listing, summarise
 
 comm = MPI.COMM_WORLD
 for path in sorted((Path(__file__).parent / "scenes").glob("*.toml")):
     result = solve_scene(load_scene(path, comm), comm)
-    summary = summarise(result, gather_contact_boundary(result.posed.problem))
+    summary = summarise(result, scene_boundary(result))
     result.destroy()
     if comm.rank == 0:
         print(f"{path.name}: {result.posed.scene.title}")

@@ -6,7 +6,10 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
+
 from dolfinx_signorini.commands import main as cli
+from dolfinx_signorini.scenes.output.summary import force_text
 
 ORDER = (
     "obstacle",
@@ -22,6 +25,11 @@ ORDER = (
     "layers",
     "cube",
     "half_sphere",
+    "hertz",
+    "punch",
+    "beam",
+    "ring",
+    "ball",
 )
 CELLS = {"cube": 10, "half_sphere": 10}  # smaller than in the file, for the pictures
 HEAD = """# Gallery
@@ -97,10 +105,12 @@ def _entry(folder: Path, path: Path, cells: int | None) -> str:
 
 
 def _numbers(summary: dict) -> str:
+    size = max(np.abs(force).max() for force in summary["forces"].values())
     parts = [
         f"{summary['unknowns']} unknowns",
         f"in contact on {summary['contact_size']:.3g} of {summary['boundary_size']:.3g}",
-        f"force of contact {summary['forces']['contact']:.4g}",
+        f"force of contact {force_text(summary['forces']['contact'], size)}",
+        *(f"{name} {value:.4g}" for name, value in summary["body"].items() if value),
         *(f"error {norm} {error:.1e}" for norm, error in summary["errors"].items()),
     ]
     return ", ".join(parts) + "."

@@ -114,15 +114,18 @@ def describe(form: ufl.Form) -> str:
     """Return the terms of a form in words, for example "diffusion on cells, reaction on cells".
 
     A term of a bilinear form is called "diffusion" where it differentiates an argument, else
-    "reaction". A term of a linear form is called "load" on cells and "flux" on facets.
+    "reaction". A term of a linear form is called "load" on cells and "flux" on facets. Of vectors
+    the words for diffusion and flux are "elasticity" and "traction".
     """
     words = set()
+    vectors = any(argument.ufl_shape for argument in form.arguments())
+    stiffness, flux = ("elasticity", "traction") if vectors else ("diffusion", "flux")
     for integral in form.integrals():
         kind = integral.integral_type()
         for term in summands(integral.integrand()):
-            word = "load" if kind == "cell" else "flux"
+            word = "load" if kind == "cell" else flux
             if len(form.arguments()) == 2:
                 slopes = extract_type(term, Derivative)
-                word = "diffusion" if any(map(extract_arguments, slopes)) else "reaction"
+                word = stiffness if any(map(extract_arguments, slopes)) else "reaction"
             words.add(f"{word} on {PLACES.get(kind, kind)}")
     return ", ".join(sorted(words)) or "no term"

@@ -22,7 +22,7 @@ from dolfinx_signorini.pictures.picture import Picture, picture_files, typeset_n
 from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
-from dolfinx_signorini.scenes.output.summary import summarise
+from dolfinx_signorini.scenes.output.summary import force_columns, summarise
 from dolfinx_signorini.scenes.solving import solve_scene
 
 PICTURE, TABLE = "sweep", "sweep.csv"
@@ -111,7 +111,8 @@ def _row(scene: Scene, comm: MPI.Comm) -> Row:
     row = {
         "unknowns": summary.unknowns,
         "in contact": summary.contact_size,
-        **{f"force of {name}": force for name, force in summary.forces.items()},
+        **force_columns(summary.forces),
+        **summary.body,
         **{f"error {name}": error for name, error in summary.errors.items()},
         "seconds": summary.seconds,
     }
@@ -156,7 +157,8 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
     if len(rows) < 2:
         raise InputError("a plot needs two values at least", key)
     errors = [name for name in rows[0] if name.startswith(("error ", "estimate"))]
-    panels = [["in contact"], ["force of contact"], *([errors] if errors else [])]
+    forces = [name for name in rows[0] if name.startswith("force of contact")]
+    panels = [["in contact"], forces, *([errors] if errors else [])]
     figure = Picture(figsize=(4.0 * len(panels), 3.6))
     x, numeric = _positions(rows)
     for axes, names in zip(figure.panels(1, len(panels)), panels, strict=True):
@@ -166,9 +168,11 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
             line = "-" if numeric else ":"  # nothing lies between two formulas
             marker = MARKERS[k % len(MARKERS)]
             axes.plot(x, y, line, marker=marker, color=COLOURS[k], label=label)
-        axes.set(xlabel=key, ylabel="error" if names is errors else names[0])
+        several = "error" if names is errors else "force of contact"
+        axes.set(xlabel=key, ylabel=several if names is errors or len(names) > 1 else names[0])
         if names is errors:
             axes.set_yscale("log")
+        if names is errors or len(names) > 1:
             axes.legend(frameon=False)
         if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):
             axes.set_xscale("log")

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.kinds import check, integer, simplices
+from dolfinx_signorini.base.kinds import check, integer, sequence, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
 
 HIGHEST_DEGREE = 4  # that problems are tested with
@@ -30,7 +30,9 @@ HIGHEST_DEGREE = 4  # that problems are tested with
 LARGEST_DEGREE = 2 * HIGHEST_DEGREE
 
 
-def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
+def bernstein_space(
+    domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()
+) -> fem.FunctionSpace:
     """Return the continuous piecewise polynomials in the Bernstein basis.
 
     `fem.dirichletbc` takes a function of this space, and no number: from degree 2 on coefficients
@@ -39,18 +41,25 @@ def bernstein_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
     Args:
         domain: A mesh of triangles or tetrahedra.
         degree: The polynomial degree, 1 to 8; of degree 1 the basis is that of Lagrange elements.
+        shape: The shape of the values: (2,) or (3,) for displacements, () for scalars.
 
     Raises:
-        InputError: The mesh has other cells, or the degree is another one.
+        InputError: The mesh has other cells, or the degree or the shape is another one.
     """
-    check(domain=(domain, simplices(2, 3)), degree=(degree, integer(1, LARGEST_DEGREE)))
-    if degree == 1:
-        return lagrange_space(domain, 1, basix.LagrangeVariant.gll_warped)
-    return lagrange_space(domain, degree, basix.LagrangeVariant.bernstein)
+    sizes = sequence(integer(1), "a tuple of numbers")
+    check(
+        domain=(domain, simplices(2, 3)),
+        degree=(degree, integer(1, LARGEST_DEGREE)),
+        shape=(shape, sizes),
+    )
+    kinds = basix.LagrangeVariant
+    return lagrange_space(
+        domain, degree, kinds.gll_warped if degree == 1 else kinds.bernstein, tuple(shape)
+    )
 
 
 def lagrange_space(
-    domain: mesh.Mesh, degree: int, variant: basix.LagrangeVariant
+    domain: mesh.Mesh, degree: int, variant: basix.LagrangeVariant, shape: tuple[int, ...] = ()
 ) -> fem.FunctionSpace:
     """Return the continuous piecewise polynomials in the basis of a variant.
 
@@ -58,15 +67,19 @@ def lagrange_space(
         domain: The mesh.
         degree: The polynomial degree.
         variant: Basix's name of the basis.
+        shape: The shape of the values.
     """
     return fem.functionspace(
-        domain, _lagrange_element(domain.topology.cell_name(), degree, variant)
+        domain, _lagrange_element(domain.topology.cell_name(), degree, variant, shape)
     )
 
 
 @functools.cache
-def _lagrange_element(cell: str, degree: int, variant: basix.LagrangeVariant) -> Any:
-    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+def _lagrange_element(
+    cell: str, degree: int, variant: basix.LagrangeVariant, shape: tuple[int, ...]
+) -> Any:
+    size = shape or None
+    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant, shape=size)
 
 
 def constants(domain: mesh.Mesh) -> fem.FunctionSpace:
@@ -143,14 +156,18 @@ def _on_cells(space: fem.FunctionSpace, cells: LocalIndices | None) -> Iterator[
 def _shares(space: fem.FunctionSpace) -> Array:
     """The values of the functions of the geometry at the dofs of a cell, one row for each dof."""
     element = space.mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
-    shares = np.array(element.tabulate(0, _control_lattice(space))[0])
+    shares = np.array(element.tabulate(0, control_lattice(space))[0])
     for exact in (0.0, 1.0):
         shares[np.abs(shares - exact) < SOLVED] = exact
     return shares
 
 
-def _control_lattice(space: fem.FunctionSpace) -> Array:
-    """The places of the dofs of a cell in the reference cell, shape (dofs, coordinates)."""
+def control_lattice(space: fem.FunctionSpace) -> Array:
+    """Return the places of the dofs of a cell in the reference cell, shape (dofs, coordinates).
+
+    Args:
+        space: A space of continuous elements.
+    """
     element = space.element.basix_element
     if is_bernstein(space):
         element = _nodal_element(element.cell_type, element.degree)

@@ -31,6 +31,7 @@ class Solved(Protocol):
     """The part of a solved problem that this module needs."""
 
     sign: float
+    unknown: str
     space: fem.FunctionSpace
     u: fem.Function
 
@@ -70,6 +71,7 @@ class ContactBoundary:
         touching: Whether the dof of a point is (but for rounding) at the obstacle.
         clear: Whether the gap is large against the accuracy of the mesh.
         upper: Whether the obstacle is an upper one.
+        unknown: The name of u, as matplotlib sets it.
         names: The names of sides.
         sides: For each piece the number of its side in `names`, -1 for none; empty without names.
     """
@@ -80,6 +82,7 @@ class ContactBoundary:
     touching: npt.NDArray[np.bool_]
     clear: npt.NDArray[np.bool_]
     upper: bool
+    unknown: str = "u"
     names: tuple[str, ...] = ()
     sides: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
@@ -171,7 +174,7 @@ def gather_contact_region(problem: Solved) -> ContactRegion | None:
         corners = np.concatenate(element.entity_dofs[0])[None]
     pieces = dofs[:, corners].reshape(-1, corners.shape[1])
     found = _gathered(problem, np.unique(dofs), pieces, np.full(len(pieces), -1))
-    return None if found is None else _sorted(ContactRegion, problem.sign < 0.0, (), *found)
+    return None if found is None else _sorted(ContactRegion, problem, (), *found)
 
 
 def gather_contact_boundary(
@@ -193,8 +196,8 @@ def gather_contact_boundary(
         named[np.isin(facets, part)] = number
     pieces, owners = facet_pieces(space, pairs)
     found = _gathered(problem, np.unique(facet_dofs(space, pairs)), pieces, named[owners])
-    upper, names = problem.sign < 0.0, tuple(sides or ())
-    return None if found is None else _sorted(ContactBoundary, upper, names, *found)
+    names = tuple(sides or ())
+    return None if found is None else _sorted(ContactBoundary, problem, names, *found)
 
 
 def _gathered(
@@ -220,7 +223,7 @@ def _gathered(
 
 def _sorted(
     kind: type[Kind],
-    upper: bool,
+    problem: Solved,
     names: tuple[str, ...],
     points: Array,
     values: Array,
@@ -241,4 +244,5 @@ def _sorted(
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
     touching = values[:, 3] <= TOUCHING * size
-    return kind(points, values[:, :3], pieces, touching, clear, upper, names, sides)
+    known = touching, clear, problem.sign < 0.0, problem.unknown
+    return kind(points, values[:, :3], pieces, *known, names, sides)

@@ -122,7 +122,8 @@ def draw_faces(axes: Any, triangles: Array, values: Array) -> Poly3DCollection:
 
 
 def _gap_label(boundary: ContactBoundary) -> str:
-    return "gap " + ("$g - u$" if boundary.upper else "$u - g$")
+    u = boundary.unknown
+    return "gap " + (f"$g - {u}$" if boundary.upper else f"${u} - g$")
 
 
 def _shade(axes: Any, s: Array, touching: npt.NDArray[np.bool_]) -> None:

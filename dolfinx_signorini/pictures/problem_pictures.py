@@ -135,7 +135,8 @@ def draw_plane(
     figure = Picture(figsize=size)
     axes: Any = figure.add_subplot()
     drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
-    figure.colorbar(drawn, ax=axes, label=label, fraction=0.06, pad=0.03)
+    beside = axes.inset_axes([1.03, 0.0, 0.035, 1.0])  # as high as the domain
+    figure.colorbar(drawn, cax=beside, label=label)
     for name, edges in parts.items():
         if len(edges):
             axes.add_collection(LineCollection(list(edges), label=name, zorder=3, **styles[name]))
@@ -147,7 +148,10 @@ def draw_plane(
 
 
 def draw_solid(
-    surface: Triangles, contact: ContactBoundary | None = None, title: str = ""
+    surface: Triangles,
+    contact: ContactBoundary | None = None,
+    title: str = "",
+    label: str = "solution $u$",
 ) -> Picture:
     """Return a picture of a function on a solid's boundary, from where most contact is seen."""
     figure = Picture(figsize=(7.6, 5.4))
@@ -158,7 +162,7 @@ def draw_solid(
     view = view_of(surface, contact)
     azimuth = np.degrees(np.arctan2(view[1], view[0])) + 10.0
     axes.view_init(elev=30.0 * view[2], azim=azimuth)
-    figure.colorbar(faces, ax=axes, label="solution $u$", shrink=0.7, pad=0.1)
+    figure.colorbar(faces, ax=axes, label=label, shrink=0.7, pad=0.1)
     axes.set_title(title, parse_math=False)
     return figure
 

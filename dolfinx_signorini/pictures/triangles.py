@@ -31,7 +31,7 @@ class Triangles:
 
     Attributes:
         points: Coordinates of the vertices, shape (points, dimension).
-        values: The values at the vertices.
+        values: The values at the vertices, or a row of values at each.
         triangles: Indices of points, shape (triangles, 3).
     """
 
@@ -46,7 +46,18 @@ def gather_triangles(u: fem.Function) -> Triangles | None:
     Args:
         u: The function, in continuous elements of any degree; the call is collective.
     """
-    space, topology = u.function_space, u.function_space.mesh.topology
+    space = u.function_space
+    return gather_rows(space, values_at_control_points(space, u.x.array))
+
+
+def gather_rows(space: fem.FunctionSpace, rows: Array) -> Triangles | None:
+    """Return values at the places of dofs, as `gather_triangles` does with those of a function.
+
+    Args:
+        space: A scalar space of continuous elements of any degree; the call is collective.
+        rows: One value for each dof of this rank, or one row of values.
+    """
+    topology = space.mesh.topology
     dim = topology.dim
     if dim == 2:
         element = space.element.basix_element
@@ -57,7 +68,7 @@ def gather_triangles(u: fem.Function) -> Triangles | None:
         owned = facets[facets < topology.index_map(dim - 1).size_local]
         corners, _ = facet_pieces(space, facet_cells(space.mesh, owned))
     used = np.unique(corners)
-    found = gathered(space, used, values_at_control_points(space, u.x.array)[used], corners)
+    found = gathered(space, used, rows[used], corners)
     return None if found is None else Triangles(*found)
 
 

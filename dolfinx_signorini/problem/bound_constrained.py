@@ -88,6 +88,7 @@ class BoundConstrainedProblem:
     """
 
     vector_valued = False  # whether the unknowns are vectors
+    unknown = "u"  # what is on one side of the obstacle, as matplotlib sets it
     # What is there before the constructor has succeeded, and is freed in any case.
     _system: System | None = None
     _solver: ActiveSetSolver | None = None

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.kinds import check, on_mesh
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import (
+    check,
+    choice,
+    instance,
+    on_mesh,
+    optional,
+    positive,
+)
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
@@ -35,7 +44,10 @@ class AlongDirection:
         gap, pressure: As those of the problem.
         contact: The contact facets that this rank knows.
         fixed_dofs: The contact nodes that Dirichlet data hold.
+        directions: The unit vectors d at the contact nodes, 0 elsewhere.
+        distance: The distance at rest from each contact node to the obstacle along d, 0 elsewhere.
         sign: -1, as of an upper obstacle.
+        unknown: The name of u, as matplotlib sets it.
     """
 
     space: fem.FunctionSpace
@@ -44,7 +56,10 @@ class AlongDirection:
     pressure: fem.Function
     contact: LocalIndices
     fixed_dofs: LocalIndices
+    directions: fem.Function
+    distance: fem.Function
     sign: float = -1.0
+    unknown: str = r"u \cdot d"
 
 
 class ContactProblem(BoundConstrainedProblem):
@@ -148,19 +163,20 @@ class ContactProblem(BoundConstrainedProblem):
 
     @property
     def gap(self) -> fem.Function:
-        """The gap that is left, g - u.d, at the contact nodes, 0 elsewhere; a distance for |d| = 1.
+        """The gap that is left, g - u.d, at nodes with an obstacle, a distance for |d| = 1.
 
-        The gap is never negative, and exactly 0 at the nodes in contact; a function of the scalar
-        space of one component.
+        The gap is never negative, exactly 0 at the nodes in contact, and 0 away from the contact
+        boundary; a function of the scalar space of one component.
 
         Raises:
             InputError: The problem has not been solved.
         """
         x, layout, directions = self._solution(), self._layout, self._directions
         gap = fem.Function(layout.nodal, name="gap")
-        left = np.maximum(self.obstacle - x.array_r[layout.contact_dofs], 0.0)
-        lengths = (directions.lengths * directions.shares)[layout.free]
-        gap.x.array[layout.contact_nodes] = left * lengths
+        free, left = layout.free, self._assembly.obstacles[0].copy()  # of held nodes what is left
+        left[free] = (left[free] - x.array_r[layout.contact_dofs]) * directions.shares[free]
+        nodes = layout.obstacle_dofs // layout.block
+        gap.x.array[nodes] = np.maximum(left, 0.0) * directions.lengths
         gap.x.scatter_forward()
         return gap
 
@@ -215,32 +231,63 @@ class ContactProblem(BoundConstrainedProblem):
         blocks = self.u.x.array.reshape(-1, size)[nodes]
         u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
         u.x.scatter_forward()
+        directions = fem.Function(self.space, name="directions")
+        directions.x.array.reshape(-1, size)[nodes] = self._directions.units
+        directions.x.scatter_forward()
+        gap, distance = self.gap, fem.Function(layout.nodal, name="distance")
+        distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
+        distance.x.scatter_forward()
         held = nodes[~layout.free]
-        return AlongDirection(layout.nodal, u, self.gap, self.pressure, self.contact, held)
+        known = u, gap, self.pressure, self.contact, held
+        return AlongDirection(layout.nodal, *known, directions, distance)
 
     def plot(
         self,
         path: Path | str | None = None,
         *,
+        what: str = "contact",
+        stress: Expr | None = None,
+        scale: float | None = None,
         sides: Mapping[str, LocalIndices] | None = None,
     ) -> "Picture | None":
-        """Draw gap and pressure along the contact boundary; collective.
+        """Draw gap and pressure along the contact boundary, or the deformed body; collective.
+
+        The deformed body has the colours of a stress where one is given:
+
+            problem.plot(what="deformed", stress=von_mises(problem.u, young=200.0, poisson=0.3))
 
         Args:
             path: Where to save the picture, with a suffix that matplotlib knows; not at all by
                 default.
+            what: "contact", or "deformed" for the body with the displacement and the obstacle.
+            stress: A scalar expression that colours the deformed body; by default the size of the
+                displacement.
+            scale: How many times as large as it is the displacement is drawn, which the picture
+                says; by default 1, or a larger number where the displacement would not be seen.
             sides: Facets of the mesh by the name of their side, written above the curves.
 
         Returns:
             The figure on rank 0, which a notebook shows, and None on the other ranks.
 
         Raises:
-            InputError: The problem has not been solved.
+            InputError: The problem has not been solved, or an argument makes no sense.
         """
+        check(
+            what=(what, choice("contact", "deformed")),
+            stress=(stress, optional(instance(Expr, "a UFL expression"))),
+            scale=(scale, optional(positive)),
+        )
+        if stress is not None and stress.ufl_shape:
+            raise InputError("must be a scalar, for example von_mises(...)", "stress")
         # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.deformed import draw_deformed
         from dolfinx_signorini.pictures.problem_pictures import draw_problem
 
-        figure = draw_problem(self.along_direction, "contact", sides)
+        if what == "contact":
+            figure = draw_problem(self.along_direction, "contact", sides)
+        else:
+            label = "size of the displacement" if stress is None else "stress"
+            figure = draw_deformed(self.u, self.along_direction, stress, label, scale)
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure

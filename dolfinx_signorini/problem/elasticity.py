@@ -1,4 +1,4 @@
-"""Linear elasticity: the stress of a displacement, and the bilinear form."""
+"""Linear elasticity: the stress of a displacement, von Mises stress, and the bilinear form."""
 
 from typing import Any
 
@@ -38,6 +38,30 @@ def stress(u: Expr, young: Any, poisson: Any, plane: str = "strain") -> Expr:
     if size[0] == 2 and plane == "stress":
         volume = young * poisson / (1.0 - poisson**2)
     return 2.0 * shear * strain + volume * ufl.tr(strain) * ufl.Identity(size[0])
+
+
+def von_mises(u: Expr, young: Any, poisson: Any, plane: str = "strain") -> Expr:
+    """Return the von Mises stress of a displacement, a scalar that is never negative.
+
+    In plane strain the stress at right angles to the plane counts, too.
+
+    Args:
+        u, young, poisson, plane: See `stress`.
+
+    Raises:
+        InputError: An argument makes no sense.
+
+    Source: sqrt(3/2) times the size of the deviator of the stress, von Mises (1913).
+    """
+    found = stress(u, young, poisson, plane)
+    size, trace = found.ufl_shape[0], ufl.tr(found)
+    beside = poisson * trace if size == 2 and plane == "strain" else 0.0
+    mean = (trace + beside) / 3.0
+    deviator = found - mean * ufl.Identity(size)
+    squares = ufl.inner(deviator, deviator)
+    if size == 2:
+        squares += (beside - mean) ** 2
+    return ufl.sqrt(1.5 * squares)
 
 
 def elasticity(u: Expr, v: Expr, young: Any, poisson: Any, plane: str = "strain") -> ufl.Form:

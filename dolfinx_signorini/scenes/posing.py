@@ -1,5 +1,6 @@
 """The discrete problem of a scene, with the forms and data that the scene mentions."""
 
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for, measure_for_load
+from dolfinx_signorini.data.interfaces.rules import measure_for, measure_for_load
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
@@ -30,6 +31,13 @@ from dolfinx_signorini.norms.manufactured import (
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes.elastic_terms import (
+    LOAD,
+    Terms,
+    body_force,
+    elastic_form,
+    elastic_problem,
+)
 from dolfinx_signorini.scenes.files.conditions import (
     CONDITIONS,
     BoundaryCondition,
@@ -37,12 +45,9 @@ from dolfinx_signorini.scenes.files.conditions import (
     Neumann,
     Setting,
 )
+from dolfinx_signorini.scenes.files.elastic_conditions import ElasticContact
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.files.toml_table import ALL
-
-Terms = dict[str, tuple[Expr, CellMeasure]]
-
-LOAD = "load"  # the name of the load of the equation among the sources
 
 
 @dataclass(frozen=True)
@@ -96,15 +101,20 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         failing = violations(scene, sided)
         if failing:
             raise InputError("; ".join(failing), "solution")
-    space = bernstein_space(sided.mesh, scene.degree)
+    shape = () if scene.elasticity is None else (scene.domain.dimension,)
+    space = bernstein_space(sided.mesh, scene.degree, shape)
     setting = Setting(sided, space, _exact_solution(scene, sided))
     both = zip(_cell_terms(scene, setting), _facet_terms(scene, setting, parts), strict=True)
     sources, reactions = (on_cells | on_facets for on_cells, on_facets in both)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    a = _diffusion_form(scene, setting, u, v)
+    if scene.elasticity is None:
+        a = _diffusion_form(scene, setting, u, v)
+    else:
+        a = elastic_form(scene.elasticity, setting, u, v)
     for c, measure in reactions.values():
         a += c * u * v * measure
-    loads = [integrand * v * measure for integrand, measure in sources.values()]
+    paired = ufl.inner if v.ufl_shape else operator.mul
+    loads = [paired(integrand, v) * measure for integrand, measure in sources.values()]
     L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
     problem = _problem(scene, setting, a, L)
     return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
@@ -114,6 +124,8 @@ def _problem(scene: Scene, setting: Setting, a: ufl.Form, L: ufl.Form) -> BoundC
     """Return the problem of a scene, of the kind that the place of its obstacles decides on."""
     conditions = [condition.dirichlet(setting) for condition in scene.conditions]
     bcs, sided = [bc for bc in conditions if bc is not None], setting.sided
+    if isinstance(scene.contact, ElasticContact):
+        return elastic_problem(scene.contact, setting, a, L, bcs)
     if scene.contact is not None:
         return SignoriniProblem(
             a,
@@ -209,6 +221,8 @@ def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.For
 def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     """Return the load and the reaction of the equation as sources and reactions."""
     domain, degree = setting.sided.mesh, scene.degree
+    if scene.elasticity is not None:
+        return body_force(scene.elasticity, setting), {}
     sources: Terms = {}
     reactions: Terms = {}
     exact, formula = setting.exact if scene.manufactured else None, coefficients(scene).load
@@ -299,4 +313,5 @@ def _zero_form(v: Expr) -> ufl.Form:
     domain = v.ufl_function_space().mesh
     metadata, nowhere = QuadratureRule("default", 0).metadata, [(1, np.empty(0, dtype=np.int32))]
     none = ufl.Measure("dx", domain, subdomain_data=nowhere, metadata=metadata)
-    return fem.Constant(domain, default_scalar_type(0.0)) * v * none(1)
+    test = v[0] if v.ufl_shape else v
+    return fem.Constant(domain, default_scalar_type(0.0)) * test * none(1)

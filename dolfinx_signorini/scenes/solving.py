@@ -35,8 +35,9 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
+from dolfinx_signorini.scenes.files.elasticity import refuse_for_displacements
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
 from dolfinx_signorini.scenes.scene_data import data_of
@@ -110,6 +111,8 @@ class SceneResult:
 
     def plot(self, path: Path | str | None = None, *, what: str = "solution") -> "Picture | None":
         """Draw the solution with the parts of the boundary, or gap and pressure; collective.
+
+        The solution of an elastic body is its deformed shape with the von Mises stress.
 
         Args:
             path: Where to save the picture; not at all by default.
@@ -187,6 +190,8 @@ def solve_scene(
         parse_norm(norm)
     if accuracy is None and budget is None:
         accuracy = scene.accuracy
+    asked = {"accuracy": accuracy, "budget": budget, "norm": norm}
+    refuse_for_displacements(scene.elasticity, [k for k, v in asked.items() if v is not None])
     phases = Phases(comm) if phases is None else phases
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
@@ -276,7 +281,10 @@ def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:
     ascent = _Ascent(scene, comm, phases)
-    solve_cascade(ascent.pose, scene.levels(), rtol=scene.rtol, on_level=ascent.note)
+    rtol = scene.rtol
+    if rtol is None and scene.elasticity is not None:
+        rtol = DEFAULT_RTOL  # an earlier stop left forces of held sides that were 1 % off
+    solve_cascade(ascent.pose, scene.levels(), rtol=rtol, on_level=ascent.note)
     return _result(ascent.posed, ascent.expectation, phases, levels=tuple(ascent.levels))
 
 

@@ -63,6 +63,10 @@ def things(tmp_path_factory):
     return Things(COMM.bcast(tmp_path_factory.mktemp("public") if COMM.rank == 0 else None))
 
 
+def displacement(t):
+    return fem.Function(fem.functionspace(t.mesh, ("Lagrange", 1, (2,))))
+
+
 # Functions, what they are given, and for each argument what is refused.
 NO_MESH = (None, "square", 4)
 NO_INTEGER = (None, "4", 2.5, NAN, True)
@@ -70,7 +74,11 @@ NO_TEXTS = (None, "L2", 4, [4], [None])
 TABLE = {
     "bernstein_space": (
         lambda t: {"domain": t.mesh, "degree": 2},
-        lambda t: {"domain": (*NO_MESH, t.quadrilaterals), "degree": (*NO_INTEGER, 0, -1, 9)},
+        lambda t: {
+            "domain": (*NO_MESH, t.quadrilaterals),
+            "degree": (*NO_INTEGER, 0, -1, 9),
+            "shape": (None, 2, "2", (0,), (2.0,)),
+        },
     ),
     "boundary_facets": (lambda t: {"domain": t.mesh}, lambda t: {"domain": NO_MESH}),
     "box_mesh": (
@@ -291,6 +299,15 @@ TABLE = {
     "QuadratureRule": (
         lambda t: {"scheme": "default", "degree": 3},
         lambda t: {"scheme": (None, 4, "junk"), "degree": (*NO_INTEGER, -1, 10**6)},
+    ),
+    "von_mises": (
+        lambda t: {"u": displacement(t), "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, 1.0, t.x[0], t.problem.u),
+            "young": (0.0, -1.0),
+            "poisson": (0.5, -1.0),
+            "plane": (None, 1, "junk"),
+        },
     ),
     "ObstacleProblem": (
         lambda t: {"a": t.problem.a, "L": t.problem.L, "lower": -0.1},

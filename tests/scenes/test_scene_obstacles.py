@@ -513,7 +513,7 @@ def test_cells_that_are_unknown_are_refused(folder, capfd):
 def test_a_proven_bound_is_refused_before_the_solve(folder, capfd):
     assert main(["solve", write(folder, BALL), "--bound"]) == 2
     told = "".join(COMM.allgather(capfd.readouterr().err))
-    assert "--bound: " in told and "on the boundary only" in told
+    assert "--bound: " in told and "not for [obstacle]" in told
 
 
 def test_what_is_foretold(folder, capfd):

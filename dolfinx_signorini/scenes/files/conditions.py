@@ -6,7 +6,9 @@ kind is a subclass of `BoundaryCondition` in the list `CONDITIONS`.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import ufl
@@ -25,6 +27,7 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution, matching_
 from dolfinx_signorini.pictures.palette import COLOURS, CONTACT
 from dolfinx_signorini.problem.assembly import restricted
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.directions import scalar_space
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
@@ -49,6 +52,11 @@ class Setting:
     sided: SidedMesh
     space: fem.FunctionSpace
     exact: ManufacturedSolution | None
+
+    @cached_property
+    def nodal(self) -> fem.FunctionSpace:
+        """The scalar space of one component, where the space has vectors."""
+        return scalar_space(self.space)
 
     @property
     def x(self) -> ufl.SpatialCoordinate:
@@ -121,6 +129,11 @@ class BoundaryCondition(ABC):
             raise table.error(None, f"{cls.value_key!r} is missing")
         table.finish()
         return cls(sides, value)
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """The numbers of the components of u that the condition is on; () for all."""
+        return ()
 
     @abstractmethod
     def words(self) -> str:
@@ -276,19 +289,28 @@ CONDITIONS: tuple[type[BoundaryCondition], ...] = (Contact, Dirichlet, Neumann)
 
 
 def read_conditions(
-    top: TomlTable, domain: Domain, manufactured: bool
+    top: TomlTable,
+    domain: Domain,
+    manufactured: bool,
+    kinds: Sequence[type[BoundaryCondition]] | None = None,
 ) -> tuple[BoundaryCondition, ...]:
     """Return the conditions of a scene file, see `BoundaryCondition.read_all`.
 
+    Args:
+        top, domain, manufactured: See `BoundaryCondition.read_all`.
+        kinds: The kinds of condition that the file may have; those of scalars by default.
+
     Raises:
-        InputError: A table makes no sense, or a side belongs to two conditions.
+        InputError: A table makes no sense, or a component on a side belongs to two conditions.
     """
-    conditions = [c for kind in CONDITIONS for c in kind.read_all(top, domain, manufactured)]
-    owner: dict[str, str] = {}
+    known = CONDITIONS if kinds is None else kinds
+    conditions = [c for kind in known for c in kind.read_all(top, domain, manufactured)]
+    owner: dict[tuple[str, int], str] = {}
     for condition in conditions:
         for side in domain.side_names if condition.sides == ALL else condition.sides:
-            if side in owner:
-                message = f"side {side!r} belongs to {owner[side]} already"
-                raise top.error(condition.key, message)
-            owner[side] = condition.key
+            for component in condition.components or range(domain.dimension):
+                if (side, component) in owner:
+                    message = f"side {side!r} belongs to {owner[side, component]} already"
+                    raise top.error(condition.key, message)
+                owner[side, component] = condition.key
     return tuple(conditions)

@@ -20,6 +20,8 @@ from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.scenes.domains.kinds import read_domain
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_conditions
 from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
+from dolfinx_signorini.scenes.files.elastic_conditions import ELASTIC_CONDITIONS
+from dolfinx_signorini.scenes.files.elasticity import Elasticity, refuse_keys
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
 from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
 
@@ -86,6 +88,7 @@ def parse_scene(
     """
     file = TomlFile(path.name, text, overrides)
     top = file.load()
+    refuse_keys(top)
     accuracy, norm = _accuracy(top)
     domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None, adapted)
     file.dimension = domain.dimension
@@ -97,11 +100,14 @@ def parse_scene(
         raise equation.error("reaction", "must not be negative")
     diffusion = _diffusion(equation, domain.dimension)
     obstacle, domain = DomainObstacle.read(top, domain, comm)
+    elasticity = Elasticity.read(top, domain)
     manufactured = _manufactured(solution, equation, obstacle)
+    kinds = None if elasticity is None else ELASTIC_CONDITIONS
     scene = Scene(
         domain=domain,
-        conditions=read_conditions(top, domain, manufactured),
+        conditions=read_conditions(top, domain, manufactured, kinds),
         obstacle=obstacle,
+        elasticity=elasticity,
         diffusion=diffusion,
         reaction=reaction,
         load=load,
@@ -130,8 +136,9 @@ def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
     except InputError as error:
         file = TomlFile(path.name, scene.text, scene.overrides)
         file.load()
-        known = error.subject in SUBJECTS
-        key, message = (SUBJECTS[error.subject], error.message) if known else ((), str(error))
+        subjects = SUBJECTS | (Elasticity.subjects if scene.elasticity is not None else {})
+        known = error.subject in subjects
+        key, message = (subjects[error.subject], error.message) if known else ((), str(error))
         raise file.error(key, message) from None
 
 

@@ -1,4 +1,4 @@
-"""Scenes: one Signorini problem, or one with obstacles in the domain, as data.
+"""Scenes: one Signorini problem of a scalar or of an elastic body, or obstacles in the domain.
 
 A scene names its parts: the domain, the conditions on its boundary, the coefficients, the load
 and, where it is known, the solution. What a scene does not name is neither assembled nor stored.
@@ -13,6 +13,7 @@ from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
 from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
+from dolfinx_signorini.scenes.files.elasticity import Elasticity
 
 Tensor = tuple[tuple[Formula, ...], ...]
 
@@ -40,6 +41,8 @@ class Scene:
             scene, that of the solution.
         diffusion: The rows of a symmetric matrix, with one row and entry for a scalar; () for 1.
         obstacle: The obstacles in the domain; None for an obstacle on the boundary.
+        elasticity: The material of an elastic body, whose displacement is the unknown and whose
+            conditions are those of `elastic_conditions`; None for a scalar unknown.
         reaction: None for none.
         load: None for none.
         solution: The exact solution, where it is known.
@@ -62,6 +65,7 @@ class Scene:
     domain: Domain
     conditions: tuple[BoundaryCondition, ...]
     obstacle: DomainObstacle | None = None
+    elasticity: Elasticity | None = None
     diffusion: Tensor = ()
     reaction: Formula | None = None
     load: Formula | None = None

@@ -198,6 +198,13 @@ class TomlTable:
         """Return a formula; None where the table does not have the key."""
         return self.formula(key) if self.has(key) else None
 
+    def vector(self, key: str, size: int) -> tuple[Formula, ...]:
+        """Return the formulas of a list, which has so many."""
+        values = self.value(key, list, f"a list of {size} formulas, one for each component")
+        if len(values) != size:
+            raise self.error(key, f"must be a list of {size} formulas, not of {len(values)}")
+        return tuple(self.formula(key, value) for value in values)
+
     def finish(self) -> None:
         """Refuse a key that nobody has asked for."""
         for key in self.data:

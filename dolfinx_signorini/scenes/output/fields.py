@@ -14,6 +14,7 @@ from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import largest
 from dolfinx_signorini.base.records import on_first
 from dolfinx_signorini.meshes.elements import nodal_space, values_at_control_points
+from dolfinx_signorini.scenes.output.bodies import fields_of_body
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -22,6 +23,8 @@ BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 
 def write_fields(result: SceneResult, folder: Path) -> None:
     """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
+
+    An elastic body has the fields of `fields_of_body`.
 
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
     `has_obstacle`: at the contact dofs. Elsewhere both are 0. Where `in_contact` is 1 the solution
@@ -34,7 +37,11 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Raises:
         InputError: The files do not fit on the disk.
     """
-    fields = _together([result.u, result.gap, result.pressure, *masks(result), *indicator(result)])
+    if result.posed.scene.elasticity is None:
+        own = [result.u, result.gap, result.pressure, *masks(result), *indicator(result)]
+        fields = _together(own)
+    else:
+        fields = fields_of_body(result.posed)
     comm = result.posed.problem.comm
     size = _size(fields)
     on_first(comm, folder.parent, lambda: reserve(folder, size))
@@ -42,10 +49,10 @@ def write_fields(result: SceneResult, folder: Path) -> None:
         _write_vtx(comm, folder, fields)
         return
     domain = result.posed.problem.space.mesh
-    linear = fem.functionspace(domain, ("Lagrange", 1))
     with XDMFFile(comm, str(folder / "fields.xdmf"), "w") as file:
         file.write_mesh(domain)
         for field in fields:
+            linear = fem.functionspace(domain, ("Lagrange", 1, field.ufl_shape))
             values = fem.Function(linear, name=field.name)
             values.interpolate(field)
             file.write_function(values)
@@ -92,7 +99,8 @@ def _size(fields: Sequence[fem.Function]) -> int:
     space = fields[0].function_space
     domain, dofmap = space.mesh, space.dofmap
     points = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
-    own = points * (3 + 2 + len(fields)) + dofmap.list.size + len(dofmap.list)
+    values = sum(field.function_space.dofmap.bs for field in fields)
+    own = points * (3 + 2 + values) + dofmap.list.size + len(dofmap.list)
     factor, more = BYTES
     return int(factor * 8 * domain.comm.allreduce(own)) + more
 

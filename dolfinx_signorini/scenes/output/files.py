@@ -43,7 +43,8 @@ def write_results(
         assert boundary is not None  # rank 0 has the boundary
         record = make_record(result, summary)
         if "boundary" in outputs:
-            write_file(folder / "boundary.csv", boundary_csv(boundary))
+            unknown = "u" if result.posed.scene.elasticity is None else "u.d"
+            write_file(folder / "boundary.csv", boundary_csv(boundary, unknown))
         images = {name: figure.png() for name, figure in figures.items()}
         if "pictures" in outputs:
             for name, image in images.items():
@@ -56,10 +57,14 @@ def write_results(
     on_first(result.posed.problem.comm, folder.parent, write)
 
 
-def boundary_csv(boundary: ContactBoundary) -> str:
+def boundary_csv(boundary: ContactBoundary, unknown: str = "u") -> str:
     """Return the contact boundary as CSV: coordinates, u, gap, pressure, and whether in contact.
 
     The pressure is left empty where u has Dirichlet data.
+
+    Args:
+        boundary: The contact boundary.
+        unknown: The name of u, or of its component along the direction of the obstacle.
     """
     axes = ["x", "y", "z"][: boundary.points.shape[1]]
     numbers: list[list[float]] = np.column_stack((boundary.points, boundary.values)).tolist()  # type: ignore[assignment]
@@ -67,7 +72,7 @@ def boundary_csv(boundary: ContactBoundary) -> str:
         [*("" if np.isnan(number) else number for number in row), int(touching)]
         for row, touching in zip(numbers, boundary.touching, strict=True)
     ]
-    return csv_table([*axes, "u", "gap", "pressure", "in_contact"], rows)
+    return csv_table([*axes, unknown, "gap", "pressure", "in_contact"], rows)
 
 
 def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.kinds import check, choice
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
     gather_contact_boundary,
@@ -12,8 +13,11 @@ from dolfinx_signorini.pictures.contact_boundary import (
 )
 from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.contact_region import draw_region
+from dolfinx_signorini.pictures.deformed import draw_deformed
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.problem_pictures import draw_problem, draw_solution
+from dolfinx_signorini.pictures.problem_pictures import PICTURES, draw_problem, draw_solution
+from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.scenes.elastic_terms import stresses
 from dolfinx_signorini.scenes.files.toml_table import ALL
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -23,9 +27,11 @@ def scene_boundary(result: SceneResult) -> ContactBoundary | None:
 
     A contact boundary has the names of its sides.
     """
-    if result.posed.problem.in_domain:
-        return gather_contact_region(result.posed.problem)
-    return gather_contact_boundary(result.posed.problem, _sides(result))
+    problem = result.posed.problem
+    if problem.in_domain:
+        return gather_contact_region(problem)
+    along = problem.along_direction if isinstance(problem, ContactProblem) else problem
+    return gather_contact_boundary(along, _sides(result))
 
 
 def draw_scene(
@@ -40,7 +46,10 @@ def draw_scene(
     """
     figures: dict[str, Picture | None] = {}
     problem, parts = result.posed.problem, _parts(result)
-    if problem.in_domain and result.posed.scene.domain.dimension == 2:
+    if isinstance(problem, ContactProblem):
+        figures["solution"] = _deformed(result, problem)
+        figures["contact"] = None if boundary is None else draw_contact(boundary)
+    elif problem.in_domain and result.posed.scene.domain.dimension == 2:
         figures = {what: draw_region(problem, what, **parts) for what in ("solution", "contact")}
     else:
         figures["solution"] = draw_solution(result.u, boundary, points=points, **parts)
@@ -61,11 +70,24 @@ def draw_result(result: SceneResult, what: str) -> Picture | None:
         InputError: There is no such picture.
     """
     problem, parts = result.posed.problem, _parts(result)
+    if isinstance(problem, ContactProblem):
+        check(what=(what, choice(*PICTURES)))
+        if what == "solution":
+            return _deformed(result, problem)
+        return draw_problem(problem.along_direction, what, _sides(result))
     if not problem.in_domain:
         return draw_problem(problem, what, _sides(result), **parts)
     if what == "solution" and result.posed.scene.domain.dimension == 3:
         return draw_solution(result.u, scene_boundary(result), **parts)
     return draw_region(problem, what, **parts)
+
+
+def _deformed(result: SceneResult, problem: ContactProblem) -> Picture | None:
+    """The deformed body with its von Mises stress; the call is collective."""
+    scene, along = result.posed.scene, problem.along_direction
+    assert scene.elasticity is not None
+    _, stress = stresses(scene.elasticity, problem.u)
+    return draw_deformed(problem.u, along, stress, "von Mises stress", title=scene.title)
 
 
 def _sides(result: SceneResult) -> dict[str, LocalIndices]:

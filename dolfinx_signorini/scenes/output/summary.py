@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -11,12 +12,14 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.tables import listed
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes.output.bodies import Vector, forces_on_body, largest_values
 from dolfinx_signorini.scenes.posing import LOAD
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -44,11 +47,12 @@ class Summary:
         boundary_size: The size of the whole contact boundary, or of the cells with an obstacle.
         detachment_points: In the plane, the points where contact ends.
         uncertainties: How far off each of these points may be.
-        forces: What acts on u, by name, positive upwards; the sum is zero.
+        forces: What acts on u, by name, positive upwards; of a body the components. The sum is 0.
         imbalance: The size of the computed sum, relative to the sum of the sizes.
         natural_residual: The natural residual, relative to the data.
         algebraic_share: The estimate of the algebraic over the discretisation error, where the
             solve stopped by this.
+        body: Of an elastic body the number of nodes in contact, and largest values, by name.
         errors: Norms of the error where the solution is known, by name.
         bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
@@ -63,10 +67,11 @@ class Summary:
     boundary_size: float
     detachment_points: tuple[tuple[float, ...], ...]
     uncertainties: tuple[float, ...]
-    forces: dict[str, float]
+    forces: dict[str, float] | dict[str, Vector]
     imbalance: float
     natural_residual: float
     algebraic_share: float | None
+    body: dict[str, float]
     errors: dict[str, float]
     bound: dict[str, str]
     choice: dict[str, str]
@@ -93,8 +98,11 @@ def summarise(
     if boundary is not None:  # rank 0
         sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
-    forces = _forces(result)
-    total = sum(abs(force) for force in forces.values())
+    elastic = scene.elasticity is not None
+    forces = forces_on_body(result.posed) if elastic else _forces(result)
+    body = largest_values(result.posed, boundary) if elastic else {}
+    columns = np.array([np.atleast_1d(force) for force in forces.values()])
+    total = float(np.linalg.norm(columns, axis=1).sum())
     proven = _bound(result) if bound else {}
     result.phases.lap("summary")
     errors = {} if exact is None else _errors(result.u, exact, scene.norms)
@@ -108,9 +116,10 @@ def summarise(
         detachment_points=tuple(point.position for point in points),
         uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
-        imbalance=abs(sum(forces.values())) / total if total > 0.0 else 0.0,
+        imbalance=float(np.linalg.norm(columns.sum(axis=0))) / total if total > 0.0 else 0.0,
         natural_residual=result.solve.natural_residual,
         algebraic_share=result.solve.algebraic_share,
+        body=body,
         errors=errors,
         bound=proven,
         choice={} if result.found is None else dict(found_lines(result.found)),
@@ -132,14 +141,40 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     if s.detachment_points:
         both = zip(s.detachment_points, s.uncertainties, strict=True)
         rows.append(("detachment", listed([_place(*point) for point in both])))
-    rows += [(f"force of {name}", f"{force:.6g}") for name, force in s.forces.items()]
+    size = max((float(np.abs(force).max()) for force in s.forces.values()), default=0.0)
+    rows += [(f"force of {name}", force_text(f, size)) for name, f in s.forces.items()]
     rows.append(("balance of forces", f"{s.imbalance:.1e} of their sizes"))
     rows.append(("natural residual", f"{s.natural_residual:.1e} of the data"))
     if s.algebraic_share is not None:
         text = f"{s.algebraic_share:.1e} of the discretisation error (estimate)"
         rows.append(("algebraic error", text))
+    rows += [(name, f"{value:.6g}") for name, value in s.body.items()]
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
     return [*s.choice.items(), *rows, *s.bound.items()]
+
+
+def force_text(force: float | Sequence[float], size: float = 0.0) -> str:
+    """Return a force in words, a number or the components without digits of rounding.
+
+    Args:
+        force: The force.
+        size: The size of the largest of all forces.
+    """
+    if isinstance(force, int | float):
+        return f"{force:.6g}"
+    return f"({', '.join(f'{f if abs(f) > SOLVED * size else 0.0:.6g}' for f in force)})"
+
+
+def force_columns(forces: Mapping[str, float | Sequence[float]]) -> dict[str, float]:
+    """Return forces as numbers: a force on a body has a name for each component."""
+    found: dict[str, float] = {}
+    for name, force in forces.items():
+        if isinstance(force, int | float):
+            found[f"force of {name}"] = force
+        else:
+            parts = zip(COORDINATES, force, strict=False)
+            found |= {f"force of {name}, {axis}": part for axis, part in parts}
+    return found
 
 
 def time_line(phases: Mapping[str, float]) -> tuple[str, str]:

@@ -1,0 +1,73 @@
+"""Values at nodes of vectors, and of expressions that jump between cells, such as stresses.
+
+The stress of a displacement of degree k is, for a constant material, of degree k - 1 in each cell,
+and the size of a polynomial of degree 1 is largest at a corner: up to degree 2 the largest value at
+the nodes of a cell is the largest one in the cell.
+"""
+
+import numpy as np
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.meshes.elements import control_lattice, values_at_control_points
+from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
+
+# How far inside of a cell a node is taken, of the way to its middle. FFCx takes a value of a basis
+# function that is nearer than 1e-6 to 0 or 1 for this number, which puts a nearer point on a side.
+INSIDE = 1e-5
+
+
+def values_in_cells(space: fem.FunctionSpace, expression: Expr) -> Array:
+    """Return the values of an expression at the nodes of each owned cell, as seen from the cell.
+
+    Data that jump where cells meet have the value of the cell: nodes are taken a little inside.
+
+    Args:
+        space: A scalar space of continuous elements, whose nodes are taken; the call is collective.
+        expression: A UFL expression of any shape.
+
+    Returns:
+        Shape (cells, nodes of a cell, components).
+    """
+    domain, points = space.mesh, control_lattice(space)
+    inside = points + INSIDE * (points.mean(axis=0) - points)
+    cells, at_nodes = owned_cells(domain), compiled.expression(expression, inside, domain.comm)
+    values = compat.evaluate(at_nodes, domain, cells)
+    size = int(np.prod(expression.ufl_shape))
+    return values.reshape(len(cells), len(points), size)
+
+
+def vectors_at_nodes(space: fem.FunctionSpace, u: fem.Function) -> Array:
+    """Return the values of a vector at the nodes, or control points, of this rank, a row for each.
+
+    Args:
+        space: The scalar space of one component.
+        u: The vector.
+    """
+    parts = u.x.array.reshape(-1, u.function_space.dofmap.bs).T
+    return np.stack([values_at_control_points(space, part.copy()) for part in parts], axis=1)
+
+
+def node_averages(space: fem.FunctionSpace, values: Array) -> Array:
+    """Return the means at the nodes of values in cells, whose weights are the sizes of the cells.
+
+    Args:
+        space: The space of the nodes; the call is collective.
+        values: See `values_in_cells`. The size of a quadrilateral or hexahedron is that of the
+            simplex of a corner and the next ones.
+
+    Returns:
+        Shape (nodes of this rank, components).
+    """
+    domain, index_map = space.mesh, space.dofmap.index_map
+    count, dim = len(owned_cells(domain)), domain.topology.dim
+    simplex = domain.topology.cell_name() in ("triangle", "tetrahedron")
+    corners = [0, *(k + 1 if simplex else 2**k for k in range(dim))]
+    x = domain.geometry.x[domain.geometry.dofmap[:count, corners]]
+    dofs, sizes = space.dofmap.list[:count], simplex_sizes(x)[:, None]
+    total = summed(index_map, dofs, sizes)
+    parts = [summed(index_map, dofs, sizes * part) for part in np.moveaxis(values, 2, 0)]
+    return np.stack(parts, axis=1) / total[:, None]

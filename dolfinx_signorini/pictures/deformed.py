@@ -1,0 +1,188 @@
+"""The deformed shape of an elastic body, with a stress in colours, and the obstacle."""
+
+import math
+from typing import Any, Protocol, cast
+
+import numpy as np
+from dolfinx import fem
+from matplotlib.collections import PolyCollection
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.meshes.elements import (
+    facet_dofs,
+    facet_pieces,
+    values_at_control_points,
+)
+from dolfinx_signorini.meshes.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
+from dolfinx_signorini.pictures.contact_boundary import (
+    ContactBoundary,
+    Solved,
+    gather_contact_boundary,
+)
+from dolfinx_signorini.pictures.palette import IN_CONTACT
+from dolfinx_signorini.pictures.picture import Picture
+from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid
+from dolfinx_signorini.pictures.triangles import Triangles, gather_rows, gathered
+
+# Of the size of the body: a largest displacement below SEEN is drawn larger, as about DRAWN. Shapes
+# of the gallery with less could not be told from those at rest, and with more looked torn.
+SEEN, DRAWN = 0.02, 0.06
+MARGIN = 0.06  # of the size of the body, around the body
+AT_REST: dict[str, Any] = {"color": "0.6", "linewidth": 0.8}
+OBSTACLE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
+SHADE = "0.85"  # grey, of what is behind the surface of the obstacle
+
+
+class OnObstacle(Solved, Protocol):
+    """The contact of a displacement that this module needs, see `AlongDirection`."""
+
+    directions: fem.Function
+    distance: fem.Function
+
+
+def draw_deformed(
+    u: fem.Function,
+    contact: OnObstacle,
+    stress: Expr | None,
+    label: str,
+    scale: float | None = None,
+    title: str = "",
+) -> Picture | None:
+    """Return a picture of a deformed body on rank 0, and None on the others.
+
+    Displacement and obstacle are drawn in one scale, so that a point in contact lies on the
+    obstacle in any scale.
+
+    Args:
+        u: The displacement; the call is collective.
+        contact: The contact along the direction of the obstacle.
+        stress: What colours the body; None for the size of the displacement.
+        label: What the colours mean.
+        scale: How many times as large the displacement is drawn; chosen by default.
+        title: The title of the picture.
+    """
+    space = contact.space
+    moved = vectors_at_nodes(space, u)
+    colours = np.linalg.norm(moved, axis=1)
+    if stress is not None:
+        colours = node_averages(space, values_in_cells(space, stress))[:, 0]
+    body = gather_rows(space, np.column_stack((moved, colours)))
+    boundary = _gather_boundary(space, contact, moved)
+    seen = gather_contact_boundary(contact)
+    outline = _gather_outline(space, moved) if space.mesh.topology.dim == 2 else None
+    if body is None or boundary is None:
+        return None
+    displacement = body.values[:, :-1]
+    size = float(np.ptp(body.points, axis=0).max())
+    if scale is None:
+        scale = scale_for(float(np.linalg.norm(displacement, axis=1).max()) / size)
+    drawn = Triangles(
+        body.points + scale * displacement, np.ascontiguousarray(body.values[:, -1]), body.triangles
+    )
+    told = "displacement to scale" if scale == 1.0 else f"displacement {scale:g} times as large"
+    told += "" if outline is not None else "; grey: the obstacle"
+    title = f"{title}\n{told}" if title else told
+    if outline is None:
+        return _draw_in_space(drawn, seen, boundary, scale, label, title)
+    return _draw_in_plane(drawn, outline, boundary, scale, label, title)
+
+
+def scale_for(share: float) -> float:
+    """Return how many times as large a displacement is drawn: 1, 2 or 5 times a power of ten.
+
+    Args:
+        share: The largest displacement, relative to the size of the body.
+    """
+    if share >= SEEN or share == 0.0 or not math.isfinite(share):
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(DRAWN / share))
+    return float(max((k * power for k in (2.0, 5.0) if k * power * share <= DRAWN), default=power))
+
+
+def _gather_boundary(
+    space: fem.FunctionSpace, contact: OnObstacle, moved: Array
+) -> tuple[Array, Array, Indices] | None:
+    """Points of the contact boundary, what is known of each, and pieces, on rank 0.
+
+    Of each point are known the displacement, the direction to the obstacle, the distance of both at
+    rest, and the gap.
+    """
+    domain = space.mesh
+    count = domain.topology.index_map(domain.topology.dim - 1).size_local
+    pairs = facet_cells(domain, contact.contact[contact.contact < count])
+    used, (pieces, _) = np.unique(facet_dofs(space, pairs)), facet_pieces(space, pairs)
+    gap = contact.gap.x.array
+    distance = values_at_control_points(space, contact.distance.x.array)
+    directions = contact.directions.x.array.reshape(moved.shape)  # no coefficients, in any basis
+    rows = np.column_stack((moved, directions, distance, gap))
+    found = gathered(space, used, rows[used], pieces)
+    return None if found is None else (found[0], found[1], found[2])
+
+
+def _gather_outline(space: fem.FunctionSpace, moved: Array) -> tuple[Array, Array] | None:
+    """The ends of the pieces of the boundary at rest, and their displacements, on rank 0."""
+    domain, facets = space.mesh, boundary_facets(space.mesh)
+    count = domain.topology.index_map(domain.topology.dim - 1).size_local
+    pieces, _ = facet_pieces(space, facet_cells(domain, facets[facets < count]))
+    used = np.unique(pieces)
+    found = gathered(space, used, moved[used], pieces)
+    return None if found is None else (found[0][found[2]], found[1][found[2]])
+
+
+def _surfaces(boundary: tuple[Array, Array, Indices], scale: float) -> tuple[Array, Array, Array]:
+    """The pieces of the obstacle, their vectors outwards, and the pieces of the body in contact."""
+    points, rows, pieces = boundary
+    dim = points.shape[1]
+    moved, directions, distance, gap = np.split(rows, [dim, 2 * dim, 2 * dim + 1], axis=1)
+    touching = (gap[pieces, 0] == 0.0).all(axis=1)
+    there = (points + scale * distance * directions)[pieces]
+    return there, directions[pieces], (points + scale * moved)[pieces[touching]]
+
+
+def _draw_in_plane(
+    drawn: Triangles,
+    outline: tuple[Array, Array],
+    boundary: tuple[Array, Array, Indices],
+    scale: float,
+    label: str,
+    title: str,
+) -> Picture:
+    obstacle, directions, touching = _surfaces(boundary, scale)
+    rest, moved = outline
+    parts = {"at rest": rest, "obstacle": obstacle, "in contact": touching}
+    styles = {"at rest": AT_REST, "obstacle": OBSTACLE, "in contact": IN_CONTACT}
+    figure, axes = draw_plane(drawn, label, parts, styles, "")
+    axes.set_title(title, parse_math=False)
+    shown = np.concatenate((rest.reshape(-1, 2), (rest + scale * moved).reshape(-1, 2)))
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    margin = MARGIN * float((high - low).max())
+    behind = obstacle + 2.0 * margin * directions
+    shade = np.concatenate((obstacle, behind[:, ::-1]), axis=1)
+    axes.add_collection(PolyCollection(list(shade), color=SHADE, zorder=0), autolim=False)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _draw_in_space(
+    drawn: Triangles,
+    contact: ContactBoundary | None,
+    boundary: tuple[Array, Array, Indices],
+    scale: float,
+    label: str,
+    title: str,
+) -> Picture:
+    figure = draw_solid(drawn, contact, title, label)
+    axes = cast(Axes3D, figure.axes[0])
+    obstacle, _, _ = _surfaces(boundary, scale)
+    axes.add_collection3d(Poly3DCollection(list(obstacle), color=SHADE, alpha=0.3, linewidth=0.3))
+    return figure
