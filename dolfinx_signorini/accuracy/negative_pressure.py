@@ -40,10 +40,10 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     """Return what gaps between dofs in contact add to the error on each cell, see `terms.Term`.
 
     The parts are zero for functionals, and for obstacles in the domain, where the load tells the
-    pressure at each point.
+    pressure at each point; and for vectors, whose gaps are not as wide as those of scalars.
     """
     problem, norm = solved.fine, solved.target.norm
-    if norm is None or problem.in_domain:
+    if norm is None or problem.in_domain or problem.space.dofmap.bs > 1:
         return np.zeros((2, solved.count))
     space, domain = problem.space, problem.space.mesh
     dim = domain.topology.dim

@@ -234,6 +234,20 @@ class BoundConstrainedProblem:
         return self.obstacles[0].data
 
     @property
+    def sense(self) -> float:
+        """By what `forces` are multiplied to be forces on u: -1 with an upper obstacle, else 1."""
+        return self.sign
+
+    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
+        """Return the scalar function that the obstacles bound, and what divides the bounds, if any.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        self._solution()
+        return self.u, None
+
+    @property
     def contact(self) -> LocalIndices:
         """The facets or cells with an obstacle that this rank knows."""
         return self._constraint.entities
@@ -261,10 +275,13 @@ class BoundConstrainedProblem:
     def active_sides(self) -> tuple[LocalIndices, ...]:
         """For each of the obstacles the owned dofs in contact: where u is equal to the obstacle.
 
+        For vectors these are nodes.
+
         Raises:
             InputError: The problem has not been solved.
         """
-        return tuple(self.contact_dofs[touching] for touching in self._touching())
+        nodes = self.contact_dofs // self._layout.block
+        return tuple(nodes[touching] for touching in self._touching())
 
     def _touching(self) -> Mask:
         """Whether dofs are in contact, shape (obstacles, contact dofs)."""

@@ -209,14 +209,34 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
+        layout, (u, _) = self._layout, self.towards_obstacle()
+        held = layout.obstacle_dofs[~layout.free] // self.space.dofmap.bs
+        return AlongDirection(layout.nodal, u, self.gap, self.pressure, self.contact, held)
+
+    @property
+    def sense(self) -> float:
+        """1: the vectors `forces` are forces on the body."""
+        return 1.0
+
+    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
+        """Return u along the unit vector of the direction, and the length of the direction.
+
+        Both are functions of the scalar space of one component, known at nodes with an obstacle;
+        collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        self._solution()
         layout, size = self._layout, self.space.dofmap.bs
         nodes = layout.obstacle_dofs // size
-        u = fem.Function(layout.nodal, name="u.d")
+        u, lengths = fem.Function(layout.nodal, name="u.d"), fem.Function(layout.nodal)
         blocks = self.u.x.array.reshape(-1, size)[nodes]
         u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
-        u.x.scatter_forward()
-        held = nodes[~layout.free]
-        return AlongDirection(layout.nodal, u, self.gap, self.pressure, self.contact, held)
+        lengths.x.array[nodes] = self._directions.lengths
+        for function in (u, lengths):
+            function.x.scatter_forward()
+        return u, lengths
 
     def plot(
         self,
