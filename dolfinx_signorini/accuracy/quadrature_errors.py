@@ -54,7 +54,8 @@ def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:
 
 def _few_points(integral: ufl.Integral, functions: Sequence[Expr]) -> int | None:
     """The degree of the rule of an integral if the rule is not exact; otherwise None."""
-    integrand, degree = integral.integrand(), integral.metadata().get("quadrature_degree", -1)
+    integrand = lowered(integral.integrand())  # as DOLFINx has the integrand estimated
+    degree = integral.metadata().get("quadrature_degree", -1)
     if not isinstance(degree, int) or degree < 0:
         degree = estimate_total_polynomial_degree(integrand)
         degree = max(degree) if isinstance(degree, tuple) else degree
@@ -70,9 +71,7 @@ def _degree(integrand: Expr, functions: Sequence[Expr]) -> int | None:
     for f in functions:
         slopes = ufl.grad(f)
         known |= {f: _filled(x**degree, f), slopes: _filled(x ** (degree - 1), slopes)}
-    return polynomial_degree(
-        expand_indices(ufl.replace(remove_complex_nodes(lowered(integrand)), known))
-    )
+    return polynomial_degree(expand_indices(ufl.replace(remove_complex_nodes(integrand), known)))
 
 
 def _filled(entry: Expr, like: Expr) -> Expr:

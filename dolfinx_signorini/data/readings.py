@@ -106,7 +106,10 @@ class Reading:
             jet = np.zeros((*(shape or (1,)), dim + 1))
             jet[component, k] = 1.0
             value, slope = jet[..., 0], jet[..., 1:]
-            known |= {argument: value.reshape(shape), ufl.grad(argument): slope.reshape(*shape, dim)}
+            known |= {
+                argument: value.reshape(shape),
+                ufl.grad(argument): slope.reshape(*shape, dim),
+            }
         return read(self.terms[place[0]][place[1]], known)
 
     def _once(self, key: Hashable, find: Callable[[], T]) -> T:

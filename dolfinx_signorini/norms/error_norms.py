@@ -33,7 +33,15 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import FUNCTION, TEXT, callable_, check, instance, optional, sequence
+from dolfinx_signorini.base.kinds import (
+    FUNCTION,
+    TEXT,
+    callable_,
+    check,
+    instance,
+    optional,
+    sequence,
+)
 from dolfinx_signorini.base.logs import Progress
 from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.points import Points

@@ -81,7 +81,9 @@ class ErrorAtPoints:
             self.degree = max(self.degree, _degree(exact.u))
         else:
             tensors = [exact.u, *(exact.grad if derivatives else ())]
-            self._formula = FormulaAtPoints(self.domain, [p for t in tensors for p in components(t)])
+            self._formula = FormulaAtPoints(
+                self.domain, [p for t in tensors for p in components(t)]
+            )
         cells = self.domain.topology.index_map(self.domain.topology.dim)
         self._support = np.zeros(cells.size_local + cells.num_ghosts, dtype=bool)
         self._support[exact.support_cells()] = True
