@@ -37,6 +37,7 @@ DIGITS = {
     "L2": (1.5, 4.0), "L4": (1.5, 4.0), "Linf": (1.5, 3.5), "H1": (1.0, 2.3), "energy": (1.0, 2.3),
     "stress": (1.0, 2.3), "force": (1.5, 4.5), "pressure": (1.5, 3.5),
 }  # fmt: skip
+MORE = 0.8  # digits for each degree: what takes some steps, and not too many unknowns
 PARTS, CHUNK = 3, 500  # of the edges of a cell, and cells at a time, for the truth
 
 
@@ -176,13 +177,14 @@ class Request:
     def drawn(self) -> tuple[Block, str, int, float, int]:
         rng = np.random.default_rng([self.seed, self.index])
         shape, what = block(rng), str(rng.choice(list(DIGITS)))
-        return shape, what, int(rng.integers(1, 3)), rng.uniform(*DIGITS[what]), rng.integers(3, 7)
+        degree, digits = int(rng.integers(1, 3)), rng.uniform(*DIGITS[what])
+        return shape, what, degree, digits + MORE * (degree - 1), int(rng.integers(2, 5))
 
     def mesh(self) -> ds.SidedMesh:
         shape, *_, n = self.drawn
         w, h = shape.width, shape.height
         across = max(2, round(2.0 * w / h * n))
-        domain = dolfinx.mesh.create_rectangle(COMM, [(-w, 0.0), (w, h)], (across, int(n)))
+        domain = dolfinx.mesh.create_rectangle(COMM, [(-w, 0.0), (w, h)], (across, n))
         bottom = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-9)
         others = np.setdiff1d(ds.boundary_facets(domain), bottom).astype(np.int32)
         domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ shape.turn.T
@@ -244,7 +246,7 @@ class Request:
 
     def error(self, u: fem.Function | None) -> float:
         """The norm or the functional of the error, or of the solution itself."""
-        shape, what, *_ = self.drawn
+        what = self.drawn[1]
         if what in ("force", "pressure"):
             exact = self._functional_of_solution()
             if u is None:
@@ -322,9 +324,9 @@ def _parts_of_triangle() -> tuple[Array, Array]:
     found = []
     for i in range(PARTS):
         for j in range(PARTS - i):
-            found.append((points + [i, j]) / PARTS)
+            found.append((np.array([i, j]) + points) / PARTS)
             if i + j < PARTS - 1:
-                found.append(([i + 1, j + 1] - points) / PARTS)
+                found.append((np.array([i + 1, j + 1]) - points) / PARTS)
     return np.concatenate(found), np.tile(weights / PARTS**2, len(found))
 
 

@@ -30,8 +30,8 @@ from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.form_data import coefficients_of, data_of
 from dolfinx_signorini.data.interfaces.following import follow
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
-from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -288,7 +288,7 @@ def _require_no_jumps(data: Sequence[Datum], sided: SidedMesh) -> None:
     """Refuse data of vectors that jump inside of cells, where no term of the error sees them."""
     integrated = [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
     found = [d.name for d in integrated if len(broken_cells([d.formula], sided.mesh))]
-    names = sorted(set(sum(sided.mesh.comm.allgather(found), [])))
+    names = sorted(set().union(*sided.mesh.comm.allgather(found)))
     if names:
         message = f"{', '.join(names)} of displacements jumps inside of cells of the first mesh"
         raise InputError(f"{message}; let facets follow the jump", "pose")

@@ -101,15 +101,12 @@ class Reading:
         dim = len(ufl.SpatialCoordinate(domain))
         known: dict[Expr, Any] = {ufl.FacetNormal(domain): np.eye(dim)[normal]}
         for argument, code in zip(self.form.arguments(), chosen, strict=True):
-            shape = argument.ufl_shape
-            k, component = divmod(code, *(shape or (1,)))
-            jet = np.zeros((*(shape or (1,)), dim + 1))
-            jet[component, k] = 1.0
-            value, slope = jet[..., 0], jet[..., 1:]
-            known |= {
-                argument: value.reshape(shape),
-                ufl.grad(argument): slope.reshape(*shape, dim),
-            }
+            shape, slope = argument.ufl_shape, ufl.grad(argument)
+            size = int(np.prod(shape))
+            values = np.zeros((size, dim + 1))
+            values[code % size, code // size] = 1.0
+            known[argument] = values[:, 0].reshape(shape)
+            known[slope] = values[:, 1:].reshape(slope.ufl_shape)
         return read(self.terms[place[0]][place[1]], known)
 
     def _once(self, key: Hashable, find: Callable[[], T]) -> T:

@@ -8,6 +8,9 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, choice, instance
 
+DISPLACEMENT = instance(Expr, "a displacement")
+MATERIAL = instance((int, float, Expr), "a number or a UFL expression")
+
 
 def stress(u: Expr, young: Any, poisson: Any, plane: str = "strain") -> Expr:
     """Return the stress of a displacement in an isotropic body.
@@ -49,7 +52,12 @@ def weighted_strain(u: Expr, young: Any, poisson: Any, plane: str = "strain") ->
 
 def _material(u: Expr, young: Any, poisson: Any, plane: str) -> tuple[Any, Any, Expr]:
     """The constants mu and lambda, and the strain."""
-    check(u=(u, instance(Expr, "a displacement")), plane=(plane, choice("strain", "stress")))
+    check(
+        u=(u, DISPLACEMENT),
+        young=(young, MATERIAL),
+        poisson=(poisson, MATERIAL),
+        plane=(plane, choice("strain", "stress")),
+    )
     size = ufl.grad(u).ufl_shape
     if len(size) != 2 or size[0] != size[1]:
         raise InputError("must be a vector with a component for each coordinate", "u")
@@ -78,4 +86,5 @@ def elasticity(u: Expr, v: Expr, young: Any, poisson: Any, plane: str = "strain"
     Raises:
         InputError: An argument makes no sense.
     """
+    check(v=(v, DISPLACEMENT))
     return ufl.inner(stress(u, young, poisson, plane), ufl.sym(ufl.grad(v))) * ufl.dx
