@@ -1,0 +1,218 @@
+"""The adaptive loop for elastic contact: the identity of the error, and requests for an accuracy."""
+
+import dolfinx
+import elastic_known as known
+import hertz
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_signorini as ds
+from dolfinx_signorini import InputError
+from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.accuracy.terms import TERMS, Solution, Solved, dual_solution
+from dolfinx_signorini.meshes.refinement import refined
+
+NORMS = {
+    "L2": (1e-3, 1e-4), "L4": (1e-3, 1e-4), "Linf": (1e-3, 2e-4), "H1": (1e-2, 3e-3),
+    "W1_4": (2e-2, 6e-3), "energy": (0.2, 0.05), "stress": (3.0, 0.8),
+}  # fmt: skip
+SLANTED = known.Slanted()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("what", NORMS)
+def test_requests_for_hertz(what, degree):
+    """Two ends of contact, where the stress is like the root of the distance."""
+    for accuracy in NORMS[what]:
+        accuracy *= 1.0 if degree == 1 else 0.3
+        found = known.solve(known.hertz_on(degree), known.first_mesh(), what, accuracy)
+        true = known.true_error(found.problem.u, hertz, what)
+        found.problem.destroy()
+        assert found.reached and true <= found.estimate <= accuracy, (true, found)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("what", ["L2", "Linf", "H1", "stress"])
+def test_requests_for_full_contact_on_a_slanted_side(what, degree):
+    accuracy = NORMS[what][0] * (1.0 if degree == 1 else 0.1)
+    sided = known.first_mesh(3, SLANTED.Q)
+    found = known.solve(SLANTED.on(degree), sided, what, accuracy)
+    problem = found.problem
+    true = known.true_error(problem.u, SLANTED, what)
+    assert found.reached and true <= found.estimate <= accuracy, (true, found)
+    nodes = problem.comm.allreduce(len(problem.contact_nodes))
+    assert problem.comm.allreduce(len(problem.active)) == nodes
+    problem.destroy()
+
+
+def weighted_pressure(profile, size, depth):
+    """The integral of the pressure times a profile on the side y = 0, as a functional of u."""
+
+    def functional(u):
+        x = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
+        inside = ufl.And(ufl.lt(abs(x[0]), size), ufl.lt(x[1], depth))
+        height = profile(x[0] / size) * (1.0 - x[1] / depth) ** 2
+        moved = ufl.as_vector([0.0, ufl.conditional(inside, height, 0.0)])
+        stress = ds.stress(u, hertz.E, hertz.NU)
+        return ufl.inner(stress, ufl.grad(moved)) * ufl.dx(metadata={"quadrature_degree": 12})
+
+    return functional
+
+
+def value(functional, u):
+    return u.function_space.mesh.comm.allreduce(fem.assemble_scalar(fem.form(functional(u))))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_largest_pressure_and_width_of_hertz(degree):
+    """A mean with a kernel of order 4 is the largest pressure, but for p'''' times size^4."""
+    size = 0.3
+
+    def kernel(t):
+        return 105.0 / (64.0 * size) * (1.0 - t**2) ** 2 * (1.0 - 3.0 * t**2)
+
+    t, w = np.polynomial.legendre.leggauss(40)
+    exact = size * (w * kernel(t) * hertz.pressure(np.stack([size * t, 0.0 * t]))).sum()
+    assert exact == pytest.approx(hertz.P0, rel=2e-4)
+    peak = weighted_pressure(kernel, size, 0.4)
+    for accuracy in (5e-3 * hertz.P0, 5e-4 * hertz.P0):
+        pose = known.hertz_on(degree)
+        found = ds.solve_adaptively(pose, known.first_mesh(), norm=peak, accuracy=accuracy)
+        true = abs(value(peak, found.problem.u) - exact)
+        assert found.reached and true <= found.estimate <= accuracy, (true, found)
+        problem = found.problem
+    assert value(peak, problem.u) == pytest.approx(hertz.P0, rel=1e-3)
+    first, last = (point.position[0] for point in ds.detachment_points(problem))
+    assert 0.5 * (last - first) == pytest.approx(hertz.A, rel=1e-3)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_contact_force_of_hertz(degree):
+    """With the weight 1 where contact is, the weighted pressure is the contact force."""
+
+    def flat(t):
+        edge = 0.5  # beyond 1 a smooth step to 0 at 2
+        s = ufl.max_value(abs(t) - edge, 0.0) / (1.0 - edge)
+        return (1.0 - s**2) ** 2
+
+    force = weighted_pressure(flat, 2.0, 2.0)
+    for accuracy in (1e-2, 1e-3):
+        accuracy *= hertz.FORCE
+        pose = known.hertz_on(degree)
+        found = ds.solve_adaptively(pose, known.first_mesh(), norm=force, accuracy=accuracy)
+        true = abs(value(force, found.problem.u) - hertz.FORCE)
+        assert found.reached and true <= found.estimate <= accuracy, (true, found)
+        assert found.problem.force[1] == pytest.approx(hertz.FORCE, abs=accuracy)
+        found.problem.destroy()
+
+
+def compared(degree, direction=None, gap=0.02):
+    """Two solutions on a block with a round support, which is held on components of two sides."""
+
+    def pose(sided):
+        domain = sided.mesh
+        V, x = fem.functionspace(domain, ("Lagrange", degree, (2,))), ufl.SpatialCoordinate(domain)
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+
+        def side(axis, at):
+            return dolfinx.mesh.locate_entities_boundary(
+                domain, 1, lambda x: np.isclose(x[axis], at)
+            )
+
+        push = fem.Function(V.sub(1).collapse()[0])
+        push.interpolate(lambda x: -0.1 + 0.02 * np.sin(3.0 * x[0]))
+        pairs = fem.locate_dofs_topological((V.sub(1), push.function_space), 1, side(1, 2.0))
+        bcs = [fem.dirichletbc(push, pairs, V.sub(1))]
+        left = fem.locate_dofs_topological(V.sub(0), 1, side(0, -2.0))
+        bcs.append(fem.dirichletbc(0.0, left, V.sub(0)))
+        load = ufl.as_vector([x[1], -ufl.sin(2.0 * x[0])])
+        a = ds.elasticity(u, v, 10.0, 0.3) + 0.1 * ufl.inner(u, v) * ufl.dx
+        return ds.ContactProblem(
+            a,
+            ufl.inner(load, v) * ufl.dx,
+            contact=sided.sides["below"],
+            gap=gap + 0.05 * x[0] ** 2,
+            direction=direction,
+            bcs=bcs,
+        )
+
+    sided = known.first_mesh(3)
+    division = refined(sided)
+    problems = [pose(sided), pose(division.sided)]
+    for problem in problems:
+        problem.solve(rtol=1e-12)
+    coarse = Solution(problems[0].u, problems[0].forces)
+    return Solved(coarse, problems[1], division.parents, target("L2")), problems
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("direction", [None, (0.6, -0.8), (1.2, -1.6)])
+def test_the_terms_add_up_to_the_difference(degree, direction):
+    """J(w - u_h) is the sum of residuals, of released nodes and of held ones, for any J."""
+    solved, problems = compared(degree, direction)
+    comm, V = problems[0].comm, solved.fine.space
+    active = [comm.allreduce(len(problem.active)) for problem in problems]
+    assert all(
+        0 < count < comm.allreduce(len(p.contact_nodes))
+        for count, p in zip(active, problems, strict=True)
+    )
+    v, x = ufl.TestFunction(V), ufl.SpatialCoordinate(V.mesh)
+    load = (v[0] + ufl.exp(x[0]) * v[1]) * ufl.dx
+    dual = dual_solution(solved, load)
+    error = ufl.replace(load, {v: solved.error})
+    have = comm.allreduce(fem.assemble_scalar(fem.form(error)))
+    dual = dual_solution(solved, load)
+    found = [term(solved, dual) for term in TERMS]
+    assert all((np.abs(signed) <= sizes * (1.0 + 1e-12) + 1e-300).all() for signed, sizes in found)
+    parts = np.array([comm.allreduce(float(signed.sum())) for signed, _ in found])
+    assert dual.value == pytest.approx(have, rel=1e-8)
+    assert abs(parts.sum() - have) <= 1e-4 * np.abs(parts).sum(), parts
+    assert (np.abs(parts[1:]) > 1e-3 * np.abs(parts).sum()).any()
+    for problem in problems:
+        problem.destroy()
+
+
+def test_the_axes_do_not_matter():
+    """Solutions, dual solutions and terms of a turned problem are the turned ones."""
+    estimates = []
+    for turn in (np.eye(2), SLANTED.Q):
+        case = known.Slanted()
+        case.Q = turn
+        found = known.solve(case.on(1), known.first_mesh(3, turn), "L2", 2e-3)
+        estimates.append([(step.unknowns, step.estimate) for step in found.steps])
+        found.problem.destroy()
+    assert np.allclose(*estimates, rtol=1e-3), estimates
+
+
+def test_what_is_not_estimated_is_refused():
+    sided = known.first_mesh()
+    pose = known.hertz_on(1)
+
+    def jumping(sided):
+        V = fem.functionspace(sided.mesh, ("Lagrange", 1, (2,)))
+        u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+        young = ufl.conditional(ufl.lt(x[0] + 0.3 * x[1], 0.2345), 1.0, 50.0)
+        a = ds.elasticity(u, v, young, 0.3) + ufl.inner(u, v) * ufl.dx
+        return ds.ContactProblem(a, v[1] * ufl.dx, contact=sided.sides["below"])
+
+    with pytest.raises(InputError, match="jumps inside of cells"):
+        ds.solve_adaptively(jumping, sided, accuracy=1.0)
+    with pytest.raises(InputError, match="derivatives alone"):
+        ds.solve_adaptively(pose, sided, norm="L2", of=lambda u: u, accuracy=1.0)
+    with pytest.raises(InputError, match="linear"):
+        stresses = known.QUANTITIES["stress"]
+        ds.solve_adaptively(
+            pose,
+            sided,
+            norm="L2",
+            of=lambda u: ufl.sqrt(ufl.inner(stresses(u), stresses(u))),
+            accuracy=1.0,
+        )
+    problem = pose(sided)
+    problem.solve()
+    with pytest.raises(InputError, match="symmetric equilibrated stress"):
+        ds.energy_bound(problem, ds.EnergyTerms())
+    problem.destroy()
