@@ -1,4 +1,4 @@
-"""The adaptive loop for elastic contact: the identity of the error, and requests for an accuracy."""
+"""The adaptive loop for elastic contact: the identity of the error, and requests."""
 
 import dolfinx
 import elastic_known as known
@@ -155,36 +155,33 @@ def test_the_terms_add_up_to_the_difference(degree, direction):
     solved, problems = compared(degree, direction)
     comm, V = problems[0].comm, solved.fine.space
     active = [comm.allreduce(len(problem.active)) for problem in problems]
-    assert all(
-        0 < count < comm.allreduce(len(p.contact_nodes))
-        for count, p in zip(active, problems, strict=True)
-    )
+    nodes = [comm.allreduce(len(problem.contact_nodes)) for problem in problems]
+    assert 0 < active[0] < nodes[0] and 0 < active[1] < nodes[1]
     v, x = ufl.TestFunction(V), ufl.SpatialCoordinate(V.mesh)
     load = (v[0] + ufl.exp(x[0]) * v[1]) * ufl.dx
     dual = dual_solution(solved, load)
     error = ufl.replace(load, {v: solved.error})
     have = comm.allreduce(fem.assemble_scalar(fem.form(error)))
-    dual = dual_solution(solved, load)
     found = [term(solved, dual) for term in TERMS]
     assert all((np.abs(signed) <= sizes * (1.0 + 1e-12) + 1e-300).all() for signed, sizes in found)
     parts = np.array([comm.allreduce(float(signed.sum())) for signed, _ in found])
     assert dual.value == pytest.approx(have, rel=1e-8)
-    assert abs(parts.sum() - have) <= 1e-4 * np.abs(parts).sum(), parts
+    assert abs(parts.sum() - have) <= 1e-7 * np.abs(parts).sum(), parts
     assert (np.abs(parts[1:]) > 1e-3 * np.abs(parts).sum()).any()
     for problem in problems:
         problem.destroy()
 
 
 def test_the_axes_do_not_matter():
-    """Solutions, dual solutions and terms of a turned problem are the turned ones."""
+    """On the first mesh; later on edges of one length are taken in another order."""
     estimates = []
     for turn in (np.eye(2), SLANTED.Q):
         case = known.Slanted()
         case.Q = turn
         found = known.solve(case.on(1), known.first_mesh(3, turn), "L2", 2e-3)
-        estimates.append([(step.unknowns, step.estimate) for step in found.steps])
+        estimates.append(found.steps[0].estimate)
         found.problem.destroy()
-    assert np.allclose(*estimates, rtol=1e-3), estimates
+    assert estimates[0] == pytest.approx(estimates[1], rel=1e-5)
 
 
 def test_what_is_not_estimated_is_refused():
@@ -203,14 +200,7 @@ def test_what_is_not_estimated_is_refused():
     with pytest.raises(InputError, match="derivatives alone"):
         ds.solve_adaptively(pose, sided, norm="L2", of=lambda u: u, accuracy=1.0)
     with pytest.raises(InputError, match="linear"):
-        stresses = known.QUANTITIES["stress"]
-        ds.solve_adaptively(
-            pose,
-            sided,
-            norm="L2",
-            of=lambda u: ufl.sqrt(ufl.inner(stresses(u), stresses(u))),
-            accuracy=1.0,
-        )
+        ds.solve_adaptively(pose, sided, norm="L2", of=lambda u: ufl.grad(u) * u[0], accuracy=1.0)
     problem = pose(sided)
     problem.solve()
     with pytest.raises(InputError, match="symmetric equilibrated stress"):
