@@ -89,7 +89,7 @@ class Slanted:
             load = -ufl.div(ds.stress(exact, hertz.E, hertz.NU))
             return ds.ContactProblem(
                 ds.elasticity(u, v, hertz.E, hertz.NU),
-                ufl.inner(load, v) * ufl.dx,
+                ufl.inner(load, v) * ufl.dx(metadata={"quadrature_degree": 8}),
                 contact=sided.sides["below"],
                 gap=lambda x: -0.02 * np.cos(2.0 * (self.Q.T @ x[:2])[0]),
                 bcs=[bc],
