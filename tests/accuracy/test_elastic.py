@@ -225,3 +225,47 @@ def test_what_is_not_estimated_is_refused():
     with pytest.raises(InputError, match="symmetric equilibrated stress"):
         ds.energy_bound(problem, ds.EnergyTerms())
     problem.destroy()
+
+
+def test_in_space():
+    """Full contact of a cube: u = (-z g_x, -z g_y, g - 0.2 z) has no shear at z = 0."""
+
+    def exact(x, sin, cos):
+        g, gx, gy = (
+            0.03 * cos(2.0 * x[0]) * cos(x[1]),
+            -0.06 * sin(2.0 * x[0]) * cos(x[1]),
+            -0.03 * cos(2.0 * x[0]) * sin(x[1]),
+        )
+        return [-x[2] * gx, -x[2] * gy, g - 0.2 * x[2]]
+
+    def pose(sided):
+        V = fem.functionspace(sided.mesh, ("Lagrange", 1, (3,)))
+        u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+        data = fem.Function(V)
+        data.interpolate(lambda x: np.stack(exact(x, np.sin, np.cos)))
+        bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 2, sided.sides["held"]))
+        load = -ufl.div(ds.stress(ufl.as_vector(exact(x, ufl.sin, ufl.cos)), 10.0, 0.3))
+        a, L = ds.elasticity(u, v, 10.0, 0.3), ufl.inner(load, v) * ufl.dx
+        gap = -0.03 * ufl.cos(2.0 * x[0]) * ufl.cos(x[1])
+        return ds.ContactProblem(a, L, contact=sided.sides["below"], gap=gap, bcs=[bc])
+
+    cube = dolfinx.mesh.create_unit_cube(known.COMM, 2, 2, 2)
+    below = dolfinx.mesh.locate_entities_boundary(cube, 2, lambda x: np.isclose(x[2], 0.0))
+    others = np.setdiff1d(ds.boundary_facets(cube), below).astype(np.int32)
+    for what, accuracy in (("L2", 1e-3), ("energy", 0.05)):
+        of = None if what == "L2" else (lambda u: ds.weighted_strain(u, 10.0, 0.3))
+        found = ds.solve_adaptively(
+            pose,
+            ds.SidedMesh(cube, {"below": below, "held": others}),
+            norm="L2",
+            of=of,
+            accuracy=accuracy,
+        )
+        u = found.problem.u
+        x = ufl.SpatialCoordinate(u.function_space.mesh)
+        error = u - ufl.as_vector(exact(x, ufl.sin, ufl.cos))
+        square = ufl.inner(error, error) if of is None else ufl.inner(of(error), of(error))
+        form = fem.form(square * ufl.dx(metadata={"quadrature_degree": 8}))
+        true = np.sqrt(known.COMM.allreduce(fem.assemble_scalar(form)))
+        found.problem.destroy()
+        assert found.reached and true <= found.estimate <= accuracy, (true, found)
