@@ -242,9 +242,8 @@ class BoundConstrainedProblem:
         """Return the scalar function that the obstacles bound, and what divides the bounds, if any.
 
         Raises:
-            InputError: The problem has not been solved.
+            InputError: A problem of vectors has not been solved.
         """
-        self._solution()
         return self.u, None
 
     @property

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.problem.contact import ContactProblem
@@ -47,7 +48,8 @@ class DetachmentPoint:
             most the length of an edge. Without an extrapolation a Bernstein coefficient of degree
             3 or 4 that touches tells the end to a facet, degree times as far as this number says.
         strength: The gap on one side and the pressure on the other, the smaller of the two,
-            relative to the largest on the whole contact boundary.
+            relative to the largest on the whole contact boundary; the gap of an elastic body, to
+            its largest displacement if that is smaller.
     """
 
     position: tuple[float, ...]
@@ -77,7 +79,10 @@ def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[Detach
     plane = problem.space.mesh.topology.dim == 2
     require(problem.comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
-    largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
+    u, scale = problem.towards_obstacle()
+    # The sides of bodies bend away from an obstacle by much more than they move.
+    moved = np.inf if scale is None else highest(problem.comm, np.abs(u.x.array))
+    largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
     ends = np.flatnonzero((gap[:, 0] > 0.0) != (gap[:, 1] > 0.0))
