@@ -238,6 +238,15 @@ class BoundConstrainedProblem:
         """By what `forces` are multiplied to be forces on u: -1 with an upper obstacle, else 1."""
         return self.sign
 
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The size of the contact force at each contact node, a scalar function: `forces`.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self.forces
+
     def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
         """Return the scalar function that the obstacles bound, and what divides the bounds, if any.
 

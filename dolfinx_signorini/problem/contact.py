@@ -174,7 +174,7 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        return self._layout.density(self._normal_forces())
+        return self._layout.density(self.normal_forces)
 
     @property
     def forces(self) -> fem.Function:
@@ -183,7 +183,7 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        sizes, size = self._normal_forces(), self.space.dofmap.bs
+        sizes, size = self.normal_forces, self.space.dofmap.bs
         forces = fem.Function(self.space, name="forces")
         nodes = self._layout.obstacle_dofs // size
         blocks = forces.x.array.reshape(-1, size)
@@ -217,6 +217,20 @@ class ContactProblem(BoundConstrainedProblem):
     def sense(self) -> float:
         """1: the vectors `forces` are forces on the body."""
         return 1.0
+
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The force along the direction at each contact node, a function of the scalar space.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        layout = self._layout
+        forces = super().forces
+        shares = self._directions.shares[layout.free]
+        forces.x.array[layout.contact_nodes] /= shares
+        forces.x.scatter_forward()
+        return forces
 
     def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
         """Return u along the unit vector of the direction, and the length of the direction.
@@ -264,15 +278,6 @@ class ContactProblem(BoundConstrainedProblem):
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure
-
-    def _normal_forces(self) -> fem.Function:
-        """The force along the direction at each contact node, a function of the scalar space."""
-        layout = self._layout
-        forces = super().forces
-        shares = self._directions.shares[layout.free]
-        forces.x.array[layout.contact_nodes] /= shares
-        forces.x.scatter_forward()
-        return forces
 
     @property
     def _directions(self) -> Directions:

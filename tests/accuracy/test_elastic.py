@@ -6,12 +6,13 @@ import hertz
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
 from dolfinx_signorini import InputError
 from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.negative_pressure import pressure_density
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import TERMS, Solution, Solved, dual_solution
 from dolfinx_signorini.meshes.refinement import refined
@@ -290,3 +291,25 @@ def test_where_contact_ends_below_a_body_that_bends_away():
     width = 2.0 / 24.0
     assert first == pytest.approx(-last, abs=1e-3) and abs(last - half) <= width
     problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_density_of_the_pressure_has_the_forces(degree):
+    """Its products with the basis functions are the forces along the direction."""
+    _, problems = compared(degree, (0.6, -0.8), 0.0)
+    problem = problems[1]
+    density, forces = pressure_density(problem), problem.normal_forces
+    space = density.function_space
+    tags = np.full(len(problem.contact), 1, dtype=np.int32)
+    tags = dolfinx.mesh.meshtags(space.mesh, 1, np.sort(problem.contact), tags)
+    ds_contact = ufl.Measure("ds", space.mesh, subdomain_data=tags)
+    products = fem.assemble_vector(fem.form(density * ufl.TestFunction(space) * ds_contact(1)))
+    products.scatter_reverse(la.InsertMode.add)
+    nodes = problem.contact_nodes
+    assert np.abs(products.array[nodes] - forces.x.array[nodes]).max(initial=0.0) <= 1e-10
+    total = problem.comm.allreduce(forces.x.array[nodes].sum())
+    # The direction is the unit vector, and no friction acts.
+    assert problem.force == pytest.approx(-total * np.array([0.6, -0.8]), rel=1e-9)
+    assert total > 0.01
+    for each in problems:
+        each.destroy()
