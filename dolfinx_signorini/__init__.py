@@ -21,7 +21,7 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufactu
 from dolfinx_signorini.norms.references import Reference, interpolated
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
-from dolfinx_signorini.problem.elasticity import elasticity, stress, von_mises
+from dolfinx_signorini.problem.elasticity import elasticity, stress, von_mises, weighted_strain
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import Scene, SceneResult, load_scene, solve_scene
@@ -74,6 +74,7 @@ __all__ = [
     "stress",
     "stress_intensity",
     "von_mises",
+    "weighted_strain",
 ]
 
 __version__ = "0.2.0"

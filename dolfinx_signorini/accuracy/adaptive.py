@@ -29,10 +29,13 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.form_data import coefficients_of, data_of
 from dolfinx_signorini.data.interfaces.following import follow
+from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.norms.pointwise import Quantity
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 POLYGON = "the polygon is taken as the domain"
@@ -119,6 +122,7 @@ def solve_adaptively(
     sided: SidedMesh,
     *,
     norm: str | Functional = "H1",
+    of: Quantity | None = None,
     accuracy: float | None = None,
     budget: float | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
@@ -136,6 +140,9 @@ def solve_adaptively(
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
         norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution,
             given as a function that returns the UFL form of its argument.
+        of: What of the solution the L^p norm is of, a function that returns a UFL expression,
+            linear in the first derivatives of its argument: the stress, or for the energy norm
+            `weighted_strain`. By default the norm is that of the solution.
         accuracy: The largest error allowed, in the unit of the norm.
         budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
@@ -163,6 +170,7 @@ def solve_adaptively(
     check(
         pose=(pose, _poses),
         sided=(sided, _sided),
+        of=(of, optional(callable_)),
         accuracy=(accuracy, optional(positive)),
         budget=(budget, optional(positive)),
         max_unknowns=(max_unknowns, positive),
@@ -170,7 +178,7 @@ def solve_adaptively(
         geometry=(geometry, optional(by_text)),
         read_data=(read_data, TRUTH),
     )
-    request = Request(target(norm), accuracy, budget, max_unknowns)
+    request = Request(target(norm, of), accuracy, budget, max_unknowns)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     began = time.perf_counter()
     curves = CurvedSides(geometry or {})
@@ -260,6 +268,8 @@ def _first_mesh(
     if not isinstance(problem, BoundConstrainedProblem):
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
+    if problem.space.dofmap.bs > 1:
+        _require_no_jumps(data, sided)
     problem.destroy()
 
     def data_on(level: SidedMesh) -> list[Datum]:
@@ -272,3 +282,13 @@ def _first_mesh(
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
     return first_mesh(sided, data_on, known, most), known
+
+
+def _require_no_jumps(data: Sequence[Datum], sided: SidedMesh) -> None:
+    """Refuse data of vectors that jump inside of cells, where no term of the error sees them."""
+    integrated = [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
+    found = [d.name for d in integrated if len(broken_cells([d.formula], sided.mesh))]
+    names = sorted(set().union(*sided.mesh.comm.allgather(found)))
+    if names:
+        message = f"{', '.join(names)} of displacements jumps inside of cells of the first mesh"
+        raise InputError(f"{message}; let facets follow the jump", "pose")

@@ -64,11 +64,15 @@ def obstacle_defects(solved: Solved, dual: Dual | None) -> Array:
             parts = joined(parts, cell_norms(off, norm), norm.p)
             continue
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
-        gap = obstacle.sign * (points.values(problem.u)[0] - _values(obstacle.data, points, {}))
+        u, lengths = problem.towards_obstacle()
+        bound = _values(obstacle.data, points, {})
+        if lengths is not None:
+            bound = bound / points.values(lengths)[0]
+        gap = obstacle.sign * (points.values(u)[0] - bound)
         held = touching.all(axis=1).reshape(-1, 1)
         off_facets = np.where(held, gap, np.minimum(gap, 0.0))
         parts = joined(parts, _defects(problem, entities, off_facets, norm), norm.p)
-    return solved.in_norm(parts)
+    return solved.in_norm(solved.unit * parts)
 
 
 def _off_in_cells(
@@ -130,6 +134,8 @@ def _off_dirichlet_data(problem: BoundConstrainedProblem) -> list[tuple[LocalInd
 
 def _distances(problem: BoundConstrainedProblem) -> Iterator[tuple[LocalIndices, Array]]:
     domain, lattice = problem.space.mesh, facet_lattice(problem.space)
+    if problem.space.dofmap.bs > 1:  # the data of vectors are known at nodes alone
+        return
     boundary, formulas = boundary_facets(domain), dict[Expr, FormulaAtPoints]()
     for known in map(data_of_condition, problem.bcs):
         if known is None or isinstance(known.value, int | float | np.number):

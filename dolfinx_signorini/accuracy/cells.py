@@ -10,45 +10,63 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
 from dolfinx_signorini.norms.power_sums import power
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 BLOCK = 8192  # cells whose point values are held at a time
 
 
-def cell_norms(f: fem.Function, norm: Norm) -> Array:
-    """Return a norm of a function on each owned cell.
+def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array:
+    """Return a norm of a function, or of a quantity, on each owned cell.
 
     Args:
         f: A function of a Lagrange space on straight-sided triangles or tetrahedra.
         norm: An L^p or W^{1,p} norm of the domain. Sup norms are the largest values at the points
             of a lattice of degree 2k + 4 with the vertices, for functions of degree k.
+        of: The quantity of the function whose L^p norm is meant, collective; by default the
+            function.
     """
     space, domain = f.function_space, f.function_space.mesh
     element = space.element.basix_element
     points, weights = _points(element, norm)
     gradient = norm.derivatives > 0
     table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
+    quantity = None if of is None else ErrorAtPoints(f, None, False, of)
     found = []
     owned = owned_cells(domain)
     for start in range(0, max(len(owned), 1), BLOCK):
         cells = owned[start : start + BLOCK]
-        values = f.x.array[space.dofmap.list[start : start + len(cells)]]
         edges = cell_edges(domain, cells)
-        sizes = [values @ table[0].T]
-        if gradient:
-            slopes, maps = [values @ part.T for part in table[1:]], inverses(edges)
-            sizes += [
-                sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
-                for columns in maps.transpose(2, 1, 0)
-            ]
+        if quantity is not None:
+            sizes = quantity(Points(domain, cells, points))
+        else:
+            dofs = space.dofmap.list[start : start + len(cells)]
+            maps = inverses(edges) if gradient else None
+            values = [part[dofs] for part in component_arrays(f)]
+            parts = [_at_points(each, table, maps) for each in values]
+            sizes = [length(each) for each in zip(*parts, strict=True)]
         sizes = [np.abs(size, out=size) for size in sizes]
         found.append(norms_of_sizes(sizes, weights, edges, norm.p))
     return np.concatenate(found)
+
+
+def _at_points(values: Array, table: Array, maps: Array | None) -> list[Array]:
+    """The values of a component at points of cells, and the derivatives if there are maps."""
+    found = [values @ table[0].T]
+    if maps is not None:
+        slopes = [values @ part.T for part in table[1:]]
+        found += [
+            sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
+            for columns in maps.transpose(2, 1, 0)
+        ]
+    return found
 
 
 def norms_of_sizes(sizes: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:

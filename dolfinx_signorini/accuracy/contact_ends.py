@@ -5,8 +5,9 @@ where the second derivatives of the solution jump. A few meshes do not tell the 
 but theory does: the discrete contact set ends at a dof, which is now nearer to the true end and now
 farther away.
 
-Sources: Christof and Haubner, Section 2.2, for the singularity; Caffarelli, The obstacle problem
-revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacles in the domain.
+Sources: Christof and Haubner, Section 2.2, for the singularity; K. L. Johnson, Contact mechanics,
+Cambridge (1985), Section 5.1, for the same of elastic bodies without friction; Caffarelli, The
+obstacle problem revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacles in the domain.
 """
 
 import basix
@@ -61,12 +62,18 @@ def cells_at_contact_ends(
     """
     space = problem.space
     _, dofs, touching = contact_on_entities(problem)
-    held = marked(space, problem.fixed_dofs)[dofs]
+    held = marked(space, held_nodes(problem))[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
     cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
     result = np.zeros(count, dtype=bool)
     result[parents[cells[cells < len(parents)]]] = True
     return result
+
+
+def held_nodes(problem: BoundConstrainedProblem) -> LocalIndices:
+    """Return the owned nodes with an obstacle that Dirichlet data hold: all dofs of scalars."""
+    layout = problem.system.layout
+    return layout.obstacle_dofs[~layout.free] // layout.block
 
 
 def contact_on_entities(
@@ -79,8 +86,8 @@ def contact_on_entities(
         side: The number of the obstacle; by default any of them counts.
 
     Returns:
-        The cells or the (cell, local facet) pairs, and two arrays of the shape (entities, dofs of
-        one): the dofs, and whether they are in contact.
+        The cells or the (cell, local facet) pairs, and two arrays of the shape (entities, nodes of
+        one): the nodes, which are the dofs of scalars, and whether they are in contact.
     """
     space, entities = problem.space, problem.system.layout.owned_entities
     dofs = space.dofmap.list[entities] if problem.in_domain else facet_dofs(space, entities)

@@ -23,8 +23,10 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import BLOCK
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.norms.pointwise import length
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
 
@@ -64,9 +66,12 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
         maps = size[:, None, None] * inverses(edges)
-        values = f.x.array[space.dofmap.list[start : start + len(block)]] @ rows.T
-        for _ in range(degree):  # from directions of the reference cell to coordinates
-            values = np.swapaxes(values.reshape(len(block), dim, -1), 1, 2) @ maps
-        sizes = np.linalg.norm(values.reshape(len(block), -1), axis=1)
-        found.append(sizes / size**derivatives)
+        dofs = space.dofmap.list[start : start + len(block)]
+        sizes = []
+        for part in component_arrays(f):
+            values = part[dofs] @ rows.T
+            for _ in range(degree):  # from directions of the reference cell to coordinates
+                values = np.swapaxes(values.reshape(len(block), dim, -1), 1, 2) @ maps
+            sizes.append(np.linalg.norm(values.reshape(len(block), -1), axis=1))
+        found.append(length(sizes) / size**derivatives)
     return np.concatenate(found)

@@ -19,7 +19,7 @@ from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
-from dolfinx_signorini.accuracy.targets import Target, check_functional, size
+from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved, Term
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
@@ -43,7 +43,8 @@ class Estimator:
         terms: Further terms of the error that no comparison shows, those of data.
 
     Raises:
-        InputError: The functional is not linear, or 0 for all functions of the space.
+        InputError: The functional is not linear, or 0 for all functions of the space; or the
+            quantity is none.
 
     Attributes:
         rates: The rates of the cells of the present mesh.
@@ -61,7 +62,7 @@ class Estimator:
     polygon: float
 
     def __init__(self, space: fem.FunctionSpace, target: Target, terms: Sequence[Term] = ()):
-        check_functional(target, space)
+        check_target(target, space)
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._terms, self._comm = target, (*UNSEEN, *terms), domain.comm
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)

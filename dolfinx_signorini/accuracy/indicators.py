@@ -26,7 +26,7 @@ from dolfinx_signorini.accuracy.boundary_defects import (
     dirichlet_defects,
     obstacle_defects,
 )
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined, rule_of_powers, total
+from dolfinx_signorini.accuracy.cells import collected, joined, rule_of_powers, total
 from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
@@ -42,9 +42,14 @@ from dolfinx_signorini.accuracy.terms import (
 )
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.meshes.elements import coefficients_of, values_at_control_points
+from dolfinx_signorini.meshes.elements import (
+    coefficients_of,
+    component_arrays,
+    values_at_control_points,
+)
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import FACET_RULE
+from dolfinx_signorini.norms.pointwise import length
 
 AWAY = 2.0  # sizes of a cell: so near are singular points to cells that do not resolve them
 # Terms of the error of w, which no comparison shows.
@@ -116,18 +121,21 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         iterated = scale * abs(fine.comm.allreduce(float(left)))
         inside: Array = zero
         if norm is not None and not norm.boundary:
-            inside = collected(cell_norms(solved.detail, norm), parents, count, norm.p)
+            inside = collected(target.on_cells(solved.detail), parents, count, norm.p)
         return Indicators(apart, cells, local, cells, zero, rest, iterated, inside, resolved)
     assert norm is not None
     rest = _together(unseen, solved, None)
-    norms = cell_norms(solved.error, norm)
+    norms = target.on_cells(solved.error)
     apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
         return Indicators(apart, moved, moved, moved, zero, rest, 0.0, zero, resolved)
     detail = solved.detail
     cells, left = (
         collected(values, parents, count, norm.p)
-        for values in (cell_norms(detail, norm), left_by_derivatives(detail, norm.derivatives))
+        for values in (
+            target.on_cells(detail),
+            solved.unit * left_by_derivatives(detail, norm.derivatives),
+        )
     )
     moved = np.maximum(cells, moved)
     return Indicators(apart, cells, cells, moved, left, rest, 0.0, zero, resolved)
@@ -170,21 +178,25 @@ def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
     assert target.norm is not None
     p, largest = target.norm.p, highest(space.mesh.comm, np.abs(error.x.array))
 
-    def powers(values: Array) -> Array:
-        share = values / (largest or 1.0)
+    def powers(values: Sequence[Array]) -> list[Array]:
+        sizes = np.abs(length(values))
         scale = (largest / apart) ** (p - 1.0) if apart > 0.0 else 0.0
-        return np.asarray(np.abs(share) ** (p - 1.0) * np.sign(share) * scale)
+        factors = (sizes / (largest or 1.0)) ** (p - 1.0) * scale
+        units = (np.divide(v, sizes, out=np.zeros_like(v), where=sizes > 0.0) for v in values)
+        return [factors * unit for unit in units]
 
     if target.norm.boundary:
         density = fem.Function(space)
-        values = values_at_control_points(space, error.x.array)
-        density.x.array[:] = coefficients_of(space, powers(values))
-        return density * v * ufl.ds(metadata=FACET_RULE.metadata)
+        values = [values_at_control_points(space, part) for part in component_arrays(error)]
+        for part, power in zip(component_arrays(density), powers(values), strict=True):
+            part[:] = coefficients_of(space, power)
+        return ufl.inner(density, v) * ufl.ds(metadata=FACET_RULE.metadata)
     rule = rule_of_powers(space.element.basix_element, p)
     kind = space.mesh.topology.cell_name()
-    at_points = basix.ufl.quadrature_element(kind, degree=rule.degree)
+    at_points = basix.ufl.quadrature_element(kind, value_shape=error.ufl_shape, degree=rule.degree)
     density = fem.Function(fem.functionspace(space.mesh, at_points))
     cells = np.arange(len(space.dofmap.list), dtype=np.int32)
     points = Points(space.mesh, cells, rule.points(basix.CellType[kind])[0])
-    density.x.array[density.function_space.dofmap.list] = powers(points.values(error)[0])
-    return density * v * ufl.dx(metadata=rule.metadata)
+    for part, power in zip(component_arrays(density), powers(points.values(error)), strict=True):
+        part[density.function_space.dofmap.list] = power
+    return ufl.inner(density, v) * ufl.dx(metadata=rule.metadata)

@@ -83,7 +83,7 @@ class MovedSides:
         rest = self.factor / (1.0 - self.factor)
         detail = difference(u, self._before)
         if not target.weighted and target.norm is not None:
-            return solved.in_norm(rest * cell_norms(detail, target.norm))
+            return solved.in_norm(rest * target.on_cells(detail))
         if target.norm is None:
             whole = rest * abs(self._functional(u) - self._value)
         else:

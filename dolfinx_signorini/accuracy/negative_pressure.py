@@ -20,13 +20,15 @@ import math
 
 import basix
 import numpy as np
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
-from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice
+from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice, held_nodes
 from dolfinx_signorini.accuracy.terms import Dual, Solved
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import SOLVED
@@ -45,10 +47,10 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     problem, norm = solved.fine, solved.target.norm
     if norm is None or problem.in_domain:
         return np.zeros((2, solved.count))
-    space, domain = problem.space, problem.space.mesh
+    space, domain = problem.system.layout.nodal, problem.space.mesh
     dim = domain.topology.dim
     pairs, dofs, touching = contact_on_entities(problem)
-    fixed = marked(space, problem.fixed_dofs)[dofs]
+    fixed = marked(space, held_nodes(problem))[dofs]
     held = touching.any(axis=1) & ~fixed.any(axis=1)
     if not problem.comm.allreduce(bool(held.any()), op=MPI.LOR):
         return np.zeros((2, solved.count))
@@ -66,7 +68,23 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     parts = opened ** (1.0 - norm.derivatives) * lack.max(axis=1, initial=0.0) ** norm.derivatives
     if not math.isinf(norm.p):
         parts *= length ** ((dim - norm.boundary) / norm.p)
+    parts *= solved.unit * _compliance(solved)
     return solved.in_norm(collected(parts, pairs[held, 0], len(solved.parents), norm.p))
+
+
+def _compliance(solved: Solved) -> float:
+    """How far a crack opens, over what one opens that a scalar with the diffusion 1 has.
+
+    In a body this is (1 - nu)/mu; taken is 1/mu if the volume does not change, and less otherwise.
+    """
+    e = solved.error
+    if e.function_space.dofmap.bs == 1:
+        return 1.0
+    strain, owned = ufl.sym(ufl.grad(e)), solved.fine.system.A.getLocalSize()[0]
+    size = float(fem.assemble_scalar(compiled.form(ufl.inner(strain, strain) * ufl.dx)))
+    energy = float(solved.acting(e).x.array[:owned] @ e.x.array[:owned])
+    size, energy = solved.fine.comm.allreduce(np.array([size, energy]))
+    return 2.0 * size / energy if energy > 0.0 else 1.0
 
 
 def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
@@ -80,16 +98,17 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     Args:
         problem: The solved problem; the call is collective.
     """
-    space, comm = problem.space, problem.comm
+    layout, comm = problem.system.layout, problem.comm
+    space, owned = layout.nodal, layout.obstacle_dofs // layout.block
     pairs, dofs, _ = contact_on_entities(problem)
-    owned, density = problem.system.layout.obstacle_dofs, fem.Function(space)
+    density = fem.Function(space)
     first = sum(comm.allgather(len(owned))[: comm.rank])
     density.x.array[owned] = np.arange(first, first + len(owned))
     density.x.scatter_forward()
     places = density.x.array[dofs].astype(PETSc.IntType)
     sizes = facet_scale(space.mesh, pairs)[:, None, None]
     masses, highest = (sizes * products[pairs[:, 1]] for products in _facet_products(space))
-    fixed = marked(space, problem.fixed_dofs)
+    fixed = marked(space, held_nodes(problem))
     # With a share of the masses the dofs at corners where two facets meet are determined, too.
     rows = np.where(fixed[dofs][:, :, None], highest + SOLVED * masses, masses)
     matrix = PETSc.Mat().create(comm)
@@ -102,7 +121,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     matrix.setValuesIJV(starts, columns, rows.ravel(), addv=add, rowmap=places.ravel())
     matrix.assemble()
     x, forces = matrix.createVecs()
-    forces.array_w[:] = np.where(fixed[owned], 0.0, problem.forces.x.array[owned])
+    forces.array_w[:] = np.where(fixed[owned], 0.0, problem.normal_forces.x.array[owned])
     ksp = PETSc.KSP().create(comm)
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.LU)

@@ -54,7 +54,8 @@ def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:
 
 def _few_points(integral: ufl.Integral, functions: Sequence[Expr]) -> int | None:
     """The degree of the rule of an integral if the rule is not exact; otherwise None."""
-    integrand, degree = integral.integrand(), integral.metadata().get("quadrature_degree", -1)
+    integrand = lowered(integral.integrand())  # as DOLFINx has the integrand estimated
+    degree = integral.metadata().get("quadrature_degree", -1)
     if not isinstance(degree, int) or degree < 0:
         degree = estimate_total_polynomial_degree(integrand)
         degree = max(degree) if isinstance(degree, tuple) else degree
@@ -65,11 +66,16 @@ def _few_points(integral: ufl.Integral, functions: Sequence[Expr]) -> int | None
 def _degree(integrand: Expr, functions: Sequence[Expr]) -> int | None:
     """The degree of an integrand that is a polynomial on each cell; None for others."""
     degree = functions[0].ufl_function_space().element.basix_element.degree
-    domain = functions[-1].ufl_function_space().mesh
-    x, dim = ufl.SpatialCoordinate(domain)[0], domain.geometry.dim
+    x = ufl.SpatialCoordinate(functions[-1].ufl_function_space().mesh)[0]
     known: dict[Expr, Expr] = {}
     for f in functions:
-        known |= {f: x**degree, ufl.grad(f): ufl.as_vector(dim * [x ** (degree - 1)])}
-    return polynomial_degree(
-        expand_indices(ufl.replace(remove_complex_nodes(lowered(integrand)), known))
-    )
+        slopes = ufl.grad(f)
+        known |= {f: _filled(x**degree, f), slopes: _filled(x ** (degree - 1), slopes)}
+    return polynomial_degree(expand_indices(ufl.replace(remove_complex_nodes(integrand), known)))
+
+
+def _filled(entry: Expr, like: Expr) -> Expr:
+    """An expression of the shape of another one with one entry everywhere."""
+    for size in reversed(like.ufl_shape):
+        entry = ufl.as_tensor(size * [entry])
+    return entry

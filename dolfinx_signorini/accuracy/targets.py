@@ -1,20 +1,25 @@
 """Targets of an accuracy: a norm of the error, or a functional of the solution."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from ufl.algorithms.analysis import extract_type
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import cell_norms, total
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
+from dolfinx_signorini.norms.pointwise import Quantity, quantity_of
+from dolfinx_signorini.norms.references import components
 
 Functional = Callable[[Expr], ufl.Form]
 
@@ -32,11 +37,14 @@ class Target:
         name: What the target is called.
         norm: The norm of the error; None for a functional.
         functional: The functional, linear in its argument; None for a norm.
+        of: The quantity of the first derivatives whose norm is meant, with a W^{1,p} norm as
+            `norm`, for such norms are of its kind; None for the solution itself.
     """
 
     name: str
     norm: Norm | None = None
     functional: Functional | None = None
+    of: Quantity | None = None
 
     @property
     def weighted(self) -> bool:
@@ -75,15 +83,26 @@ class Target:
             return 2.0 * degree
         return degree + 1.0 - self.norm.derivatives
 
+    def on_cells(self, f: fem.Function) -> Array:
+        """Return the norm that is meant of a function on each owned cell; collective."""
+        assert self.norm is not None
+        return cell_norms(f, self.norm if self.of is None else parse_norm(self.name), self.of)
 
-def target(norm: str | Functional) -> Target:
+
+def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     """Return the target that a norm's name or a functional means.
 
     A sup norm of the boundary means that of the domain, which is not smaller.
 
+    Args:
+        norm: The name, or the functional.
+        of: The quantity of the solution whose norm is meant; by default the solution itself.
+
     Raises:
-        InputError: The name is that of no norm.
+        InputError: The name is that of no norm, or of none that is known of quantities.
     """
+    if of is not None and (not isinstance(norm, str) or not re.fullmatch("L[^_]+", norm)):
+        raise InputError("of a quantity L^p norms of the domain are known, such as L2", "norm")
     if callable(norm) and not isinstance(norm, Expr):
 
         def form(u: Expr) -> ufl.Form:
@@ -101,6 +120,8 @@ def target(norm: str | Functional) -> Target:
     if not isinstance(norm, str):
         raise InputError(f"must be a name or a function, not {type(norm).__name__}", "norm")
     parsed = parse_norm(norm)
+    if of is not None:
+        return Target(norm, replace(parsed, derivatives=1.0), of=of)
     if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
         parsed = replace(parsed, boundary=False)
     return Target(norm, parsed)
@@ -115,19 +136,22 @@ def size(error: fem.Function, target: Target) -> float:
         return abs(float(comm.allreduce(fem.assemble_scalar(form))))
     if norm.boundary:
         return error_norms(error, None, [target.name])[target.name]
-    return total(cell_norms(error, norm), norm.p, comm)
+    return total(target.on_cells(error), norm.p, comm)
 
 
-def check_functional(target: Target, space: fem.FunctionSpace) -> None:
-    """Refuse a functional that tells nothing about functions of a space; the call is collective.
+def check_target(target: Target, space: fem.FunctionSpace) -> None:
+    """Refuse what tells nothing about functions of a space; the call is collective.
 
     Args:
-        target: What is to be accurate; nothing is checked for a norm.
+        target: What is to be accurate; nothing is checked for a norm of the solution.
         space: The space.
 
     Raises:
-        InputError: The functional is not linear, not finite, or 0 for all functions of the space.
+        InputError: The functional is not linear, not finite, or 0 for all functions of the space;
+            the quantity is not one of the first derivatives alone, or not linear.
     """
+    if target.of is not None:
+        _check_quantity(target.of, space)
     if target.functional is None:
         return
     form = target.functional(ufl.TestFunction(space))
@@ -136,8 +160,19 @@ def check_functional(target: Target, space: fem.FunctionSpace) -> None:
         compiled.check_linear(form, "norm")
         vector = fem.assemble_vector(compiled.form(form, "norm"))
         vector.scatter_reverse(la.InsertMode.add)
-        values = np.abs(vector.array[: space.dofmap.index_map.size_local])
+        owned = space.dofmap.index_map.size_local * space.dofmap.bs
+        values = np.abs(vector.array[:owned])
     largest = highest(space.mesh.comm, np.nan_to_num(values, nan=np.inf))
     if not 0.0 < largest < math.inf:
         said = "not a finite number" if largest > 0.0 else "0 for all functions"
         raise InputError(f"the functional is {said} on the first mesh", "norm")
+
+
+def _check_quantity(of: Quantity, space: fem.FunctionSpace) -> None:
+    v = ufl.TestFunction(space)
+    found = quantity_of(of, v)
+    compiled.check_linear(sum(components(found)) * ufl.dx, "of")
+    slopes = ufl.grad(v)
+    flat = ufl.replace(found, {slopes: ufl.classes.Zero(slopes.ufl_shape)})
+    if extract_type(flat, ufl.Argument):
+        raise InputError("must depend on derivatives alone, and not on values", "of")

@@ -27,19 +27,20 @@ Appl. Math. 279 (2015) 192-208, for sums over basis functions in place of integr
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, shared_out, total
+from dolfinx_signorini.accuracy.cells import collected, shared_out, total
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -54,7 +55,7 @@ class Solution:
 
     Attributes:
         u: The solution.
-        forces: The contact forces on the dofs, not negative.
+        forces: The contact forces on the dofs, as `problem.forces`: not negative for scalars.
     """
 
     u: fem.Function
@@ -99,6 +100,14 @@ class Solved:
     def distance(self) -> float:
         """The size of this difference, as the target measures it."""
         return size(self.error, self.target)
+
+    @functools.cached_property
+    def unit(self) -> float:
+        """The size of the quantity that is meant for derivatives of size 1; 1 for the solution."""
+        if self.target.of is None:
+            return 1.0
+        plain = size(self.error, replace(self.target, of=None))
+        return self.distance / plain if plain > 0.0 else 1.0
 
     @functools.cached_property
     def residual(self) -> fem.Function:
@@ -219,7 +228,7 @@ def dual_solution(solved: Solved, load: ufl.Form) -> Dual:
     restricted = solved.transfer.restrict(z)
     forces = difference(solved.acting(z), J)
     detail = difference(z, solved.transfer.prolong(restricted))
-    count = solved.fine.space.dofmap.index_map.size_local
+    count = solved.fine.space.dofmap.index_map.size_local * solved.fine.space.dofmap.bs
     own = float(J.x.array[:count] @ solved.error.x.array[:count])
     return Dual(z, detail, restricted, forces, solved.fine.comm.allreduce(own))
 
@@ -232,7 +241,7 @@ def residuals(solved: Solved, dual: Dual) -> Array:
 def released(solved: Solved, dual: Dual) -> Array:
     """Return -F(I z) on each cell: the contact forces of dofs that w has released."""
     parts = shared_by_cells(product(solved.coarse.forces, dual.restricted))
-    return parts * [[-solved.fine.sign], [1.0]]
+    return parts * [[-solved.fine.sense], [1.0]]
 
 
 def held(solved: Solved, dual: Dual) -> Array:
@@ -258,8 +267,7 @@ def quadrature(solved: Solved, dual: Dual | None) -> Array:
     if highest(solved.fine.comm, np.abs(defect.x.array)) == 0.0:
         return np.zeros((2, solved.count))
     if dual is None:
-        assert norm is not None
-        return solved.in_norm(cell_norms(solved.fine.solve_linearised(defect)[0], norm))
+        return solved.in_norm(solved.target.on_cells(solved.fine.solve_linearised(defect)[0]))
     parts = solved.on_cells(product(defect, dual.z))
     seen = total(parts[1], 1.0, solved.fine.comm)
     if norm is None or norm.boundary or seen <= SHARE * solved.distance:
@@ -296,15 +304,17 @@ def _assembled(form: fem.Form, space: fem.FunctionSpace) -> fem.Function:
 
 
 def shared_by_cells(values: fem.Function) -> Array:
-    """Return the sums of the values of the dofs of each owned cell, and those of their sizes.
+    """Return the sums of the values of the nodes of each owned cell, and those of their sizes.
 
-    Each dof is shared evenly by the cells of all ranks that have the dof; the call is collective.
+    The value of a node is the sum over its components, which does not depend on the axes. Each node
+    is shared evenly by the cells of all ranks that have the node; the call is collective.
 
     Args:
         values: The values as coefficients.
     """
     space = values.function_space
+    first, *others = component_arrays(values)
     cells = space.dofmap.list[: len(owned_cells(space.mesh))]
     number = summed(space.dofmap.index_map, cells)
-    shares = (values.x.array / np.maximum(number, 1.0))[cells]
+    shares = (sum(others, first) / np.maximum(number, 1.0))[cells]
     return np.array([shares.sum(axis=1), np.abs(shares).sum(axis=1)])

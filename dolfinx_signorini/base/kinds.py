@@ -104,7 +104,11 @@ def simplices(*dimensions: int, straight: bool = False) -> Kind:
 
 
 def on_mesh(
-    domain: mesh.Mesh, tensor: bool = False, normals: bool = False, callables: bool = False
+    domain: mesh.Mesh,
+    tensor: bool = False,
+    normals: bool = False,
+    callables: bool = False,
+    vectors: bool = False,
 ) -> Kind:
     """Return the kind of data on a mesh: finite numbers, and scalar UFL expressions.
 
@@ -113,8 +117,10 @@ def on_mesh(
         tensor: Whether square matrices of its dimension are data, too.
         normals: Whether normals and the like are known where the data are: on facets.
         callables: Whether functions of Python are data, too.
+        vectors: Whether vectors of its dimension are data, too.
     """
-    shapes = [(), *([(domain.geometry.dim,) * 2] if tensor else [])]
+    dim = domain.geometry.dim
+    shapes = [(), *([(dim, dim)] if tensor else []), *([(dim,)] if vectors else [])]
     home = domain.ufl_domain()
     seen: set[Expr] = set()  # what one value has in common with another is checked once
 

@@ -171,6 +171,8 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
 
 def with_bound(value: Any) -> str:
     """The kind of problems that have a bound."""
+    if isinstance(value, BoundConstrainedProblem) and value.space.dofmap.bs > 1:
+        return "has displacements, whose bound needs a symmetric equilibrated stress: not known"
     in_cells = isinstance(value, BoundConstrainedProblem) and value.in_domain
     return "" if in_cells else one_sided(value)
 

@@ -52,7 +52,12 @@ def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
 
 
 def coefficients_of(problem: BoundConstrainedProblem) -> Coefficients:
-    """Return the coefficients of a problem, as far as integrals over all cells are readable."""
+    """Return the coefficients of a problem, as far as integrals over all cells are readable.
+
+    Those of a system of equations are not taken apart: nothing is known of the problem then.
+    """
+    if problem.space.dofmap.bs > 1:
+        return Coefficients(None, None, ())
     slopes = range(1, problem.space.mesh.geometry.dim + 1)
     found = []
     for form in (problem.L, problem.a):
@@ -88,18 +93,22 @@ def _form_data(problem: BoundConstrainedProblem, form: ufl.Form) -> Iterator[Dat
         parts = _parts(problem.space.mesh, integral)
         if name is None or parts is None:
             continue
-        for formula in _formulas(reading, i, problem.space.mesh.geometry.dim):
+        size = problem.space.dofmap.bs
+        for formula in _formulas(reading, i, problem.space.mesh.geometry.dim, size):
             yield Datum(name, formula, "mass", degree if kind == "cell" else DEGREE, *parts)
 
 
-def _formulas(reading: Reading, integral: int, dimension: int) -> Iterator[Formula]:
-    """The formulas that an integrand has in front of arguments and their derivatives."""
+def _formulas(reading: Reading, integral: int, dimension: int, size: int) -> Iterator[Formula]:
+    """The formulas that an integrand has in front of arguments and their derivatives.
+
+    The arguments have `size` components.
+    """
     count, places = len(reading.form.arguments()), reading.places(integral)
     normals = range(dimension if reading.has_normals(integral) else 1)
-    every = combinations_with_replacement(range(dimension + 1), count)
+    every = combinations_with_replacement(range(size * (dimension + 1)), count)
     for chosen, normal in product(every, normals):
         formula = reading.total(places, chosen, normal)
-        diagonal = count > 1 and chosen[0] == chosen[1] > 0
+        diagonal = count > 1 and chosen[0] == chosen[1] >= size
         yield from with_reciprocal(formula) if diagonal else [formula]
 
 

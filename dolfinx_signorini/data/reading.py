@@ -120,7 +120,8 @@ class _Reader:
             return self.node(operands[0], (), indices | bound)
         if isinstance(e, classes.IndexSum):
             i = operands[1][0].count()
-            terms = (self.node(operands[0], (), indices | {i: k}) for k in range(e.dimension()))
+            every = range(e.dimension())  # of a tensor where the summand is one
+            terms = (self.node(operands[0], component, indices | {i: k}) for k in every)
             return reduce(lambda a, b: a + b, terms)
         if isinstance(e, classes.ListTensor):
             return self.node(operands[component[0]], component[1:], indices)

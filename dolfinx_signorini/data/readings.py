@@ -37,7 +37,8 @@ class Reading:
         load = Reading(problem.L).formula((0, 0), [0])
 
     What stands for an argument is given by a number: 0 for the value 1 with the slope 0, and k for
-    the value 0 with the slope 1 in the direction k.
+    the value 0 with the slope 1 in the direction k. For vectors of n components c + n k, with c
+    from 0 on, stands for the same with the component c, where the others are 0.
 
     Args:
         form: The form.
@@ -97,11 +98,15 @@ class Reading:
 
     def _read(self, place: Place, chosen: Sequence[int], normal: int) -> Formula | None:
         domain = self.form.ufl_domain()
-        unit = np.eye(len(ufl.SpatialCoordinate(domain)))
-        known: dict[Expr, Any] = {ufl.FacetNormal(domain): unit[normal]}
-        for argument, k in zip(self.form.arguments(), chosen, strict=True):
-            slope = unit[k - 1] if k else np.zeros(len(unit))
-            known |= {argument: float(k == 0), ufl.grad(argument): slope}
+        dim = len(ufl.SpatialCoordinate(domain))
+        known: dict[Expr, Any] = {ufl.FacetNormal(domain): np.eye(dim)[normal]}
+        for argument, code in zip(self.form.arguments(), chosen, strict=True):
+            shape, slope = argument.ufl_shape, ufl.grad(argument)
+            size = int(np.prod(shape))
+            values = np.zeros((size, dim + 1))
+            values[code % size, code // size] = 1.0
+            known[argument] = values[:, 0].reshape(shape)
+            known[slope] = values[:, 1:].reshape(slope.ufl_shape)
         return read(self.terms[place[0]][place[1]], known)
 
     def _once(self, key: Hashable, find: Callable[[], T]) -> T:

@@ -205,6 +205,16 @@ def _along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
 
 
+def component_arrays(f: fem.Function) -> list[Array]:
+    """Return the coefficients of each component of a function, one for each node, as views.
+
+    Args:
+        f: The function; a scalar function has one component.
+    """
+    size = f.function_space.dofmap.bs
+    return [f.x.array[k::size] for k in range(size)]
+
+
 def facet_dofs(space: fem.FunctionSpace, pairs: LocalIndices) -> LocalIndices:
     """Return the dofs of facets, those of the vertices first, shape (facets, dofs of a facet).
 

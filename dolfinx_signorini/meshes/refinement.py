@@ -16,7 +16,12 @@ from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.kinds import check, simplices
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.meshes.elements import coefficients_of, control_points, points_on_cells
+from dolfinx_signorini.meshes.elements import (
+    coefficients_of,
+    component_arrays,
+    control_points,
+    points_on_cells,
+)
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.parents import Parent, remember_parent
 from dolfinx_signorini.meshes.points import Points
@@ -179,7 +184,9 @@ class Interpolation:
 
     def __call__(self, u: fem.Function) -> fem.Function:
         """Return the interpolation of a function; the call is collective."""
-        values = np.einsum("pn,pn->p", self._shares, u.x.array[self._sources])
+        values = [
+            np.einsum("pn,pn->p", self._shares, part[self._sources]) for part in component_arrays(u)
+        ]
         return _interpolant(self._target, self._dofs, values)
 
 
@@ -247,8 +254,10 @@ def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Functio
     cells = np.flatnonzero(moved).astype(np.int32)
     places = points_on_cells(space, cells)[..., : geometry.dim]
     points = _in_reference_cell(origins[cells], maps[cells], places)
-    result.x.array[space.dofmap.list[cells]] = Points(space.mesh, cells, points).values(u)[0]
-    result.x.array[:] = coefficients_of(space, result.x.array, cells)
+    values = Points(space.mesh, cells, points).values(u)
+    for part, component in zip(component_arrays(result), values, strict=True):
+        part[space.dofmap.list[cells]] = component
+        part[:] = coefficients_of(space, part, cells)
     result.x.scatter_forward()
     return result
 
@@ -272,12 +281,16 @@ def prolong_on_cells(
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
 
 
-def _interpolant(space: fem.FunctionSpace, dofs: LocalIndices, values: Array) -> fem.Function:
-    """The function with given values at the places of dofs, which are all that ranks own."""
+def _interpolant(
+    space: fem.FunctionSpace, dofs: LocalIndices, values: Sequence[Array]
+) -> fem.Function:
+    """The function with given components at the places of dofs, which are all that ranks own."""
     result = fem.Function(space)
-    result.x.array[dofs] = values
+    for part, component in zip(component_arrays(result), values, strict=True):
+        part[dofs] = component
     result.x.scatter_forward()
-    result.x.array[:] = coefficients_of(space, result.x.array)
+    for part in component_arrays(result):
+        part[:] = coefficients_of(space, part)
     return result
 
 

@@ -17,6 +17,7 @@ Definitions:
     W^{1,p}    (integral of |e|^p plus |de/dx_i|^p for each i)^{1/p}: componentwise
     L^inf      the largest |e|
     W^{1,inf}  the largest |e| or |de/dx_i|, derivatives from inside of each cell
+    vectors    |e| and |de/dx_i| are Euclidean lengths; so is |q| of a matrix q, as stresses are
     on the boundary the same with the tangential gradient, and
     H^{1/2}    estimated by interpolation: sqrt(||e||_L2 ||e||_H1) on the boundary; the true
                fractional norm is in `dolfinx_signorini.norms.fractional`
@@ -32,7 +33,15 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import FUNCTION, TEXT, check, instance, optional, sequence
+from dolfinx_signorini.base.kinds import (
+    FUNCTION,
+    TEXT,
+    callable_,
+    check,
+    instance,
+    optional,
+    sequence,
+)
 from dolfinx_signorini.base.logs import Progress
 from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.points import Points
@@ -49,7 +58,7 @@ from dolfinx_signorini.norms.controlled import allowed, controlled
 from dolfinx_signorini.norms.fractional import fractional_norm
 from dolfinx_signorini.norms.maxima import Maxima
 from dolfinx_signorini.norms.names import Norm, parse_norm
-from dolfinx_signorini.norms.pointwise import ErrorAtPoints, kind_of
+from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, kind_of
 from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
 from dolfinx_signorini.norms.references import Reference
 
@@ -64,17 +73,22 @@ def error_norms(
     norms: Collection[str],
     rule: QuadratureRule | None = None,
     boundary_rule: QuadratureRule | None = None,
+    *,
+    of: Quantity | None = None,
 ) -> dict[str, float]:
     """Compute norms of the error u_h - u.
 
     Args:
-        u_h: The discrete solution, a scalar function in a Lagrange space of any degree on
-            triangles, tetrahedra, quadrilaterals or hexahedra.
+        u_h: The discrete solution, a function in a Lagrange space of scalars or vectors of any
+            degree on triangles, tetrahedra, quadrilaterals or hexahedra.
         exact: The known solution, on the mesh of u_h; None for the norms of u_h itself.
         norms: Names of the norms, see `parse_norm`.
         rule: Quadrature rule of the volume norms with p < inf, on cells. None for as many points as
             make the norms right to 1e-3, see `controlled.controlled`.
         boundary_rule: The same for the boundary norms, on facets.
+        of: What of the solution is meant, a function that returns a UFL expression, linear in its
+            argument and the first derivatives: for example its stress, of which the L^p norms are
+            known. By default the solution itself.
 
     Returns:
         The value of each norm, by name, the same on all ranks.
@@ -91,14 +105,17 @@ def error_norms(
         exact=(exact, optional(instance(Reference, "a known solution"))),
         rule=(rule, rule_kind),
         boundary_rule=(boundary_rule, rule_kind),
+        of=(of, optional(callable_)),
     )
     if exact is not None and exact.mesh != u_h.function_space.mesh:
         raise InputError("lives on another mesh than u_h", "exact")
     wanted = {name: parse_norm(name) for name in norms}
+    if of is not None and any(norm.derivatives for norm in wanted.values()):
+        raise InputError("only L^p norms of a quantity are known", "norms")
     values: dict[Norm, float] = {}
     for boundary, given in ((False, rule), (True, boundary_rule)):
         here = [n for n in wanted.values() if n.boundary == boundary and not n.spectral]
-        values |= _norms(u_h, exact, here, given) if here else {}
+        values |= _norms(u_h, exact, here, given, of) if here else {}
     for norm in wanted.values():
         if norm.spectral:
             values[norm] = fractional_norm(u_h, exact)
@@ -141,13 +158,17 @@ def sufficient_degree(domain: mesh.Mesh, degree: int, norm: Norm) -> int:
 
 
 def _norms(
-    u_h: fem.Function, exact: Reference | None, norms: Sequence[Norm], rule: QuadratureRule | None
+    u_h: fem.Function,
+    exact: Reference | None,
+    norms: Sequence[Norm],
+    rule: QuadratureRule | None,
+    of: Quantity | None,
 ) -> dict[Norm, float]:
     """Norms that are all on the domain or all on its boundary."""
     ends = [Norm(0.0, 2.0, True), Norm(1.0, 2.0, True)]  # of the interpolation of H^{1/2}
     half = [norm for norm in norms if norm.derivatives == 0.5]
     simple = [norm for norm in norms if norm not in half] + (ends if half else [])
-    error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in simple))
+    error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in simple), of)
     domain, comm = error.domain, error.domain.comm
     places = owned_cells(domain)
     if norms[0].boundary:

@@ -18,7 +18,7 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 from dolfinx_signorini.meshes.elements import LARGEST_DEGREE
-from dolfinx_signorini.norms.references import Reference
+from dolfinx_signorini.norms.references import Reference, components
 
 NODES = LARGEST_DEGREE + 1  # interpolation nodes per facet: elements of any degree are exact
 SAMPLES = 64  # samples per facet: higher frequencies have 2e-4 of the norm
@@ -26,6 +26,8 @@ SAMPLES = 64  # samples per facet: higher frequencies have 2e-4 of the norm
 
 def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
     """Return the H^{1/2} norm of u_h - u on the boundary of a plane domain.
+
+    The square of the norm of a vector is the sum of those of its components.
 
     Args:
         u_h: The discrete solution, on a mesh of a plane domain.
@@ -39,7 +41,8 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
     if domain.topology.dim != 2 or domain.geometry.dim != 2:
         raise InputError("known on the boundary of plane domains only", "H1_2_boundary_spectral")
     edges = BoundaryEdges(domain)
-    values = edges.samples([u_h if exact is None else u_h - exact.u], _nodes())[:, :, 0]
+    error = components(u_h if exact is None else u_h - exact.u)
+    values = edges.samples(list(error), _nodes())
     largest = float(np.abs(values).max(initial=0.0))
     if not np.isfinite(largest):
         raise FloatingPointError(f"the error is {largest} at a point of evaluation")
@@ -53,7 +56,8 @@ def fractional_norm(u_h: fem.Function, exact: Reference | None = None) -> float:
         rows, reverse = curve[:, 0], curve[:, 1] == 1
         along: Array = np.asarray(values[rows] / largest)
         along[reverse] = along[reverse, ::-1]  # the nodes are symmetric
-        total += _spectral_sum(edges.lengths[rows], along)
+        for component in np.moveaxis(along, 2, 0):
+            total += _spectral_sum(edges.lengths[rows], component)
     # The last digit of a sum may differ between ranks, and so might a caller's decisions.
     return float(domain.comm.bcast(largest * float(np.sqrt(total))))
 

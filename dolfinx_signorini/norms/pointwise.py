@@ -1,16 +1,26 @@
 """The error u_h - u and its derivatives at any points of cells and facets."""
 
+import functools
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
 import basix
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points, basix_element
-from dolfinx_signorini.norms.references import Reference, components
+from dolfinx_signorini.norms.references import Reference, components, derivatives_of, gradient_of
 
 CELLS = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
+
+# What of a solution is meant, linear in the solution and its first derivatives: the stress.
+Quantity: TypeAlias = Callable[[Expr], Expr]
 
 
 class ErrorAtPoints:
@@ -19,39 +29,61 @@ class ErrorAtPoints:
         error = ErrorAtPoints(u_h, exact, derivatives=True)
         e, dx, dy = error(Points(domain, cells, lattice))
 
+    The error of a vector is the Euclidean length of the error, and so is each of its derivatives.
     The construction compiles the exact solution, unless that is a discrete function; collective.
 
     Args:
-        u_h: The discrete solution, a scalar function in a Lagrange space.
+        u_h: The discrete solution, a function in a Lagrange space of scalars or vectors.
         exact: The known solution, on the mesh of u_h; None for u_h itself.
         derivatives: Whether the error is followed by its derivatives in each direction of space;
             at points of facets these are those of the tangential gradient.
+        of: The quantity whose error is meant, in place of the solution; then without derivatives.
 
     Attributes:
         domain: The mesh.
         degree: The polynomial degree of u_h, or of a discrete u if that is larger.
 
     Raises:
-        InputError: u_h is no scalar Lagrange function, its cells are of another kind than `CELLS`,
-            or the exact solution belongs to another mesh or is no function of coordinates and of
-            discrete functions.
+        InputError: u_h is no Lagrange function, its cells are of another kind than `CELLS`, or the
+            exact solution belongs to another mesh, has another shape, or is no function of
+            coordinates and of discrete functions.
     """
 
-    def __init__(self, u_h: fem.Function, exact: Reference | None, derivatives: bool):
+    def __init__(
+        self,
+        u_h: fem.Function,
+        exact: Reference | None,
+        derivatives: bool,
+        of: Quantity | None = None,
+    ):
         self.domain, self.degree = u_h.function_space.mesh, _degree(u_h)
-        self._u_h, self._derivatives = u_h, derivatives
+        self._u_h, self._derivatives, self._of = u_h, derivatives, of
+        self._parts = len(components(u_h))
+        self._quantity: FormulaAtPoints | None = None
+        if of is not None:
+            quantity = quantity_of(of, u_h)
+            self._parts = len(components(quantity))
+            self._quantity = FormulaAtPoints(self.domain, components(quantity))
         self._discrete: fem.Function | None = None
         self._formula: FormulaAtPoints | None = None
         if exact is None:
             return
         if exact.mesh._cpp_object is not self.domain._cpp_object:
             raise InputError("belongs to another mesh than the discrete solution", "exact")
-        if isinstance(exact.u, fem.Function) and tuple(exact.grad) == components(ufl.grad(exact.u)):
+        shape = getattr(exact.u, "ufl_shape", ())
+        if shape != u_h.ufl_shape:
+            raise InputError(f"has the shape {shape}, and u_h {u_h.ufl_shape}", "exact")
+        if of is not None:
+            known = {u_h: exact.u, ufl.grad(u_h): gradient_of(exact)}
+            self._formula = FormulaAtPoints(self.domain, components(ufl.replace(quantity, known)))
+        elif isinstance(exact.u, fem.Function) and tuple(exact.grad) == derivatives_of(exact.u):
             self._discrete = exact.u
             self.degree = max(self.degree, _degree(exact.u))
         else:
-            expressions = [exact.u, *(exact.grad if derivatives else ())]
-            self._formula = FormulaAtPoints(self.domain, expressions)
+            tensors = [exact.u, *(exact.grad if derivatives else ())]
+            self._formula = FormulaAtPoints(
+                self.domain, [p for t in tensors for p in components(t)]
+            )
         cells = self.domain.topology.index_map(self.domain.topology.dim)
         self._support = np.zeros(cells.size_local + cells.num_ghosts, dtype=bool)
         self._support[exact.support_cells()] = True
@@ -59,30 +91,62 @@ class ErrorAtPoints:
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def __call__(self, points: Points) -> list[Array]:
         """Return the error, then its derivatives if there are any, each of shape (n, m)."""
-        found = self._of(self._u_h, points)
+        found = self._values(self._u_h, points)
         if self._discrete is not None:
-            exact = self._of(self._discrete, points)
+            exact = self._values(self._discrete, points)
             found = [u_h - u for u_h, u in zip(found, exact, strict=True)]
         elif self._formula is not None:
             rows = np.flatnonzero(self._support[points.cells])
             part = points if len(rows) == len(points.cells) else points.of(rows)
             for component, u in zip(found, self._formula(part), strict=True):
                 component[rows] -= u
-        return [found[0], *points.tangential(found[1:])]
+        each = [found[k :: self._parts] for k in range(self._parts)]
+        along = [points.tangential(component[1:]) for component in each]
+        return [length(found[: self._parts]), *map(length, zip(*along, strict=True))]
 
     @property
     def of_u_h(self) -> "ErrorAtPoints":
         """The discrete solution itself in place of the error."""
-        return ErrorAtPoints(self._u_h, None, self._derivatives)
+        return ErrorAtPoints(self._u_h, None, self._derivatives, self._of)
 
     @property
     def kinds(self) -> int:
         """2 for an error with derivatives, else 1."""
         return 1 + int(self._derivatives)
 
-    def _of(self, function: fem.Function, points: Points) -> list[Array]:
-        gradient = points.gradients(function)[0] if self._derivatives else []
-        return [*points.values(function), *gradient]
+    def _values(self, function: fem.Function, points: Points) -> list[Array]:
+        """The components of a function, and then those of its derivatives in each direction."""
+        if self._quantity is not None:
+            return self._quantity(points)
+        gradients = points.gradients(function) if self._derivatives else []
+        slopes = [part for direction in zip(*gradients, strict=True) for part in direction]
+        return [*points.values(function), *slopes]
+
+
+def quantity_of(of: Quantity, u: Expr) -> Expr:
+    """Return a quantity of a function, with derivatives carried out; collective.
+
+    Raises:
+        InputError: The call fails, or returns no expression.
+    """
+    with together(u.ufl_function_space().mesh.comm, "of"):
+        try:
+            found = of(u)
+        except Exception as error:
+            message = f"the quantity is no expression: {type(error).__name__}: {error}"
+            raise InputError(message, "of") from error
+        if not isinstance(found, Expr):
+            raise InputError(f"must return an expression, not {type(found).__name__}", "of")
+    return apply_derivatives(apply_algebra_lowering(found))
+
+
+def length(components: Sequence[Array]) -> Array:
+    """Return the Euclidean length of vectors, of which a scalar keeps its sign.
+
+    Args:
+        components: The components, arrays of one shape.
+    """
+    return functools.reduce(np.hypot, components)
 
 
 def kind_of(domain: mesh.Mesh, places: LocalIndices) -> basix.CellType:
@@ -95,6 +159,7 @@ def _degree(function: fem.Function) -> int:
     cell = function.function_space.mesh.topology.cell_name()
     if cell not in CELLS:
         raise InputError(f"known for meshes of {', '.join(CELLS)}, not of {cell} cells", "norms")
-    if function.ufl_shape != ():
-        raise InputError(f"must be scalar, has the shape {function.ufl_shape}", "u_h")
+    if len(function.ufl_shape) > 1:
+        message = f"must be a scalar or a vector, has the shape {function.ufl_shape}"
+        raise InputError(message, "u_h")
     return int(basix_element(function, "u_h").embedded_superdegree)

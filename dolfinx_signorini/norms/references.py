@@ -5,8 +5,9 @@ accurate discrete solution carried over from another mesh.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
@@ -43,8 +44,8 @@ class Reference:
 
     Attributes:
         mesh: The mesh whose coordinates the expressions use.
-        u: The function.
-        grad: The gradient of u, one component per space dimension.
+        u: The function: a scalar, or a vector with a component for each coordinate.
+        grad: The derivatives of u in each direction of space, each of the shape of u.
         support: Centre and radius of a ball outside of which the function vanishes, or None. Errors
             evaluate the expressions on the cells that meet the ball and nowhere else.
         singular: Points at which the gradient is not smooth and sup norms look closely.
@@ -61,11 +62,13 @@ class Reference:
 
     def __post_init__(self) -> None:
         check(mesh=(self.mesh, MESH))
-        kind = on_mesh(self.mesh)
+        kind = on_mesh(self.mesh, vectors=True)
         check(u=(self.u, kind), grad=(self.grad, sequence(kind, "a tuple of the components")))
         dimension = self.mesh.geometry.dim
         if len(self.grad) != dimension:
             raise InputError(f"has {len(self.grad)} components", "grad")
+        if any(_shape(slope) != _shape(self.u) for slope in self.grad):
+            raise InputError(f"has components that are not of the shape {_shape(self.u)}", "grad")
         points = sequence(coordinates(dimension), "a tuple of points")
         check(support=(self.support, optional(ball(dimension))), singular=(self.singular, points))
 
@@ -114,13 +117,14 @@ def interpolated(reference: R, degree: int) -> R:
         reference=(reference, instance(Reference, "a known solution")),
         degree=(degree, integer(1, LARGEST_DEGREE)),
     )
-    u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree)), reference.u)
-    return replace(reference, u=u, grad=components(ufl.grad(u)))
+    shape = _shape(reference.u)
+    u = interpolant(fem.functionspace(reference.mesh, ("Lagrange", degree, shape)), reference.u)
+    return replace(reference, u=u, grad=derivatives_of(u))
 
 
 def discrete(u: fem.Function) -> Reference:
     """Return a discrete function as a reference for others on the same mesh, of any degree."""
-    return Reference(u.function_space.mesh, u, components(ufl.grad(u)))
+    return Reference(u.function_space.mesh, u, derivatives_of(u))
 
 
 def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) -> Reference:
@@ -135,10 +139,11 @@ def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) ->
     """
     source = u.function_space
     dim = source.mesh.geometry.dim
-    slopes = fem.functionspace(source.mesh, ("DG", source.element.basix_element.degree - 1, (dim,)))
+    whole, lower = (*u.ufl_shape, dim), source.element.basix_element.degree - 1
+    slopes = fem.functionspace(source.mesh, ("DG", lower, whole))
     cells = owned_cells(domain)
     targets = []
-    for function, shape in ((u, ()), (interpolant(slopes, ufl.grad(u)), (dim,))):
+    for function, shape in ((u, u.ufl_shape), (interpolant(slopes, ufl.grad(u)), whole)):
         space = fem.functionspace(domain, ("DG", degree, shape))
         data = fem.create_interpolation_data(space, function.function_space, cells, padding=PADDING)
         target = fem.Function(space)
@@ -146,9 +151,35 @@ def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) ->
         target.x.scatter_forward()
         targets.append(target)
     value, slope = targets
-    return Reference(domain, value, components(slope))
+    return Reference(domain, value, _along_axes(slope))
 
 
-def components(vector: Expr) -> tuple[Expr, ...]:
-    """Return the components of a vector."""
-    return tuple(vector[i] for i in range(vector.ufl_shape[0]))
+def derivatives_of(u: Expr) -> tuple[Expr, ...]:
+    """Return the derivatives of a function in each direction of space, of the shape of u."""
+    return _along_axes(ufl.grad(u))
+
+
+def gradient_of(reference: Reference) -> Expr:
+    """Return the gradient of a reference, for vectors with a row for each component."""
+    slopes, count = reference.grad, len(components(reference.u))
+    if not _shape(reference.u):
+        return ufl.as_vector(slopes)
+    return ufl.as_matrix([[slope[k] for slope in slopes] for k in range(count)])
+
+
+def components(u: Expr) -> tuple[Expr, ...]:
+    """Return the components of a tensor of any rank, row by row; a scalar has one."""
+    return tuple(u[index] if index else u for index in np.ndindex(_shape(u)))
+
+
+def _along_axes(gradient: Expr) -> tuple[Expr, ...]:
+    """The columns of a gradient, or the entries of that of a scalar."""
+    *shape, dim = gradient.ufl_shape
+    if not shape:
+        return components(gradient)
+    rows = range(shape[0])
+    return tuple(ufl.as_vector([gradient[k, i] for k in rows]) for i in range(dim))
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    return tuple(getattr(value, "ufl_shape", ()))

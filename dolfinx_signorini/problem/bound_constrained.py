@@ -235,6 +235,28 @@ class BoundConstrainedProblem:
         return self.obstacles[0].data
 
     @property
+    def sense(self) -> float:
+        """By what `forces` are multiplied to be forces on u: -1 with an upper obstacle, else 1."""
+        return self.sign
+
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The size of the contact force at each contact node, a scalar function: `forces`.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self.forces
+
+    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
+        """Return the scalar function that the obstacles bound, and what divides the bounds, if any.
+
+        Raises:
+            InputError: A problem of vectors has not been solved.
+        """
+        return self.u, None
+
+    @property
     def contact(self) -> LocalIndices:
         """The facets or cells with an obstacle that this rank knows."""
         return self._constraint.entities
@@ -262,10 +284,13 @@ class BoundConstrainedProblem:
     def active_sides(self) -> tuple[LocalIndices, ...]:
         """For each of the obstacles the owned dofs in contact: where u is equal to the obstacle.
 
+        For vectors these are nodes.
+
         Raises:
             InputError: The problem has not been solved.
         """
-        return tuple(self.contact_dofs[touching] for touching in self._touching())
+        nodes = self.contact_dofs // self._layout.block
+        return tuple(nodes[touching] for touching in self._touching())
 
     def _touching(self) -> Mask:
         """Whether dofs are in contact, shape (obstacles, contact dofs)."""

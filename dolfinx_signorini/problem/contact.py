@@ -190,7 +190,7 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        return self._layout.density(self._normal_forces())
+        return self._layout.density(self.normal_forces)
 
     @property
     def forces(self) -> fem.Function:
@@ -199,7 +199,7 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        sizes, size = self._normal_forces(), self.space.dofmap.bs
+        sizes, size = self.normal_forces, self.space.dofmap.bs
         forces = fem.Function(self.space, name="forces")
         nodes = self._layout.obstacle_dofs // size
         blocks = forces.x.array.reshape(-1, size)
@@ -225,21 +225,55 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        layout, size = self._layout, self.space.dofmap.bs
-        nodes = layout.obstacle_dofs // size
-        u = fem.Function(layout.nodal, name="u.d")
-        blocks = self.u.x.array.reshape(-1, size)[nodes]
-        u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
-        u.x.scatter_forward()
+        layout, size, (u, _) = self._layout, self.space.dofmap.bs, self.towards_obstacle()
+        nodes, gap = layout.obstacle_dofs // size, self.gap
         directions = fem.Function(self.space, name="directions")
         directions.x.array.reshape(-1, size)[nodes] = self._directions.units
-        directions.x.scatter_forward()
-        gap, distance = self.gap, fem.Function(layout.nodal, name="distance")
+        distance = fem.Function(layout.nodal, name="distance")
         distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
-        distance.x.scatter_forward()
-        held = nodes[~layout.free]
-        known = u, gap, self.pressure, self.contact, held
+        for function in (directions, distance):
+            function.x.scatter_forward()
+        known = u, gap, self.pressure, self.contact, nodes[~layout.free]
         return AlongDirection(layout.nodal, *known, directions, distance)
+
+    @property
+    def sense(self) -> float:
+        """1: the vectors `forces` are forces on the body."""
+        return 1.0
+
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The force along the direction at each contact node, a function of the scalar space.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        layout = self._layout
+        forces = super().forces
+        shares = self._directions.shares[layout.free]
+        forces.x.array[layout.contact_nodes] /= shares
+        forces.x.scatter_forward()
+        return forces
+
+    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
+        """Return u along the unit vector of the direction, and the length of the direction.
+
+        Both are functions of the scalar space of one component, known at nodes with an obstacle;
+        collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        self._solution()
+        layout, size = self._layout, self.space.dofmap.bs
+        nodes = layout.obstacle_dofs // size
+        u, lengths = fem.Function(layout.nodal, name="u.d"), fem.Function(layout.nodal)
+        blocks = self.u.x.array.reshape(-1, size)[nodes]
+        u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
+        lengths.x.array[nodes] = self._directions.lengths
+        for function in (u, lengths):
+            function.x.scatter_forward()
+        return u, lengths
 
     def plot(
         self,
@@ -291,15 +325,6 @@ class ContactProblem(BoundConstrainedProblem):
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure
-
-    def _normal_forces(self) -> fem.Function:
-        """The force along the direction at each contact node, a function of the scalar space."""
-        layout = self._layout
-        forces = super().forces
-        shares = self._directions.shares[layout.free]
-        forces.x.array[layout.contact_nodes] /= shares
-        forces.x.scatter_forward()
-        return forces
 
     @property
     def _directions(self) -> Directions:

@@ -5,7 +5,8 @@ the distance s behind the point the gap is c s^{3/2} (1 + c_1 s + ...), whose po
 From dofs at some distance, where the discrete gap is accurate, the zero of this power is
 extrapolated.
 
-Source: Christof and Haubner, Section 2.2, for the singularity.
+Source: Christof and Haubner, Section 2.2, for the singularity; K. L. Johnson, Contact mechanics,
+Cambridge (1985), Section 5.1, for the same of elastic bodies without friction.
 """
 
 from dataclasses import dataclass
@@ -18,8 +19,10 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
+from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
 SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
@@ -45,7 +48,8 @@ class DetachmentPoint:
             most the length of an edge. Without an extrapolation a Bernstein coefficient of degree
             3 or 4 that touches tells the end to a facet, degree times as far as this number says.
         strength: The gap on one side and the pressure on the other, the smaller of the two,
-            relative to the largest on the whole contact boundary.
+            relative to the largest on the whole contact boundary; the gap of an elastic body, to
+            its largest displacement if that is smaller.
     """
 
     position: tuple[float, ...]
@@ -53,7 +57,7 @@ class DetachmentPoint:
     strength: float
 
 
-def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
+def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[DetachmentPoint]:
     """Find the points where contact really ends, the strongest first.
 
     Points that are about as strong as each other come in the order of their coordinates.
@@ -62,7 +66,8 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     rounding. What counts is an end with a gap on one side and a pressure on the other.
 
     Args:
-        problem: A problem in the plane that has been solved.
+        problem: A problem in the plane that has been solved: for a scalar, or for an elastic body,
+            whose gap has the same power.
 
     Returns:
         The same points on all ranks.
@@ -70,11 +75,14 @@ def detachment_points(problem: SignoriniProblem) -> list[DetachmentPoint]:
     Raises:
         InputError: The problem is not in the plane, or has not been solved.
     """
-    check(problem=(problem, one_sided))
+    check(problem=(problem, lambda p: "" if isinstance(p, ContactProblem) else one_sided(p)))
     plane = problem.space.mesh.topology.dim == 2
     require(problem.comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
-    largest = float(gap.max(initial=0.0)), float(density.max(initial=0.0))
+    u, scale = problem.towards_obstacle()
+    # The sides of bodies bend away from an obstacle by much more than they move.
+    moved = np.inf if scale is None else highest(problem.comm, np.abs(u.x.array))
+    largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
     ends = np.flatnonzero((gap[:, 0] > 0.0) != (gap[:, 1] > 0.0))
@@ -167,15 +175,17 @@ def _zero(s: Array, values: Array, degree: int) -> float:
     return np.inf
 
 
-def _boundary_table(problem: SignoriniProblem) -> tuple[Array, Array, Array, Array]:
+def _boundary_table(
+    problem: SignoriniProblem | ContactProblem,
+) -> tuple[Array, Array, Array, Array]:
     """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
 
     Returns:
         The same on all ranks: ends, shape (edges, 2, 2); then of shape (edges, 2) the gaps and the
         densities of the dofs, and the values of the gap at their places.
     """
-    space = problem.space
-    gap, pressure = problem.gap.x.array, problem.pressure.x.array
+    left, density = problem.gap, problem.pressure
+    space, gap, pressure = left.function_space, left.x.array, density.x.array
     values = values_at_control_points(space, gap)
     edges, _ = facet_pieces(space, problem.system.layout.owned_entities)
     x = control_points(space)[:, :2]

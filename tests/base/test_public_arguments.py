@@ -50,6 +50,16 @@ class Things:
         self.scene = signorini.load_scene(path)
         self.other_function = fem.Function(fem.functionspace(self.other_mesh, ("Lagrange", 1)))
 
+        self.moved = fem.Function(fem.functionspace(self.mesh, ("Lagrange", 1, (2,))))
+        space = self.moved.function_space
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        self.elastic = signorini.elasticity(u, v, 1.0, 0.3)
+        self.weight = v[1] * ufl.dx
+        top = mesh.locate_entities_boundary(self.mesh, 1, lambda x: x[1] > 1.0 - 1e-9)
+        self.facets_below = mesh.locate_entities_boundary(self.mesh, 1, lambda x: x[1] < 1e-9)
+        dofs = fem.locate_dofs_topological(space, 1, top)
+        self.clamped = fem.dirichletbc(np.zeros(2), dofs, space)
+
     def pose(self, domain):
         space = fem.functionspace(domain, ("Lagrange", 1))
         u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
@@ -130,6 +140,7 @@ TABLE = {
             "norms": ["L2"],
             "rule": None,
             "boundary_rule": None,
+            "of": None,
         },
         lambda t: {
             "u_h": (None, t.problem, t.other_function, np.zeros(3)),
@@ -137,6 +148,7 @@ TABLE = {
             "norms": (*NO_TEXTS, ["L2", "junk"], ["L0.5"]),
             "rule": (7, "default"),
             "boundary_rule": (7, "default"),
+            "of": (7, "stress", lambda u: 1.0),
         },
     ),
     "friedrichs_keller": (
@@ -185,7 +197,8 @@ TABLE = {
         lambda t: {
             "pose": lambda sided: t.pose(sided.mesh),
             "sided": t.sided,
-            "norm": "H1",
+            "norm": "L2",
+            "of": ufl.grad,
             "accuracy": 100.0,
             "budget": None,
             "max_unknowns": 10**5,
@@ -196,7 +209,8 @@ TABLE = {
         lambda t: {
             "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
             "sided": (None, t.mesh, {"floor": t.facets}),
-            "norm": (None, 2, "junk", "L0.5", lambda u: u),
+            "norm": (None, 2, "junk", "L0.5", lambda u: u, "H1", "L2_boundary"),
+            "of": (4, lambda u: u, lambda u: 1.0, lambda u: ufl.grad(u) ** 2, lambda u: u[3]),
             "accuracy": ("1", 0.0, -1.0, NAN, True),
             "budget": ("1", 0.0, -1.0, NAN, True),
             "max_unknowns": (None, "1", 0, -1, NAN),
@@ -323,6 +337,50 @@ TABLE = {
             "petsc_options": (1.0, {1: "cg"}),
             "form_compiler_options": (1.0,),
             "jit_options": (1.0,),
+        },
+    ),
+    "ContactProblem": (
+        lambda t: {"a": t.elastic, "L": t.weight, "contact": t.facets_below, "bcs": [t.clamped]},
+        lambda t: {
+            "a": (None, 1.0, t.problem.a, t.weight, "u*v*dx"),
+            "L": (None, 1.0, t.problem.L, t.elastic),
+            "contact": (None, "x", 1.5, [-1], [10**6], np.empty(0, dtype=np.int32)),
+            "gap": (None, "x", NAN, t.x, t.other_function, t.other_x[0]),
+            "direction": ("x", 1.0, (1.0,), (0.0, 0.0), (NAN, 1.0), t.x[0]),
+            "bcs": (1.0, [1.0]),
+            "u": (1.0, t.problem.u, t.other_function),
+            "petsc_options_prefix": (1.0,),
+            "petsc_options": (1.0, {1: "cg"}),
+            "form_compiler_options": (1.0,),
+            "jit_options": (1.0,),
+        },
+    ),
+    "elasticity": (
+        lambda t: {"u": t.moved, "v": t.moved, "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, 1.0, t.x[0], t.problem.u),
+            "v": (None, 1.0),
+            "young": (None, "1", 0.0, -1.0, NAN),
+            "poisson": (None, "1", 0.5, -1.0, NAN),
+            "plane": (None, 1, "junk"),
+        },
+    ),
+    "stress": (
+        lambda t: {"u": t.moved, "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, 1.0, t.x[0], t.problem.u),
+            "young": (None, "1", 0.0, -1.0, NAN),
+            "poisson": (None, "1", 0.5, -1.0, NAN),
+            "plane": (None, 1, "junk"),
+        },
+    ),
+    "weighted_strain": (
+        lambda t: {"u": t.moved, "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, 1.0, t.x[0], t.problem.u),
+            "young": (None, "1", 0.0, -1.0, NAN),
+            "poisson": (None, "1", 0.5, -1.0, NAN),
+            "plane": (None, 1, "junk"),
         },
     ),
     "ContactState": (

@@ -351,14 +351,14 @@ def test_what_no_norm_is_known_of_is_refused():
     scalar = field(lambda x: x[0])
     domain = scalar.function_space.mesh
     names = ["L2", "Linf", "H1_boundary"]
-    vector = fem.Function(fem.functionspace(domain, ("Lagrange", 1, (2,))))
+    tensor = fem.Function(fem.functionspace(domain, ("Lagrange", 1, (2, 2))))
     curl = fem.Function(fem.functionspace(domain, ("N1curl", 1)))
     prism = mesh.create_unit_cube(MPI.COMM_WORLD, 1, 1, 1, cell_type=mesh.CellType.prism)
     x = ufl.SpatialCoordinate(domain)
     size = Reference(domain, ufl.CellDiameter(domain) * x[0], (x[0], x[1]))
     elsewhere = discrete(field(lambda x: x[0]))
     for name in names:
-        for function in (vector, curl, fem.Function(fem.functionspace(prism, ("Lagrange", 1)))):
+        for function in (tensor, curl, fem.Function(fem.functionspace(prism, ("Lagrange", 1)))):
             with pytest.raises(InputError):
                 error_norms(function, None, [name])
         for exact in (size, elsewhere):

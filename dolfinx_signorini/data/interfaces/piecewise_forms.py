@@ -28,8 +28,10 @@ def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
     """Let a problem have its data integrated piece by piece where they jump inside of cells.
 
     Args:
-        problem: The problem; the call is collective.
+        problem: The problem; the call is collective. Forms of vectors stay as they are.
     """
+    if problem.space.dofmap.bs > 1:
+        return
     domain = problem.space.mesh
     a, L = piecewise(problem.a, domain), piecewise(problem.L, domain)
     if a is not None or L is not None:
