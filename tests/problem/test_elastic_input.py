@@ -50,7 +50,6 @@ def test_a_scalar_space_is_refused():
         lambda x: np.stack([0.0 * x[0], x[0] - 0.5]),  # zero at one node
         lambda x: np.full((2, len(x.T)), np.nan),
     ],
-    ids=str,
 )
 def test_directions_that_make_no_sense(direction):
     refused("direction", direction=direction)
@@ -69,7 +68,7 @@ def test_a_scalar_function_as_direction():
 @pytest.mark.parametrize(
     "gap",
     [np.nan, "none", (0.0, 1.0), lambda x: x[:2], lambda x: np.full(len(x.T), np.nan)],
-    ids=str,
+    ids=["not finite", "a text", "a vector", "two rows", "not finite at points"],
 )
 def test_gaps_that_make_no_sense(gap):
     refused("gap", gap=gap)
