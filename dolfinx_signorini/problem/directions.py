@@ -21,11 +21,12 @@ from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.sided_meshes import box, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.checks import place
 from dolfinx_signorini.problem.values import called, evaluator
 from dolfinx_signorini.solvers.components import components
 from dolfinx_signorini.solvers.frames import Frame, turn_towards
+from dolfinx_signorini.solvers.motions import owned_places, rigid_motions
 
 Direction: TypeAlias = Sequence[float] | Expr | fem.Function | Callable[[Array], Array] | None
 
@@ -205,7 +206,8 @@ def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> N
     size = nodal.mesh.geometry.dim
     held: Mask = np.zeros(owned * size, dtype=bool)
     held[fixed] = True
-    parts, motions = components(nodal), rigid_motions(nodal)
+    parts = components(nodal)
+    motions = rigid_motions(comm, owned_places(nodal), size)
     for k in range(parts.count):
         own = motions * (parts.numbers == k)[:, None, None]
         rows = own.reshape(owned * size, -1)
@@ -220,25 +222,6 @@ def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> N
                 "Dirichlet conditions, or add a reaction term to the form a",
                 "bcs",
             )
-
-
-def rigid_motions(nodal: fem.FunctionSpace) -> Array:
-    """Return the rigid motions at the owned nodes, shape (nodes, components, motions).
-
-    Args:
-        nodal: The scalar space of one component; the call is collective.
-    """
-    owned, size = nodal.dofmap.index_map.size_local, nodal.mesh.geometry.dim
-    x = control_points(nodal)[:owned, :size]
-    low, high = box(nodal.mesh.comm, x)
-    x = (x - 0.5 * (low + high)) / (high - low).max()
-    motions = [np.tile(unit, (owned, 1)) for unit in np.eye(size)]
-    for i in range(size):
-        for j in range(i):
-            turn = np.zeros((owned, size))
-            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
-            motions.append(turn)
-    return np.stack(motions, axis=2)
 
 
 def _least_energy(A: PETSc.Mat, columns: Array) -> float:
