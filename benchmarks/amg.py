@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from shapes import SHAPES, TRIED, Shape, mesh_of
 
 from dolfinx_signorini import bernstein_space
-from dolfinx_signorini.solvers.linear.iterative import CLASSICAL, HYPRE
+from dolfinx_signorini.solvers.linear.algebraic import CLASSICAL, HYPRE
 
 COLUMNS = (
     *("shape", "problem", "unknowns", "options", "set-up MB"),

@@ -25,7 +25,7 @@ from shapes import SHAPES, TRIED, Shape, mesh_of
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.iterative import HYPRE
+from dolfinx_signorini.solvers.linear.algebraic import HYPRE
 
 COLUMNS = (
     *("shape", "degree", "unknowns", "touching", "contact s", "linear s", "best AMG"),

@@ -35,7 +35,7 @@ from dolfinx_signorini.base.records import versions
 from dolfinx_signorini.base.tables import markdown_table, text_table
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.solvers.residual import MARGIN
 from dolfinx_signorini.studies.paper.solution import paper_problem

@@ -26,8 +26,8 @@ from petsc4py import PETSc
 
 from dolfinx_signorini import ContactProblem, box_mesh, elasticity
 from dolfinx_signorini.base.tables import markdown_table
-from dolfinx_signorini.problem.directions import rigid_motions
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.motions import attach_motions, motions_of
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.system import System
 
@@ -79,22 +79,6 @@ def start(system: System) -> PETSc.Vec:
     x.set(0.0)
     x.array_w[system.fixed_dofs] = system.fixed_values
     return x
-
-
-def motions(problem: ContactProblem) -> PETSc.NullSpace:
-    """The rigid motions, turned like the unknowns and zero at the Dirichlet dofs."""
-    layout = problem.system.layout
-    columns = rigid_motions(layout.nodal)
-    vectors = []
-    for column in columns.reshape(-1, columns.shape[2]).T:
-        x = problem.A.createVecRight()
-        x.array_w[:] = layout.turned(column)
-        x.array_w[layout.fixed_dofs] = 0.0
-        for other in vectors:
-            x.axpy(-x.dot(other), other)
-        x.normalize()
-        vectors.append(x)
-    return PETSc.NullSpace().create(vectors=vectors, comm=COMM)
 
 
 def gamg_solve(system: System) -> int:
@@ -149,7 +133,8 @@ def snes_solve(problem: ContactProblem) -> tuple[Any, int]:
 def measure(n: int, dimension: int, repeats: int, peer: bool) -> dict[str, Any]:
     """Measure the solvers in turn, some times over."""
     problem, names = block(n, dimension), itertools.count()
-    problem.A.setNearNullSpace(motions(problem))
+    layout = problem.system.layout
+    attach_motions(problem.A, motions_of(layout), layout.fixed_dofs)
     found: dict[str, list[float]] = {key: [] for key in ("linear", "gamg", "contact", "snes")}
     apart, taken = 0.0, 0
     for _ in range(repeats):

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.residual import NaturalResidual
 
 COARSEST = 8

@@ -28,7 +28,8 @@ from dolfinx_signorini.meshes.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.iterative import AMG, IterativeSolver
+from dolfinx_signorini.solvers.linear.algebraic import AMG
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import MARGIN
 
 COMM = MPI.COMM_WORLD

@@ -21,7 +21,7 @@ from shapes import TRIED, mesh_of
 from dolfinx_signorini import SignoriniProblem, friedrichs_keller
 from dolfinx_signorini.base.tables import text_table
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.linear.options import options_set
 
 DT = 0.01

@@ -15,15 +15,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
-from dolfinx_signorini.problem import checks
+from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
-from dolfinx_signorini.problem.directions import Directions, check_held, scalar_space
+from dolfinx_signorini.problem.directions import Directions, scalar_space
 from dolfinx_signorini.problem.values import evaluator
+from dolfinx_signorini.solvers.components import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
 
@@ -89,7 +90,7 @@ class Assembly:
                 "jit_options": jit_options,
             }
             self._take(a, L)
-            self._given = constraint.obstacles
+            self._given, self._held_weakly = constraint.obstacles, constraint.held_weakly
             self._look_up()
             self._watch_a, self._watch_L = Watch(a), Watch(L)
             self._replaced = False  # whether other forms are assembled than the given ones
@@ -216,7 +217,6 @@ class Assembly:
             if frame is None:
                 return _assembled_matrix(self._a, self.bcs, fixed, known)
             A = _assembled_matrix(self._a, self.bcs, fixed)
-            check_held(A, frame.nodal, fixed)
             turn = frame.matrix().transpose()
             turned = A.ptap(turn)
             turned.setBlockSize(self.layout.block)
@@ -246,13 +246,10 @@ class Assembly:
         doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
-        loose: Mask
-        if self.layout.frame is not None:
-            loose = np.empty(0, dtype=bool)  # see `check_held`
-        elif old is None or matrix:
-            loose = checks.vanishes_on_constants(self._forms[0], A, self.layout, diagonal)
+        if old is None or matrix:
+            loose, free = self._loose(A, diagonal)
         else:
-            loose = old.loose
+            loose, free = old.loose, old.free
         made = System(
             layout=self.layout,
             A=A,
@@ -261,13 +258,26 @@ class Assembly:
             contact_diagonal=diagonal[self.layout.contact_dofs],
             fixed_values=bounds[1],
             loose=loose,
+            free=free,
             assembled=assembled,
         )
         checks.check_range(made, diagonal, self._given)
         if doubtful and self.layout.frame is None:
             checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
-        checks.check_held(made)
+        (checks if self.layout.frame is None else held).check_held(made)
         return made
+
+    def _loose(self, A: PETSc.Mat, diagonal: Array) -> tuple[Loose, Array]:
+        """Return the motions on which the form vanishes: those that contact holds, and others."""
+        form, none = self._forms[0], np.empty((len(diagonal), 0))
+        if self.layout.frame is None:
+            return checks.loose_constants(form, A, self.layout, diagonal), none
+        loose = held.loose_motions(form, A, self.layout)
+        if not loose:
+            return loose, none
+        loose, free = held.divided(loose, self.layout, self._held_weakly)
+        held.add_springs(A, free)
+        return loose, free
 
 
 def dofs_on_entities(space: fem.FunctionSpace, dim: int, entities: LocalIndices) -> LocalIndices:

@@ -22,6 +22,7 @@ from dolfinx_signorini.meshes.elements import (
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.problem.arguments import SCOPE
 from dolfinx_signorini.problem.constraint import Obstacle
+from dolfinx_signorini.solvers.components import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
 # Nodes along each side of the grid of `check_definite`, by dimension: about 200 in all.
@@ -209,8 +210,8 @@ def check_symmetry(A: PETSc.Mat) -> None:
     require(comm, symmetric, message, "form a")
 
 
-def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Mask:
-    """Return on the constants of which components a form vanishes; refuse one with a(1, 1) < 0.
+def loose_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Loose:
+    """Return the constants of components on which a form vanishes; refuse one with a(1, 1) < 0.
 
     Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
     reaction. Where row sums leave a doubt, the form itself is asked: a(1, v) is assembled without
@@ -222,9 +223,6 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: A
         A: The matrix of the form.
         layout: The dofs with Dirichlet data.
         diagonal: The diagonal of the matrix, the rows of this rank.
-
-    Returns:
-        One entry per component; none where each cell has a row sum beyond doubt or Dirichlet data.
 
     Raises:
         InputError: The subject is "form a".
@@ -241,21 +239,22 @@ def vanishes_on_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: A
     definite = energy >= -ROUNDING * bound
     require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
     if _held_in_all_cells(layout, sums > SOLVED * np.abs(diagonal)):
-        return np.empty(0, dtype=bool)
+        return Loose.nothing(comm)
     parts = layout.components
     loose = (parts.sums(sums) <= SOLVED * bound) & (parts.counts(layout.fixed_dofs) == 0)
     if not loose.any():
-        return loose
+        return Loose.nothing(comm)
     space = a.arguments()[0].ufl_function_space()
     one = fem.Constant(space.mesh, default_scalar_type(1.0))
     reaction = apply_derivatives(ufl.replace(a, {a.arguments()[1]: one}))
     if reaction.empty():
-        return loose
+        return Loose.constants(parts, loose)
     vector = fem_petsc.assemble_vector(compiled.form(reaction))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     energies = parts.sums(vector.array_r)
     vector.destroy()
-    return loose & (energies <= ROUNDING * _energy_of_coordinates(A, space))
+    loose &= energies <= ROUNDING * _energy_of_coordinates(A, space)
+    return Loose.constants(parts, loose)
 
 
 def _held_in_all_cells(layout: Layout, beyond_doubt: Mask) -> bool:
@@ -387,7 +386,7 @@ def check_held(system: System) -> None:
     parts = system.layout.components
     touchable = parts.counts(system.contact_dofs)
     work, loads = parts.sums(system.b.array_r), parts.sums(np.abs(system.b.array_r))
-    for k in np.flatnonzero(system.loose):
+    for k in np.flatnonzero(system.loose.counts):
         where = f" on {parts.names[k]}, where" if parts.count > 1 else ", while"
         if not touchable[k]:
             raise InputError(
@@ -432,7 +431,7 @@ def check_unique(system: System, x: PETSc.Vec) -> None:
         for sign in system.layout.sides
     )
     balanced = np.abs(work) <= ROUNDING * loads
-    for k in np.flatnonzero(system.loose & balanced & ((below == 0) | (above == 0))):
+    for k in np.flatnonzero(balanced & ((below == 0) | (above == 0)) & (system.loose.counts > 0)):
         where = f" on {parts.names[k]}, where" if parts.count > 1 else ", while"
         raise InputError(
             f"L(1) = 0{where} the form a vanishes on constants, and there is not contact with both "

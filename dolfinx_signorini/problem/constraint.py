@@ -40,6 +40,7 @@ class Constraint:
         obstacles: The obstacles, a lower one first.
         vectors: Whether the unknowns are vectors, which the obstacle meets in a direction.
         direction: This direction; None for the averaged normal.
+        held_weakly: Whether springs hold what nothing else does, see `ContactProblem`.
     """
 
     dim: int
@@ -47,6 +48,7 @@ class Constraint:
     obstacles: tuple[Obstacle, ...]
     vectors: bool = False
     direction: Any = None
+    held_weakly: bool = False
 
 
 def obstacles_of(mesh: Mesh, lower: Data | None, upper: Data | None) -> tuple[Obstacle, ...]:

@@ -13,6 +13,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
+    TRUTH,
     check,
     choice,
     instance,
@@ -88,8 +89,13 @@ class ContactProblem(BoundConstrainedProblem):
             direction, degree 1 and Bernstein elements the constraint holds at every point of the
             contact boundary against the interpolant of g; otherwise it holds at the nodes. At
             nodes where Dirichlet data fix some components, the obstacle stops the others.
-        bcs: Dirichlet conditions, on vectors or on components. They hold the body against all rigid
-            motions, or the form does.
+        bcs: Dirichlet conditions, on vectors or on components. A rigid motion that neither they nor
+            the form stop is held by contact, if the load presses the body against the obstacle.
+        held_weakly: Whether a rigid motion that neither data, nor form, nor contact stops is not
+            refused, but held by springs. The load must do no work on the motion, so that the body
+            rests wherever the motion takes the body. The springs are as many as these motions, at
+            dofs that tell the motions apart, and carry no force: the solution is one of the problem
+            without springs, the one in which the motions have no share, in the mean over the nodes.
         u: The function to be filled with the solution; a new one by default.
         petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
         petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
@@ -105,8 +111,8 @@ class ContactProblem(BoundConstrainedProblem):
 
     Raises:
         InputError: The data are not finite, the space has no vectors, a direction is none, the
-            contact boundary is none, the form is not symmetric or not definite, or a rigid motion
-            is not held.
+            contact boundary is none, the form is not symmetric or not definite, a rigid motion is
+            not held, or the load moves the body away from the obstacle.
 
     Source: Kikuchi and Oden, Contact problems in elasticity, SIAM (1988), Chapter 6.
     """
@@ -122,6 +128,7 @@ class ContactProblem(BoundConstrainedProblem):
         gap: Data = 0.0,
         direction: Direction = None,
         bcs: Sequence[fem.DirichletBC] = (),
+        held_weakly: bool = False,
         u: fem.Function | None = None,
         petsc_options_prefix: str | None = None,
         petsc_options: Mapping[str, Any] | None = None,
@@ -131,9 +138,10 @@ class ContactProblem(BoundConstrainedProblem):
         def constraint(space: fem.FunctionSpace) -> Constraint:
             domain = space.mesh
             facets = checked_facets(domain, contact)
-            check(gap=(gap, on_mesh(domain, callables=True)))
+            check(gap=(gap, on_mesh(domain, callables=True)), held_weakly=(held_weakly, TRUTH))
             upper = Obstacle(-1.0, gap, "gap")
-            return Constraint(domain.topology.dim - 1, facets, (upper,), True, direction)
+            more = direction, held_weakly
+            return Constraint(domain.topology.dim - 1, facets, (upper,), True, *more)
 
         super().__init__(
             a,

@@ -12,19 +12,17 @@ from typing import Any, TypeAlias
 import basix
 import numpy as np
 from dolfinx import fem, mesh
-from petsc4py import PETSc
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.sided_meshes import box, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.checks import place
 from dolfinx_signorini.problem.values import called, evaluator
-from dolfinx_signorini.solvers.components import components
 from dolfinx_signorini.solvers.frames import Frame, turn_towards
 
 Direction: TypeAlias = Sequence[float] | Expr | fem.Function | Callable[[Array], Array] | None
@@ -188,76 +186,6 @@ def _checked_lengths(
             )
     require(nodal.mesh.comm, not message, message, "direction")
     return lengths
-
-
-def check_held(A: PETSc.Mat, nodal: fem.FunctionSpace, fixed: LocalIndices) -> None:
-    """Refuse a body that Dirichlet data and the form leave free to move as a rigid body.
-
-    Args:
-        A: The matrix in the components of the space, with the Dirichlet data eliminated.
-        nodal: The scalar space of one component; the call is collective.
-        fixed: The owned dofs with Dirichlet data.
-
-    Raises:
-        InputError: The subject is "bcs".
-    """
-    comm, owned = nodal.mesh.comm, nodal.dofmap.index_map.size_local
-    size = nodal.mesh.geometry.dim
-    held: Mask = np.zeros(owned * size, dtype=bool)
-    held[fixed] = True
-    parts, motions = components(nodal), rigid_motions(nodal)
-    for k in range(parts.count):
-        own = motions * (parts.numbers == k)[:, None, None]
-        rows = own.reshape(owned * size, -1)
-        total, fixing = comm.allreduce(np.stack((rows.T @ rows, rows[held].T @ rows[held])))
-        sizes = np.sqrt(np.diag(total))
-        values, vectors = np.linalg.eigh(fixing / np.outer(sizes, sizes))
-        loose = rows @ (vectors[:, values <= ROUNDING] / sizes[:, None])
-        if loose.shape[1] and _least_energy(A, np.where(held[:, None], 0.0, loose)) <= SOLVED:
-            where = f" of {parts.names[k]}" if parts.count > 1 else ""
-            raise InputError(
-                f"a rigid motion{where} is not held: contact alone does not hold a body; fix it by "
-                "Dirichlet conditions, or add a reaction term to the form a",
-                "bcs",
-            )
-
-
-def rigid_motions(nodal: fem.FunctionSpace) -> Array:
-    """Return the rigid motions at the owned nodes, shape (nodes, components, motions).
-
-    Args:
-        nodal: The scalar space of one component; the call is collective.
-    """
-    owned, size = nodal.dofmap.index_map.size_local, nodal.mesh.geometry.dim
-    x = control_points(nodal)[:owned, :size]
-    low, high = box(nodal.mesh.comm, x)
-    x = (x - 0.5 * (low + high)) / (high - low).max()
-    motions = [np.tile(unit, (owned, 1)) for unit in np.eye(size)]
-    for i in range(size):
-        for j in range(i):
-            turn = np.zeros((owned, size))
-            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
-            motions.append(turn)
-    return np.stack(motions, axis=2)
-
-
-def _least_energy(A: PETSc.Mat, columns: Array) -> float:
-    """The least energy of a combination of functions, relative to the diagonal of the matrix."""
-    x, y = A.createVecs()
-    products = []
-    for column in columns.T:
-        x.array_w[:] = column
-        A.mult(x, y)
-        products.append(y.array_r.copy())
-    diagonal = A.getDiagonal()
-    comm = A.comm.tompi4py()
-    energies = columns.T @ np.stack(products, axis=1)
-    scales = columns.T @ (diagonal.array_r[:, None] * columns)
-    energies, scales = comm.allreduce(np.stack((energies, scales)))
-    for item in (x, y, diagonal):
-        item.destroy()
-    inverse = np.linalg.inv(np.linalg.cholesky(scales))
-    return float(np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0])
 
 
 def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:

@@ -4,8 +4,9 @@ Given a guess of the active set, the contact dofs in the set are held at the obs
 system is left. The solution of this system tells which dofs to release (multiplier negative) and
 which to hold (gap negative). Where only a few have to change, a small problem around them finds out
 how far the change goes, in place of one dof per linear solve. Where the form vanishes on constants
-some dof is always held: the forces balance. What ends the iteration is the natural residual: where
-gap and multiplier vanish together, the set may keep changing within rounding for ever.
+or on rigid motions some dofs are always held: the forces balance. What ends the iteration is the
+natural residual: where gap and multiplier vanish together, the set may keep changing within
+rounding for ever.
 
 Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 """
@@ -20,6 +21,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
 from dolfinx_signorini.solvers.residual import MARGIN, ROUNDING, NaturalResidual
@@ -197,19 +199,23 @@ def _measured(measure: NaturalResidual, x: PETSc.Vec, rtol: float) -> float:
 
 
 def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Mask) -> Mask:
-    """Return a set that holds each loose component, if only at the dofs next to being held.
+    """Return a set that holds each loose motion, if only at the dofs next to being held.
 
-    Without any dof held, no forces on the component balance.
+    Without all of them held, no forces on a body balance.
     """
-    parts, dofs = system.layout.components, system.contact_dofs
-    free = system.loose & (parts.counts(dofs[held]) == 0)
-    if not free.any():
-        return held
-    defect, numbers = measure.defect(x), parts.numbers[dofs]
-    largest = np.full(parts.count, -np.inf)
-    np.maximum.at(largest, numbers, defect)
-    largest = np.max(system.comm.allgather(largest), axis=0)
-    return np.asarray(held | (free[numbers] & (defect == largest[numbers])))
+    loose, dofs = system.loose, system.contact_dofs
+    numbers, rows = loose.numbers[dofs], loose.rows[dofs]
+    while True:
+        free = [still @ still.T for _, still in loose.parted(dofs[held])]
+        moved = np.einsum("ni,nij->nj", rows, np.array(free)[numbers])
+        stops = np.linalg.norm(moved, axis=1) > HALF_OF_THE_DIGITS
+        if not system.comm.allreduce(bool(stops.any()), op=MPI.LOR):
+            return held
+        defect = measure.defect(x)
+        largest = np.full(len(free), -np.inf)
+        np.maximum.at(largest, numbers[stops], defect[stops])
+        largest = np.max(system.comm.allgather(largest), axis=0)
+        held = np.asarray(held | (stops & (defect == largest[numbers])))
 
 
 def _any_equal(system: System, sets: Sequence[Mask], held: Mask) -> bool:

@@ -85,11 +85,13 @@ class Frame:
         local = [tuple(n * size for n in pair) for pair in scalar.getSizes()]
         csr = rows, wide.ravel()[order].astype(PETSc.IntType), wide_values
         made = PETSc.Mat().createAIJ(local, csr=csr, comm=scalar.comm)
+        made.setBlockSizes(size, size)  # for products, of which algebraic multigrid asks it
         scalar.destroy()
         if not finest:
             return made
         turn = self.matrix()
         product = turn.matMult(made)
+        product.setBlockSizes(size, size)
         for item in (turn, made):
             item.destroy()
         return product

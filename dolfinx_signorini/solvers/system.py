@@ -24,7 +24,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
-from dolfinx_signorini.solvers.components import Components, components
+from dolfinx_signorini.solvers.components import Components, Loose, components
 from dolfinx_signorini.solvers.densities import Densities
 from dolfinx_signorini.solvers.frames import Frame
 
@@ -169,8 +169,10 @@ class System:
         obstacle: The obstacle of each constraint.
         contact_diagonal: The diagonal entry of A of each constraint's dof.
         fixed_values: The Dirichlet data at the fixed dofs.
-        loose: For each component of the mesh whether the form vanishes on the constants there, so
-            that only contact holds the component; empty where the form holds all components.
+        loose: The motions on which the form vanishes, so that only contact holds them.
+        free: Motions that nothing holds, and on which the load does no work: orthonormal columns,
+            shape (dofs, motions). Springs in A hold them where they carry no force, and `fill`
+            leaves the motions out.
         assembled: How often the matrix has been assembled.
     """
 
@@ -180,13 +182,14 @@ class System:
     obstacle: Array
     contact_diagonal: Array
     fixed_values: Array
-    loose: npt.NDArray[np.bool_]
+    loose: Loose
+    free: Array
     assembled: int = 1
 
     @property
     def singular(self) -> bool:
-        """Whether only contact holds some component, so that A has a kernel."""
-        return bool(self.loose.any())
+        """Whether only contact holds some motion, so that A has a kernel."""
+        return bool(self.loose)
 
     @property
     def space(self) -> fem.FunctionSpace:
@@ -252,7 +255,10 @@ class System:
 
     def fill(self, u: fem.Function, x: PETSc.Vec) -> None:
         """Set a function of the space to a vector, the reverse of `vector_of`; collective."""
-        u.x.array[: x.getLocalSize()] = self.layout.turned_back(x.array_r)
+        values = x.array_r
+        if self.free.shape[1]:
+            values = values - self.free @ self.comm.allreduce(self.free.T @ values)
+        u.x.array[: x.getLocalSize()] = self.layout.turned_back(values)
         u.x.scatter_forward()
 
     def project(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None = None) -> bool:

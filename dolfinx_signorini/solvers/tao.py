@@ -22,7 +22,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.solvers.linear.iterative import AMG
+from dolfinx_signorini.solvers.linear.algebraic import AMG
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.residual import MARGIN, NaturalResidual, power_of_two
 from dolfinx_signorini.solvers.system import System

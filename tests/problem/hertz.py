@@ -31,6 +31,11 @@ def _potential(x):
 def displacement(x):
     """The displacement at points, shape (2 or 3, n): shape (2, n)."""
     z, _, slope, phi = _potential(x)
+    return displacement_of(z, slope, phi)
+
+
+def displacement_of(z, slope, phi):
+    """The displacement without shear on y = 0 for a potential Phi and its integral phi."""
     w = KAPPA * phi - np.conj(phi) - 2j * z.imag * np.conj(slope)
     return np.stack([w.real, w.imag]) / (2.0 * MU)
 
@@ -38,7 +43,12 @@ def displacement(x):
 def gradient(x):
     """The gradient of the displacement, not at (±a, 0): shape (4, n), row by row."""
     z, s, slope, _ = _potential(x)
-    curvature = np.conj(0.5j * P0 / A * (z / s - 1.0))
+    return gradient_of(z, slope, 0.5j * P0 / A * (z / s - 1.0))
+
+
+def gradient_of(z, slope, curvature):
+    """The gradient of the displacement for a potential Phi and its derivative, row by row."""
+    curvature = np.conj(curvature)
     along = KAPPA * slope - np.conj(slope) - 2j * z.imag * curvature
     up = 1j * (KAPPA * slope - np.conj(slope)) - 2.0 * z.imag * curvature
     return np.stack([along.real, up.real, along.imag, up.imag]) / (2.0 * MU)

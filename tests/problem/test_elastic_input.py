@@ -101,25 +101,14 @@ def held_at(pressed, axis, where, component=None):
     return [fem.dirichletbc(0.0, dofs, part)]
 
 
-@pytest.mark.parametrize("which", ["nothing", "one translation", "the other", "a rotation"])
+@pytest.mark.parametrize("which", ["nothing", "one translation"])
 def test_a_body_that_is_not_held(which):
+    """The highest side may slide along itself, and contact below does not stop the motion."""
     pressed = Pressed(n=4)
-    bcs = []
-    if which == "one translation":  # slides along the highest side
-        bcs = held_at(pressed, 1, 1.0, 1)
-    elif which == "the other":
-        bcs = held_at(pressed, 0, 0.0, 0)
-    elif which == "a rotation":  # about the corner: all other motions are held
-        space = pressed.space
-        corner = dolfinx.mesh.locate_entities_boundary(
-            space.mesh, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 1.0)
-        )
-        dofs = fem.locate_dofs_topological(space, 0, corner)
-        bcs = [fem.dirichletbc(pressed.moved, dofs, space)]
-    options = pressed.case.options | {"bcs": bcs}
+    bcs = held_at(pressed, 1, 1.0, 1) if which == "one translation" else []
     with pytest.raises(InputError) as caught:
-        ContactProblem(*pressed.case.forms, **options).solve()
-    assert caught.value.subject in ("bcs", "form a")
+        ContactProblem(*pressed.case.forms, **pressed.case.options | {"bcs": bcs}).solve()
+    assert caught.value.subject == "bcs" and "(1, 0)" in str(caught.value)
     pressed.problem.destroy()
 
 

@@ -14,7 +14,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference, components
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.linear.iterative import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.stop import SHARE, Stop
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
 

@@ -4,6 +4,8 @@ A space of degree k is followed by the spaces of degree 2 and 1 on the same mesh
 that the mesh was refined from, and last by the lattices behind a structured mesh.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
@@ -153,6 +155,37 @@ def edge_prolongation(
     values[starts[:-1][between]] = 1.0 - second[between]
     sizes = ((len(between), None), (owned, None))
     return PETSc.Mat().createAIJ(sizes, csr=(starts, columns, values), comm=comm)
+
+
+def coarse_places(prolongations: Sequence[PETSc.Mat], places: Array) -> list[Array]:
+    """Return the places of the nodes of all coarser levels, the finest of them first.
+
+    A node of a coarser level is one of the next finer level, too, whose row has the entry 1 alone;
+    where there is none, as in a lattice of other nodes or from degree 2 to 3, the place is a mean
+    of places around.
+
+    Args:
+        prolongations: The prolongations of one component, the finest first; collective.
+        places: The owned nodes of the finest level, shape (nodes, 3).
+    """
+    found = []
+    for prolongation in prolongations:
+        counts = np.diff(prolongation.getValuesCSR()[0])
+        same = (counts == 1).astype(np.float64)
+        fine, coarse = prolongation.createVecs()[::-1]
+        columns = []
+        for values in (np.ones(len(same)), *places.T):
+            for weights in (same, np.ones(len(same))):
+                fine.array_w[:] = weights * values
+                prolongation.multTranspose(fine, coarse)
+                columns.append(coarse.array_r.copy())
+        for item in (fine, coarse):
+            item.destroy()
+        alike, around = np.array(columns[::2]), np.array(columns[1::2])
+        sums = np.where(alike[0] > 0.0, alike, around)
+        places = (sums[1:] / np.where(sums[0] > 0.0, sums[0], 1.0)).T
+        found.append(places)
+    return found
 
 
 def _size(domain: mesh.Mesh) -> int:

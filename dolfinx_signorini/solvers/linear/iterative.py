@@ -6,8 +6,8 @@ preconditioner, see `projected`, if no more than a share of the contact dofs has
 that costs more additional iterations than a new one is dropped.
 
 The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
-`hierarchy`, or BoomerAMG alone. Coefficients that no coarse mesh resolves may slow the former down:
-a solver that sees this turns to BoomerAMG for good.
+`hierarchy`, or algebraic multigrid alone, see `algebraic`. Coefficients that no coarse mesh
+resolves may slow the former down: a solver that sees this turns to the latter for good.
 """
 
 import math
@@ -19,47 +19,15 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
+from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
 from dolfinx_signorini.solvers.linear.projected import Projected
 from dolfinx_signorini.solvers.linear.solver import Check, LinearSolver, has_few_dofs, set_residual
+from dolfinx_signorini.solvers.motions import attach_motions, motions_of
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
-# One Gauss-Seidel sweep forward on the way down and one backward on the way up are symmetric
-# together, and half the work of PETSc's default, which is symmetric each time. Sweeps leave out
-# what couples ranks; where that is strong, as with large reactions, they are definite only if the
-# diagonal is raised by it (Baker, Falgout, Kolev and Yang, SIAM J. Sci. Comput. 33 (2011) 2864).
-# The last levels, a few dofs each, cost more than a direct solve. Coarsening and interpolation are
-# those of `benchmarks/amg.py`: aggressive on the first level, in the plane and in space. Few dofs
-# are coarsened in PETSc's way, which leaves hardly an iteration.
-CLASSICAL: dict[str, Any] = {
-    "pc_type": "hypre",
-    "pc_hypre_type": "boomeramg",
-    "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
-    "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
-    "pc_hypre_boomeramg_max_coarse_size": 50,
-}
-HYPRE: dict[str, Any] = CLASSICAL | {
-    "pc_hypre_boomeramg_coarsen_type": "HMIS",
-    "pc_hypre_boomeramg_interp_type": "ext+i",
-    "pc_hypre_boomeramg_P_max": 4,
-    "pc_hypre_boomeramg_agg_nl": 1,
-    "pc_hypre_boomeramg_agg_num_paths": 2,
-}
-# PETSc's own algebraic multigrid, for a PETSc without hypre. The unit of the form is free: norms of
-# size 1e200 have no squares, so that eigenvalues are estimated by CG, and pivots may be tiny. The
-# interpolation is made anew for each set of held dofs.
-GAMG: dict[str, Any] = {
-    "pc_type": "gamg",
-    "pc_gamg_esteig_ksp_type": "cg",
-    "pc_gamg_reuse_interpolation": False,
-    "mg_coarse_sub_pc_factor_zeropivot": float(np.finfo(np.float64).tiny),
-}
-AMG = HYPRE if PETSc.Sys.hasExternalPackage("hypre") else GAMG
-DEFAULT_OPTIONS: dict[str, Any] = {"ksp_type": "cg"} | AMG
-# On the coarsest mesh of geometric multigrid one cycle stands for a solve, and is to be accurate.
-COARSEST = AMG | ({"pc_hypre_boomeramg_agg_nl": 0} if AMG is HYPRE else {})
 SETUP_ITERATIONS = 10  # what a set-up of BoomerAMG costs in the plane, in iterations; in space 17
 GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # Geometric multigrid is slow where so many iterations reduce the residual by less than a factor, or
@@ -79,24 +47,25 @@ class IterativeSolver(LinearSolver):
     """A linear solver by conjugate gradients, see `LinearSolver`.
 
     The preconditioner is multigrid over degrees and meshes where coarser ones are known, else
-    BoomerAMG. An option that begins with "pc_" chooses PETSc's preconditioners, of which BoomerAMG
-    is the default.
+    algebraic multigrid. An option that begins with "pc_" chooses PETSc's preconditioners, of which
+    BoomerAMG is the default, or GAMG for vectors.
     """
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         super().__init__(system, prefix, options)
+        self._block = system.layout.block
         self._pace = self._excess = 0.0
         self._checks: list[Check] = []  # of the present solve
         self._unit = 1.0  # of the correction
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
         self._ksp.setOptionsPrefix(prefix)
-        few = AMG is HYPRE and has_few_dofs(system)
-        self._defaults = {"ksp_type": "cg"} | CLASSICAL if few else DEFAULT_OPTIONS
+        self._defaults = {"ksp_type": "cg"} | amg_options(self._block, has_few_dofs(system))
         with options_set(prefix, self._options, self._defaults) as self._unread:
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
-        self._multigrid = multigrid_for(system, prefix, self._options, COARSEST)
+        coarsest = amg_options(self._block, coarsest=True)
+        self._multigrid = multigrid_for(system, prefix, self._options, coarsest)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
@@ -194,7 +163,7 @@ class IterativeSolver(LinearSolver):
         return SETUP_ITERATIONS if self._multigrid is None else GEOMETRIC_ITERATIONS
 
     def _drop_levels(self) -> None:
-        """Put BoomerAMG in place of the coarser meshes, or else of all levels."""
+        """Put algebraic multigrid in place of the coarser meshes, or else of all levels."""
         assert self._multigrid is not None
         if not self._multigrid.drop_meshes():
             self._multigrid.destroy()
@@ -211,7 +180,11 @@ class IterativeSolver(LinearSolver):
     def _make_preconditioner(self, system: System, held: Mask) -> None:
         dofs = system.contact_dofs[held]
         if self._multigrid is None:
-            self._pc.setOperators(self._hold(system, dofs, _typical(system)))
+            matrix = self._hold(system, dofs, _typical(system))
+            if self._block > 1:  # constants are known without
+                zero = np.concatenate((dofs, system.fixed_dofs))
+                attach_motions(matrix, motions_of(system.layout), zero)
+            self._pc.setOperators(matrix)
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))

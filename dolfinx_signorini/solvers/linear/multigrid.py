@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import LocalIndices
-from dolfinx_signorini.solvers.linear.hierarchy import SMALL, prolongations
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.solvers.motions import attach_motions, owned_places, rigid_motions
 from dolfinx_signorini.solvers.system import System
 
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
@@ -33,7 +34,7 @@ class Multigrid:
 
     For example:
 
-        multigrid = Multigrid(*prolongations(space), prefix, COARSEST)
+        multigrid = Multigrid(*prolongations(space), prefix, amg_options(1, coarsest=True))
         multigrid.set_up(matrix, held, 4.0)
         multigrid.pc.apply(r, y)
 
@@ -44,6 +45,7 @@ class Multigrid:
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
         coarsest: The options of a coarsest level of many nodes, without prefix.
+        places: The nodes of this rank on the coarser levels, for their rigid motions.
 
     Attributes:
         pc: The cycle as a PETSc preconditioner.
@@ -58,9 +60,10 @@ class Multigrid:
         meshes: Sequence[PETSc.Mat],
         prefix: str,
         coarsest: Mapping[str, Any],
+        places: Sequence[Array] = (),
     ):
         self.prolongations, self.prefix = [*degrees, *meshes], prefix
-        self._degrees = len(degrees)
+        self._degrees, self._places = len(degrees), places
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
@@ -95,14 +98,18 @@ class Multigrid:
         for coarse in made:
             # A coarse function at held dofs alone is zero.
             entries = coarse.getDiagonal()
-            _fill(coarse, np.flatnonzero(entries.array_r == 0.0).astype(np.int32), diagonal)
+            empty = np.flatnonzero(entries.array_r == 0.0).astype(np.int32)
+            _fill(coarse, empty, diagonal)
             entries.destroy()
+        if not self._is_small:  # for algebraic multigrid
+            self._attach(made[-1], empty)
         _fill(matrix, held, diagonal)
         for solvers, level_matrix in zip(self._levels, [matrix, *made], strict=True):
             for solver in solvers:
                 solver.setOperators(level_matrix)
         self.pc.setOperators(matrix)
-        self.pc.setUp()
+        with options_set(*self._coarse_options):  # GAMG reads those of its levels now
+            self.pc.setUp()
 
     def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
         """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.
@@ -196,13 +203,32 @@ class Multigrid:
             self._levels.append((down, up))
         coarse = self.pc.getMGCoarseSolve()
         coarse.setType(PETSc.KSP.Type.PREONLY)
-        options: Mapping[str, Any] = self.coarsest
-        if self.prolongations[-1].getSize()[1] <= SMALL:
-            options = CHOLESKY if comm.size == 1 else REDUNDANT_CHOLESKY
-        coarse.setOptionsPrefix(f"{self.prefix}mg_coarse_")
-        with options_set(f"{self.prefix}mg_coarse_", {}, options):
+        coarse.setOptionsPrefix(self._coarse_options[0])
+        with options_set(*self._coarse_options):
             coarse.setFromOptions()
         self._levels.append((coarse,))
+
+    @property
+    def _coarse_options(self) -> tuple[str, Mapping[str, Any], Mapping[str, Any]]:
+        """The prefix of the coarsest level, no options of users, and the defaults."""
+        options: Mapping[str, Any] = self.coarsest
+        if self._is_small:
+            one = self.prolongations[0].comm.size == 1
+            options = CHOLESKY if one else REDUNDANT_CHOLESKY
+        return f"{self.prefix}mg_coarse_", {}, options
+
+    def _attach(self, coarse: PETSc.Mat, empty: LocalIndices) -> None:
+        """Tell the matrix of the coarsest level the rigid motions; for one component nothing."""
+        size = coarse.getBlockSize()
+        if size > 1:
+            places = self._places[len(self.prolongations) - 1]
+            motions = rigid_motions(coarse.comm.tompi4py(), places, size)
+            attach_motions(coarse, motions.reshape(-1, motions.shape[2]), empty)
+
+    @property
+    def _is_small(self) -> bool:
+        """Whether the coarsest level is factored."""
+        return bool(self.prolongations[-1].getSize()[1] <= SMALL)
 
     def _smooth(self, solver: PETSc.KSP, sweep: str) -> None:
         prefix = f"{self.prefix}mg_levels_"
@@ -232,14 +258,17 @@ def multigrid_for(
     names = (*options, *PETSc.Options(prefix).getAll())
     if any(name.startswith("pc_") for name in names):
         return None
-    degrees, meshes = prolongations(system.layout.nodal)
-    if system.layout.frame is not None:
-        wide = [
-            system.layout.frame.prolongation(each, finest=k == 0)
-            for k, each in enumerate([*degrees, *meshes])
-        ]
+    layout = system.layout
+    degrees, meshes = prolongations(layout.nodal)
+    places: list[Array] = []
+    if layout.frame is not None:
+        found = [*degrees, *meshes]
+        places = coarse_places(found, owned_places(layout.nodal))
+        wide = [layout.frame.prolongation(each, finest=k == 0) for k, each in enumerate(found)]
         degrees, meshes = wide[: len(degrees)], wide[len(degrees) :]
-    return Multigrid(degrees, meshes, prefix, coarsest) if degrees or meshes else None
+    if not degrees and not meshes:
+        return None
+    return Multigrid(degrees, meshes, prefix, coarsest, places)
 
 
 def _fill(matrix: PETSc.Mat, rows: LocalIndices, value: float) -> None:

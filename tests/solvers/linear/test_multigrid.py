@@ -17,8 +17,9 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
+from dolfinx_signorini.solvers.linear.algebraic import AMG, HYPRE
 from dolfinx_signorini.solvers.linear.hierarchy import degree_prolongations, prolongations
-from dolfinx_signorini.solvers.linear.iterative import AMG, HYPRE, SLOW, IterativeSolver
+from dolfinx_signorini.solvers.linear.iterative import SLOW, IterativeSolver
 from dolfinx_signorini.solvers.linear.lattice import coarsened, find_lattice
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 

@@ -1,0 +1,275 @@
+"""Bodies that contact holds: which rigid motions are loose, and whether the load presses on them.
+
+A rigid motion r on which the form vanishes, and that is zero at Dirichlet data, costs no energy.
+Contact stops the motions that move some contact node towards the obstacle, so that the body may
+still make those of a cone K. There is one solution where the load does negative work on all of K
+but zero: the load presses the body against the obstacle. A motion of K on which the work is
+positive has no end, and one on which the work is zero leads from one solution to another.
+
+A motion that moves no contact node along its direction is free both ways. Where the load does no
+work on such motions, springs at as many dofs, which tell the motions apart, make the solution
+unique and carry no force: the balance of a body along these motions has the forces of the springs
+alone.
+
+Source: Fichera, Handbuch der Physik VI a/2 (1972), for solutions of Signorini's problem under loads
+in equilibrium.
+"""
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.optimize import linprog
+
+from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED
+from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.solvers.components import Loose
+from dolfinx_signorini.solvers.motions import motions_of, owned_places
+from dolfinx_signorini.solvers.system import Layout, System
+
+# Linear programs are solved to 1e-7: so much work of a load of size 1 counts as none. A load that
+# presses by less than a thousandth of its size is one that does not press.
+NO_WORK, LITTLE = 1e-6, 1e-3
+MOST_ROUNDS = 100  # of linear programs, each with the rows that the last one violates
+
+
+def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout) -> Loose:
+    """Return the rigid motions on which a form vanishes and that are zero at Dirichlet data.
+
+    Args:
+        a: The form.
+        A: The matrix of the form, turned, with the Dirichlet data eliminated.
+        layout: The dofs; the call is collective.
+    """
+    motions, parts, fixed = motions_of(layout), layout.components, layout.fixed_dofs
+    comm, numbers = layout.space.mesh.comm, np.repeat(parts.numbers, layout.block)
+    found: list[Array] = []
+    for k in range(parts.count):
+        own = motions * (numbers == k)[:, None]
+        total, fixing = comm.allreduce(np.stack((own.T @ own, own[fixed].T @ own[fixed])))
+        values, vectors = np.linalg.eigh(total)
+        basis = vectors / np.sqrt(values)
+        values, vectors = np.linalg.eigh(basis.T @ fixing @ basis)
+        basis = basis @ vectors[:, values <= ROUNDING] * np.sqrt(np.trace(total) / total.shape[0])
+        if basis.shape[1]:
+            basis = basis @ _without_energy(a, A, layout, own @ basis)
+        found.append(basis)
+    if not any(basis.shape[1] for basis in found):
+        return Loose.nothing(comm)
+    motions[fixed] = 0.0
+    counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
+    return Loose(comm, counts, numbers, motions).combined(found)
+
+
+def divided(loose: Loose, layout: Layout, weakly: bool) -> tuple[Loose, Array]:
+    """Return the loose motions that contact may stop, and orthonormal ones that nothing stops.
+
+    Args:
+        loose: All loose motions; the call is collective.
+        layout: The dofs.
+        weakly: Whether motions that nothing stops are not refused.
+
+    Raises:
+        InputError: The subject is "bcs".
+    """
+    stopped, still = zip(*loose.parted(layout.contact_dofs), strict=True)
+    free = loose.combined(list(still))
+    columns = []
+    for k in np.flatnonzero(free.counts):
+        own = free.rows * (free.numbers == k)[:, None]
+        own = own[:, : free.counts[k]]
+        if not weakly:
+            raise InputError(
+                f"{_name(layout, k, own[:, 0])} is free: neither Dirichlet conditions, nor the "
+                "form a, nor contact stops it; fix it by a condition, add a reaction term, or ask "
+                "for held_weakly=True",
+                "bcs",
+            )
+        values, vectors = np.linalg.eigh(loose.comm.allreduce(own.T @ own))
+        columns.append(own @ (vectors / np.sqrt(values)))
+    none = np.empty((len(loose.rows), 0))
+    return loose.combined(list(stopped)), np.concatenate([none, *columns], axis=1)
+
+
+def add_springs(A: PETSc.Mat, free: Array) -> None:
+    """Add springs on the diagonal, at as many dofs as there are motions, which tell them apart.
+
+    A spring is as stiff as its dof is already.
+
+    Args:
+        A: The matrix, changed in place; the call is collective.
+        free: The motions, orthonormal columns.
+    """
+    comm, rest, diagonal = A.comm.tompi4py(), free.copy(), A.getDiagonal()
+    for _ in range(free.shape[1]):
+        sizes = np.einsum("ni,ni->n", rest, rest)
+        owners = comm.allgather(float(sizes.max(initial=0.0)))
+        row = np.zeros(free.shape[1])
+        if comm.rank == int(np.argmax(owners)):
+            dof = int(np.argmax(sizes))
+            row = rest[dof] / np.sqrt(sizes[dof])
+            diagonal.array_w[dof] *= 2.0
+        row = comm.allreduce(row)
+        rest -= np.outer(rest @ row, row)
+    if free.shape[1]:
+        A.setDiagonal(diagonal)
+        A.assemble()
+    diagonal.destroy()
+
+
+def check_held(system: System) -> None:
+    """Refuse a load that does work on a motion that nothing stops, or does not press.
+
+    Args:
+        system: The system; the call is collective.
+
+    Raises:
+        InputError: The subject is "load".
+    """
+    layout, loose, load = system.layout, system.loose, system.b.array_r
+    sizes = _at_nodes(load, layout) * sum(
+        (_at_nodes(motion, layout) for motion in system.free.T), start=np.zeros(1)
+    )
+    size, work = (
+        system.comm.allreduce(float(sizes.sum())),
+        system.comm.allreduce(load @ system.free),
+    )
+    for j in np.flatnonzero(np.abs(work) > SOLVED * size)[:1]:
+        name = _name(layout, None, system.free[:, j])
+        raise InputError(
+            f"does work on {name}, which nothing stops: the energy is unbounded", "load"
+        )
+    if not loose:
+        return
+    works, pushes = loose.sums(load), layout.components.sums(_at_nodes(load, layout))
+    dofs = system.contact_dofs
+    rows, numbers = system.signs[:, None] * loose.rows[dofs], loose.numbers[dofs]
+    for k in np.flatnonzero(loose.counts):
+        count = int(loose.counts[k])
+        own = rows[numbers == k, :count]
+        unit = works[k, :count] / max(pushes[k], np.finfo(np.float64).tiny)
+        found, message = _unpressed(system.comm, own, unit)
+        if found is not None:
+            column = loose.rows[:, :count] @ found * (loose.numbers == k)
+            raise InputError(f"{_name(layout, k, column)} {message}", "load")
+
+
+def _at_nodes(values: Array, layout: Layout) -> Array:
+    """The length of a vector at each owned node."""
+    return np.asarray(np.linalg.norm(values.reshape(-1, layout.block), axis=1))
+
+
+def _unpressed(comm: MPI.Comm, rows: Array, work: Array) -> tuple[Array | None, str]:
+    """A motion that contact allows, rows @ r >= 0, and on which the load does no negative work."""
+    motion = _extreme(comm, rows, work)
+    if work @ motion > NO_WORK:
+        return (
+            motion,
+            "takes the body away from the obstacle, and the load does work on it: the "
+            + ("energy is unbounded; the load must press against the obstacle"),
+        )
+    for j in range(len(work)):
+        for sign in (1.0, -1.0):
+            goal = sign * np.eye(len(work))[j]
+            motion = _extreme(comm, rows, goal, work)
+            if goal @ motion > LITTLE:
+                return motion, (
+                    "takes the body away from the obstacle, and the load does no work on it: the "
+                    "solution is not unique; the load must press against the obstacle"
+                )
+    return None, ""
+
+
+def _extreme(comm: MPI.Comm, rows: Array, goal: Array, work: Array | None = None) -> Array:
+    """The r in the box [-1, 1] with rows @ r >= 0 and work @ r >= 0 at which goal @ r is largest.
+
+    Rows of all ranks join a linear program as far as its solution violates them.
+    """
+    chosen = np.empty((0, len(goal))) if work is None else work[None]
+    motion: Array = np.zeros(len(goal))
+    for _ in range(MOST_ROUNDS):
+        right = np.zeros(len(chosen))
+        found = linprog(-goal, A_ub=-chosen, b_ub=right, bounds=(-1.0, 1.0), method="highs")
+        motion = np.asarray(found.x, dtype=np.float64)
+        violated = rows @ motion
+        worst = rows[np.argsort(violated)[:1]] if violated.min(initial=0.0) < -NO_WORK else rows[:0]
+        more = np.concatenate(comm.allgather(worst))
+        if not len(more):
+            break
+        chosen = np.concatenate((chosen, more))
+    return motion
+
+
+def _without_energy(a: ufl.Form, A: PETSc.Mat, layout: Layout, columns: Array) -> Array:
+    """The combinations of functions on which a form vanishes, as orthonormal columns.
+
+    The matrix tells to rounding, which a fine mesh makes larger than the energy of soft springs.
+    Where the matrix leaves a doubt, the form itself is asked, in units of the energy of stretching
+    the domain by its size.
+    """
+    none = np.empty((columns.shape[1], 0))
+    masked = columns.copy()
+    masked[layout.fixed_dofs] = 0.0
+    x, y = A.createVecs()
+    products = []
+    for column in masked.T:
+        x.array_w[:] = column
+        A.mult(x, y)
+        products.append(y.array_r.copy())
+    diagonal = A.getDiagonal()
+    energies = masked.T @ np.stack(products, axis=1)
+    scales = masked.T @ (diagonal.array_r[:, None] * masked)
+    for item in (x, y, diagonal):
+        item.destroy()
+    energies, scales = layout.space.mesh.comm.allreduce(np.stack((energies, scales)))
+    inverse = np.linalg.inv(np.linalg.cholesky(scales))
+    if np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0] > SOLVED:
+        return none
+    energies, stretched = _energies(a, layout, columns)
+    values, vectors = np.linalg.eigh(0.5 * (energies + energies.T))
+    return vectors[:, values <= ROUNDING * stretched]
+
+
+def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float]:
+    """The products of functions in a form, and the energy of stretching the domain by its size."""
+    space, comm = layout.space, layout.space.mesh.comm
+    first, second = fem.Function(space), fem.Function(space)
+    test, trial = a.arguments()
+    form = compiled.form(ufl.replace(a, {test: first, trial: second}), "form a")
+
+    def product(u: Array, v: Array) -> float:
+        for function, values in ((first, u), (second, v)):
+            function.x.array[: len(values)] = values
+            function.x.scatter_forward()
+        return float(comm.allreduce(fem.assemble_scalar(form)))
+
+    own = [layout.turned_back(column) for column in columns.T]
+    places = owned_places(layout.nodal)[:, : layout.block]
+    low, high = box(comm, places)
+    stretched = 0.0
+    for i in range(layout.block):
+        values = np.zeros_like(places)
+        values[:, i] = places[:, i] / (high - low).max()
+        stretched += product(values.ravel(), values.ravel())
+    return np.array([[product(u, v) for v in own] for u in own]), stretched
+
+
+def _name(layout: Layout, component: int | None, column: Array) -> str:
+    """A rigid motion in words; collective."""
+    comm, parts = layout.space.mesh.comm, layout.components
+    values = layout.turned_back(column).reshape(-1, layout.block)
+    moving = np.abs(values).max(axis=1, initial=0.0) > 0.0
+    total, count = comm.allreduce(values.sum(axis=0)), comm.allreduce(int(moving.sum()))
+    mean = total / max(count, 1)
+    turn = np.abs(values[moving] - mean).max(initial=0.0)
+    turns = comm.allreduce(float(turn), op=MPI.MAX) > HALF_OF_THE_DIGITS * np.abs(mean).max()
+    of = f" of {parts.names[component]}" if component is not None and parts.count > 1 else ""
+    if turns:
+        return f"a turn{of}"
+    unit = mean / np.linalg.norm(mean)
+    unit[np.abs(unit) < ROUNDING] = 0.0
+    return f"a translation{of} along ({', '.join(f'{c:.4g}' for c in unit)})"

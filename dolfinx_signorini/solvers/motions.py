@@ -1,0 +1,87 @@
+"""Rigid motions of a body: the functions on which a form without springs vanishes.
+
+Of one component these are the constants; of vectors the translations and the infinitesimal turns.
+Algebraic multigrid takes them for the functions that a cycle has to leave to the coarse levels.
+"""
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.solvers.system import Layout
+
+
+def rigid_motions(comm: MPI.Comm, places: Array, size: int) -> Array:
+    """Return the rigid motions at nodes, shape (nodes, components, motions): translations first.
+
+    Args:
+        comm: The communicator; the call is collective.
+        places: The nodes of this rank, shape (nodes, 3).
+        size: The number of components.
+    """
+    x = places[:, :size]
+    low, high = box(comm, x)
+    x = (x - 0.5 * (low + high)) / (high - low).max()
+    motions = [np.tile(unit, (len(x), 1)) for unit in np.eye(size)]
+    for i in range(size):
+        for j in range(i):
+            turn = np.zeros((len(x), size))
+            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
+            motions.append(turn)
+    return np.stack(motions, axis=2)
+
+
+def motions_of(layout: Layout) -> Array:
+    """Return the rigid motions at the owned dofs of a problem, turned as its unknowns are.
+
+    Args:
+        layout: The dofs of the problem; the call is collective.
+
+    Returns:
+        Shape (dofs, motions).
+    """
+    places = owned_places(layout.nodal)
+    motions = rigid_motions(layout.space.mesh.comm, places, layout.block)
+    columns = motions.reshape(-1, motions.shape[2])
+    return np.stack([layout.turned(column) for column in columns.T], axis=1)
+
+
+def owned_places(nodal: fem.FunctionSpace) -> Array:
+    """Return the places of the owned dofs of a scalar space, shape (dofs, 3)."""
+    return control_points(nodal)[: nodal.dofmap.index_map.size_local]
+
+
+def attach_motions(matrix: PETSc.Mat, motions: Array, held: LocalIndices) -> None:
+    """Tell a matrix its near null space, for algebraic multigrid; nothing for one component.
+
+    Constants are what algebraic multigrid knows by itself.
+
+    Args:
+        matrix: The matrix; the call is collective.
+        motions: The motions at the owned dofs, shape (dofs, motions).
+        held: Owned dofs at which the motions are zero.
+    """
+    if matrix.getBlockSize() == 1:
+        return
+    columns = motions.copy()
+    columns[held] = 0.0
+    # Orthonormal columns, by the eigenvectors of their products.
+    products = matrix.comm.tompi4py().allreduce(columns.T @ columns)
+    sizes = np.sqrt(np.maximum(np.diag(products), np.finfo(np.float64).tiny))
+    values, parts = np.linalg.eigh(products / np.outer(sizes, sizes))
+    kept = values > SOLVED * values[-1]
+    columns = columns @ (parts[:, kept] / (sizes[:, None] * np.sqrt(values[kept])))
+    vectors = []
+    for column in columns.T:
+        vector = matrix.createVecRight()
+        vector.array_w[:] = column
+        vectors.append(vector)
+    space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+    matrix.setNearNullSpace(space)
+    for item in (space, *vectors):
+        item.destroy()
