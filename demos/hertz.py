@@ -124,5 +124,17 @@ if comm.rank == 0:
     axes.legend(frameon=False)
     picture.savefig("hertz.png")
     print("picture: hertz.png")
-problem.destroy()
 picture
+
+# %% [markdown]
+# ## Picture: the deformed block
+#
+# The colours are the von Mises stress, which is largest inside of the block, above the middle of
+# the contact. The displacement is drawn larger than it is, and so is the gap.
+
+# %%
+body = problem.plot("hertz_body.png", what="deformed", stress=ds.von_mises(problem.u, E, nu))
+if comm.rank == 0:
+    print("picture: hertz_body.png")
+problem.destroy()
+body

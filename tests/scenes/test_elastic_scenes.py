@@ -161,6 +161,29 @@ def test_layers_take_the_strain_that_their_modulus_asks_for(parse):
     result.destroy()
 
 
+def test_layers_between_walls_have_the_stiffness_of_their_poissons_ratio(parse):
+    """Nothing moves sidewards: the modulus is E (1 - nu) / ((1 + nu) (1 - 2 nu)) in each layer."""
+    text = block(poisson='"where(y < 0.5, 0.2, 0.4)"')
+    wall = text.index("[[traction]]")
+    text = text[:wall] + '[[dirichlet]]\nsides = "right"\ncomponents = "x"\nvalue = 0\n'
+    result = solve_scene(parse(text), COMM)
+
+    def modulus(nu):
+        return YOUNG * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+    pressure = 0.04 / (0.5 / modulus(0.2) + 0.5 / modulus(0.4))
+    x, u = values(fields_of_body(result.posed)[0])
+    below, above = np.minimum(x[:, 1], 0.5), np.maximum(x[:, 1] - 0.5, 0.0)
+    assert (
+        largest(u[:, 1] + 0.01 + pressure * (below / modulus(0.2) + above / modulus(0.4))) <= 1e-10
+    )
+    summary = summarise(result, scene_boundary(result))
+    assert summary.body["largest pressure"] == pytest.approx(pressure)
+    # Sidewards the stress is nu / (1 - nu) of the pressure, in and at right angles to the plane.
+    assert summary.body["largest von Mises stress"] == pytest.approx(pressure * 0.6 / 0.8)
+    result.destroy()
+
+
 # Everything at once, with polynomials that all rules integrate exactly.
 WHOLE = """
 rtol = 1e-11
@@ -324,6 +347,7 @@ def test_what_is_written_satisfies_the_conditions_of_contact(folder, degree):
     assert names - {"record.json"} < set(record["files"])
     page = (out / "report.html").read_text()
     assert page.count("<img") == 2 and "largest von Mises stress" in page
+    assert page.count("The deformed body with its von Mises stress") == 2
     forces = np.array(list(record["summary"]["forces"].values()))
     assert set(record["summary"]["forces"]) == {
         "body force", "traction", "contact", "Dirichlet sides",

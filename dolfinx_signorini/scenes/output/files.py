@@ -69,7 +69,7 @@ def boundary_csv(boundary: ContactBoundary, unknown: str = "u") -> str:
     axes = ["x", "y", "z"][: boundary.points.shape[1]]
     numbers: list[list[float]] = np.column_stack((boundary.points, boundary.values)).tolist()  # type: ignore[assignment]
     rows = [
-        [*("" if np.isnan(number) else number for number in row), int(touching)]
+        [*("" if np.isnan(number) else number + 0.0 for number in row), int(touching)]
         for row, touching in zip(numbers, boundary.touching, strict=True)
     ]
     return csv_table([*axes, unknown, "gap", "pressure", "in_contact"], rows)

@@ -51,15 +51,18 @@ CAPTIONS = {
     "accuracy": "The adapted mesh with the estimated error of each cell, and the way to it",
 }
 
+OF_BODIES = {"solution": "The deformed body with its von Mises stress, and the obstacle"}
+
 
 def write_report(record: Mapping[str, Any], summary: Summary, pictures: Mapping[str, bytes]) -> str:
     """Return the page, of the record of a run, the numbers of the scene and PNG images by name."""
+    captions = CAPTIONS | (OF_BODIES if summary.body else {})
     repeat = [*record["versions"].items(), ("ranks", record["ranks"]), *record["options"].items()]
     return PAGE.substitute(
         title=html.escape(record["title"]),
         notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in record["notes"]),
         summary=_table([*lines(summary), time_line(summary.phases)]),
-        pictures="".join(_picture(name, image) for name, image in pictures.items()),
+        pictures="".join(_picture(captions[name], image) for name, image in pictures.items()),
         meshes=_meshes(record["meshes"]),
         scene=html.escape(record["scene"]),
         versions=_table([(key, str(value)) for key, value in repeat]),
@@ -74,11 +77,11 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>{''.join(cells)}</table>"
 
 
-def _picture(name: str, image: bytes) -> str:
+def _picture(caption: str, image: bytes) -> str:
     data = base64.b64encode(image).decode()
     return (
-        f'<figure><img alt="{CAPTIONS[name]}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{CAPTIONS[name]}</figcaption></figure>"
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{caption}</figcaption></figure>"
     )
 
 
