@@ -348,6 +348,7 @@ TABLE = {
             "gap": (None, "x", NAN, t.x, t.other_function, t.other_x[0]),
             "direction": ("x", 1.0, (1.0,), (0.0, 0.0), (NAN, 1.0), t.x[0]),
             "bcs": (1.0, [1.0]),
+            "held_weakly": (None, "x", 1, NAN),
             "u": (1.0, t.problem.u, t.other_function),
             "petsc_options_prefix": (1.0,),
             "petsc_options": (1.0, {1: "cg"}),

@@ -177,8 +177,15 @@ CASES = {
     ),
     "no force": (changed("[traction]", "force", None), "traction.1: 'force' is missing"),
     "a body that slides": (
-        write(GOOD | {"[dirichlet]": {"sides": '"top"', "components": '"y"', "value": "0"}}),
-        "dirichlet: a rigid motion is not held",
+        write(
+            without("define", "[traction]")
+            | {
+                "elasticity": {"young": "1", "poisson": "0.3"},
+                "contact": {"sides": '"bottom"'},
+                "[dirichlet]": {"sides": '"top"', "components": '"y"', "value": "0"},
+            }
+        ),
+        "dirichlet: a translation along (1, 0) is free",
     ),
     "a force that is not finite": (
         changed("elasticity", "force", '[0, "log(-1 - x)"]'),
