@@ -1,31 +1,38 @@
-"""(p) What elastic contact costs: the whole cascade over one linear solve, and others beside.
+"""(p) What elastic contact costs: all of it over one linear solve, and others beside.
 
     ./with-dolfinx python3 benchmarks/elastic.py [--squares 256 512] [--cubes 24 40]
-    ./with-dolfinx python3 benchmarks/elastic.py --squares 64 --cubes 8 --repeats 1
+    ./with-dolfinx python3 benchmarks/elastic.py --squares 64 --cubes 8 --degrees 1 2 --repeats 1
+    ./with-dolfinx python3 benchmarks/elastic.py --squares --cubes --shapes plate cube --size 2
 
-A block rests with its lower side on a paraboloid and is pressed down by its upper side. The
+A body rests with its lower side on a paraboloid and is pressed down by its upper side. The
 numerator is everything that the contact problem needs beyond its assembled matrix: mesh, assembly
 and solve of all coarse levels, prediction, linear solves and TAO's check on the finest, to a
-natural residual of 1e-8. The denominators are one linear solve from zero of the same matrix without
-obstacle, to a residual of 1e-8, by the same multigrid, and by GAMG with the rigid motions, as users
-of DOLFINx set it up. The peer is SNES vinewtonrsls with the same CG and GAMG, from zero. The
-solvers run in turn, some times over; one process.
+natural residual of 1e-8; "cold" is without coarser meshes. Meshes of gmsh are not nested. The
+denominators are one linear solve from zero of the same matrix without obstacle, to a residual of
+1e-8, by the preconditioner of this package, and by GAMG with the rigid motions, as users of DOLFINx
+set it up. The peer is SNES vinewtonrsls with the same CG and GAMG, from zero; it solves with
+submatrices, to which PETSc hands no rigid motions: what a step would cost with them is in the
+column of GAMG. The solvers run in turn, some times over; one process.
 """
 
 import argparse
+import functools
 import itertools
 from typing import Any
 
 import numpy as np
 import ufl
-from common import contact_solve, spread, timed, write_json
+from common import coarse_state, spread, timed, write_json
 from dolfinx import fem, mesh
 from grid_sequence import MARGIN, MAX_STEPS, VI, options_of
 from mpi4py import MPI
 from petsc4py import PETSc
+from shapes import SHAPES, TRIED, mesh_of
 
-from dolfinx_signorini import ContactProblem, box_mesh, elasticity
+from dolfinx_signorini import ContactProblem, box_mesh, coarse_levels, elasticity
 from dolfinx_signorini.base.tables import markdown_table
+from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.solvers.cascade import RATIO
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.motions import attach_motions, motions_of
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -33,21 +40,29 @@ from dolfinx_signorini.solvers.system import System
 
 COMM = MPI.COMM_WORLD
 RTOL = 1e-8
+FEW = 20_000  # unknowns that need no coarser mesh
 GAMG = {"ksp_type": "cg", "pc_type": "gamg", "mg_levels_ksp_type": "chebyshev"}
 COLUMNS = (
-    *("dimension", "N", "unknowns", "linear s", "GAMG s", "contact s", "/ linear", "/ GAMG"),
+    *("mesh", "degree", "unknowns", "linear s", "GAMG s", "cold s", "contact s"),
+    *("/ linear", "/ GAMG"),
     *("solves by level", "iterations", "SNES s", "steps of SNES", "lead"),
 )
 
 
-def block(n: int, dimension: int) -> ContactProblem:
-    """A block on a paraboloid, whose upper side moves down."""
-    domain = box_mesh(COMM, [np.linspace(0.0, 1.0, n + 1)] * dimension)
-    space = fem.functionspace(domain, ("Lagrange", 1, (dimension,)))
-    u, v, last = ufl.TrialFunction(space), ufl.TestFunction(space), dimension - 1
+def structured(n: int, dimension: int) -> Any:
+    """The unit square or cube, n cells across."""
+    return box_mesh(COMM, [np.linspace(0.0, 1.0, n + 1)] * dimension)
+
+
+def body(domain: Any, degree: int) -> ContactProblem:
+    """A body on a paraboloid, whose upper side moves down."""
+    dimension, last = domain.geometry.dim, domain.geometry.dim - 1
+    low, high = box(COMM, domain.geometry.x)[:, last]
+    space = fem.functionspace(domain, ("Lagrange", degree, (dimension,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     below, above = (
         mesh.locate_entities_boundary(domain, last, lambda x, z=z: np.isclose(x[last], z))
-        for z in (0.0, 1.0)
+        for z in (low, high)
     )
     down = np.zeros(dimension)
     down[last] = -0.02
@@ -60,6 +75,30 @@ def block(n: int, dimension: int) -> ContactProblem:
         gap=lambda x: 0.2 * ((x[:last] - 0.45) ** 2).sum(axis=0),
         bcs=[bc],
     )
+
+
+def posed(shape: str, dimension: int, degree: int, m: Any) -> ContactProblem:
+    """The problem with m cells across, or on a shape of gmsh with cells of the size m."""
+    if shape:
+        return body(mesh_of(COMM, (SHAPES | TRIED)[shape], m), degree)
+    return body(structured(m, dimension), degree)
+
+
+def all_of_contact(problem: ContactProblem, pose: Any, levels: list[Any]) -> list[int]:
+    """Solve on coarser meshes, which are made anew, and then the problem; the linear solves."""
+    state, solves = coarse_state(pose, levels, RTOL)
+    problem.solve(coarse=state, rtol=RTOL, warm_start=False)
+    return [*solves, problem.result.linear_solves]
+
+
+def coarser(problem: ContactProblem, size: float) -> list[float]:
+    """The sizes of the cells of coarser meshes of gmsh, by the ratios of a cascade."""
+    dimension, unknowns = problem.space.mesh.geometry.dim, problem.unknowns
+    found: list[float] = []
+    while unknowns > FEW:
+        size, unknowns = size * RATIO[dimension], unknowns // RATIO[dimension] ** dimension
+        found.insert(0, size)
+    return found
 
 
 def linear_solve(system: System, names: Any) -> int:
@@ -130,22 +169,33 @@ def snes_solve(problem: ContactProblem) -> tuple[Any, int]:
     return values, int(taken)
 
 
-def measure(n: int, dimension: int, repeats: int, peer: bool) -> dict[str, Any]:
-    """Measure the solvers in turn, some times over."""
-    problem, names = block(n, dimension), itertools.count()
-    layout = problem.system.layout
+def measure(name: str, pose: Any, size: float, n: int, args: Any) -> dict[str, Any]:
+    """Measure the solvers in turn, some times over.
+
+    Args:
+        name: Of the mesh.
+        pose: Poses the problem on the mesh with so many cells across, or of a size of cells.
+        size: Of the cells, where n is 0.
+        n: The cells across.
+        args: Of the command line.
+    """
+    problem, names = pose(n or size), itertools.count()
+    layout, dimension = problem.system.layout, problem.space.mesh.geometry.dim
+    levels = coarse_levels(n, dimension) if n else coarser(problem, size)
     attach_motions(problem.A, motions_of(layout), layout.fixed_dofs)
-    found: dict[str, list[float]] = {key: [] for key in ("linear", "gamg", "contact", "snes")}
+    keys = ("linear", "gamg", "contact", "cold", "snes")
+    found: dict[str, list[float]] = {key: [] for key in keys}
     apart, taken = 0.0, 0
-    for _ in range(repeats):
+    for _ in range(args.repeats):
         seconds, iterations = timed(COMM, linear_solve, problem.system, names)
         found["linear"].append(seconds)
         seconds, others = timed(COMM, gamg_solve, problem.system)
         found["gamg"].append(seconds)
-        pose = lambda m: block(m, dimension)  # noqa: E731
-        seconds, solves = timed(COMM, contact_solve, problem, pose, n, RTOL)
+        seconds, cold = timed(COMM, all_of_contact, problem, pose, [])
+        found["cold"].append(seconds)
+        seconds, solves = timed(COMM, all_of_contact, problem, pose, levels)
         found["contact"].append(seconds)
-        if peer:
+        if not args.no_peer:
             seconds, (values, taken) = timed(COMM, snes_solve, problem)
             found["snes"].append(seconds)
             own = problem.system.vector_of(problem.u)
@@ -153,11 +203,12 @@ def measure(n: int, dimension: int, repeats: int, peer: bool) -> dict[str, Any]:
             own.destroy()
     result = problem.result
     row = {
-        "dimension": dimension,
-        "n": n,
+        "mesh": name,
+        "degree": problem.space.element.basix_element.degree,
         "unknowns": problem.unknowns,
         "seconds": {key: spread(values) for key, values in found.items() if values},
         "solves_by_level": solves,
+        "solves_from_nothing": cold[0],
         "iterations": [iterations, result.linear_iterations, others],
         "preconditioner": result.preconditioner,
         "natural_residual": result.natural_residual,
@@ -177,8 +228,8 @@ def cells(r: dict[str, Any]) -> tuple[Any, ...]:
         steps = "not converged" if r["steps_of_snes"] < 0 else str(r["steps_of_snes"])
         peer = (f"{seconds['snes']:.2f}", steps, f"{seconds['snes'] / contact:.1f}")
     return (
-        *(r["dimension"], r["n"], r["unknowns"]),
-        *(f"{seconds[key]:.2f}" for key in ("linear", "gamg", "contact")),
+        *(r["mesh"], r["degree"], r["unknowns"]),
+        *(f"{seconds[key]:.2f}" for key in ("linear", "gamg", "cold", "contact")),
         *(f"{contact / seconds[key]:.2f}" for key in ("linear", "gamg")),
         *("+".join(map(str, r["solves_by_level"])), "/".join(map(str, r["iterations"]))),
         *peer,
@@ -190,14 +241,23 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--squares", type=int, nargs="*", default=[256, 512])
     options.add_argument("--cubes", type=int, nargs="*", default=[24, 40])
+    options.add_argument("--shapes", nargs="*", default=[], choices=list(SHAPES | TRIED))
+    options.add_argument("--size", type=float, default=1.0, help="times the sizes of cells")
+    options.add_argument("--degrees", type=int, nargs="+", default=[1])
     options.add_argument("--repeats", type=int, default=3)
     options.add_argument("--no-peer", action="store_true")
     args = options.parse_args()
     results = []
-    for dimension, sizes in ((2, args.squares), (3, args.cubes)):
-        block(4, dimension).solve()  # compiles the forms
-        for n in sizes:
-            results.append(measure(n, dimension, args.repeats, not args.no_peer))
+    meshes = [(f"{n} squares", 2, n) for n in args.squares]
+    meshes += [(f"{n} cubes", 3, n) for n in args.cubes]
+    meshes += [(name, (SHAPES | TRIED)[name].dimension, 0) for name in args.shapes]
+    for name, dimension, n in meshes:
+        for degree in args.degrees:
+            body(structured(2, dimension), degree).solve()  # compiles the forms
+
+            pose = functools.partial(posed, "" if n else name, dimension, degree)
+            size = args.size * degree
+            results.append(measure(name, pose, size, n // degree, args))
             if COMM.rank == 0:
                 print(*cells(results[-1]), flush=True)
     if COMM.rank == 0:

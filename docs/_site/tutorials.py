@@ -15,6 +15,7 @@ TUTORIALS = (
     "parallel_and_large",
     "membrane",
     "hertz",
+    "growing_load",
     "american_put",
     "irreversible",
 )

@@ -12,12 +12,20 @@ K. L. Johnson, Contact mechanics, section 4.2.
 
 import numpy as np
 
-E, NU, R, FORCE = 200.0, 0.3, 8.0, 10.0
-MU, KAPPA = E / (2.0 * (1.0 + NU)), 3.0 - 4.0 * NU
-LAMBDA = E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU))
-E_STAR = E / (1.0 - NU**2)
-A = 2.0 * np.sqrt(R * FORCE / (np.pi * E_STAR))
-P0 = 2.0 * FORCE / (np.pi * A)
+E, R, FORCE = 200.0, 8.0, 10.0
+
+
+def constants(poisson):
+    """Poisson's ratio, mu, lambda, kappa, E*, the half width of the contact, and p0."""
+    mu = E / (2.0 * (1.0 + poisson))
+    volume = 2.0 * mu * poisson / (1.0 - 2.0 * poisson)
+    plane = E / (1.0 - poisson**2)
+    half_width = 2.0 * np.sqrt(R * FORCE / (np.pi * plane))
+    peak = 2.0 * FORCE / (np.pi * half_width)
+    return poisson, mu, volume, 3.0 - 4.0 * poisson, plane, half_width, peak
+
+
+NU, MU, LAMBDA, KAPPA, E_STAR, A, P0 = constants(0.3)
 
 
 def _potential(x):

@@ -119,3 +119,16 @@ def test_orders(degree, least):
     assert np.abs(peak[-1]) <= 1e-2 and (np.abs(peak) <= 2.0 * energy).all(), found
     # The contact ends within one cell of the exact end.
     assert (np.abs(radius - hertz.A) <= 2.0 / sizes).all(), radius
+
+
+def test_nearly_incompressible(monkeypatch):
+    """Degree 1 locks and degree 2 does not, on the same unknowns: docs/howto/elastic.md says so."""
+    names = ("NU", "MU", "LAMBDA", "KAPPA", "E_STAR", "A", "P0")
+    usual = {degree: errors(32 // degree, degree)[0] for degree in (1, 2)}
+    for name, value in zip(names, hertz.constants(0.499), strict=True):
+        monkeypatch.setattr(hertz, name, value)
+    found = {degree: errors(32 // degree, degree) for degree in (1, 2)}
+    assert found[1][0] > 5.0 * usual[1] and found[1][2] > 0.1  # far too stiff
+    assert found[2][0] < 5.0 * usual[2] and abs(found[2][2]) < 0.01
+    finer = errors(32, 2)
+    assert np.log2(found[2][0] / finer[0]) >= 1.25 and abs(finer[2]) < 2e-3

@@ -78,25 +78,29 @@ def test_the_closed_form_of_the_punch():
     assert np.abs(xy + yx).max() <= 1e-12 * np.abs(yy).max()
 
 
+def punch_errors(n, degree):
+    """The relative errors of energy norm, force, and pressure in the middle of the punch."""
+    problem, exact, _ = block(
+        punch.displacement,
+        n,
+        degree,
+        lambda x: np.isclose(x[1], 0.0) & (np.abs(x[0]) <= punch.A + 1e-9),
+        punch.GAP,
+    )
+    force, x = problem.force, nodes_of(problem.space)
+    middle = np.isclose(x[1], 0.0) & np.isclose(x[0], 0.0)
+    peak = gathered(problem.pressure)[middle][0] / punch.pressure(np.zeros((2, 1)))[0] - 1.0
+    error = energy_error(problem.u, exact)
+    assert problem.result.active_dofs == round(degree * n * punch.A) + 1  # all of the punch
+    assert abs(force[0]) <= 1e-9 * force[1]
+    problem.destroy()
+    return error, force[1] / punch.FORCE - 1.0, peak
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_flat_punch(degree):
     """The stress is like r^(-1/2): order 1/2 in energy for each degree, and 1 for the force."""
-    sizes, found = np.array([16, 32, 64]) // degree, []
-    for n in sizes:
-        problem, exact, _ = block(
-            punch.displacement,
-            n,
-            degree,
-            lambda x: np.isclose(x[1], 0.0) & (np.abs(x[0]) <= punch.A + 1e-9),
-            punch.GAP,
-        )
-        force, x = problem.force, nodes_of(problem.space)
-        middle = np.isclose(x[1], 0.0) & np.isclose(x[0], 0.0)
-        peak = gathered(problem.pressure)[middle][0] / punch.pressure(np.zeros((2, 1)))[0] - 1.0
-        found.append((energy_error(problem.u, exact), force[1] / punch.FORCE - 1.0, peak))
-        assert problem.result.active_dofs == round(degree * n * punch.A) + 1  # all of the punch
-        assert abs(force[0]) <= 1e-9 * force[1]
-        problem.destroy()
+    found = [punch_errors(n, degree) for n in np.array([16, 32, 64]) // degree]
     energy, force, peak = np.abs(found).T
     assert np.log2(energy[:-1] / energy[1:]) == pytest.approx(0.5, abs=0.12), found
     assert (force <= energy).all() and force[-1] <= 0.6 * force[0]
