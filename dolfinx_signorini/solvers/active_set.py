@@ -23,6 +23,7 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
 from dolfinx_signorini.solvers.residual import MARGIN, ROUNDING, NaturalResidual
+from dolfinx_signorini.solvers.rough_steps import rough_steps
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import check_bounded
@@ -103,6 +104,12 @@ def solve_active_set(
             x.set(0.0)
             system.project(x)
             residual = measure(x)
+        rough = system.layout.in_domain and not careful
+        if rough:
+            held, residual = rough_steps(system, solver, measure, x, rtol)
+            trusted = True
+            if residual <= rtol:
+                break
         if system.singular:
             held = _hold_loose(system, measure, x, held)
         target = rtol * MARGIN
@@ -110,9 +117,11 @@ def solve_active_set(
             target = max(target, LOOSEST * residual)
         if stop is not None:
             stop.allowed = LOOSEST * measure.scale
-        probe = Probe(measure, x, held) if trusted and not careful else None
+        local = not (careful or rough)
+        probe = Probe(measure, x, held) if trusted and local else None
         check = None if probe is None else probe.enough
-        solver.solve(system, x, held, target * measure.scale, measure.multiplier, stop, check)
+        known = None if rough else measure.multiplier
+        solver.solve(system, x, held, target * measure.scale, known, stop, check)
         corrected, norm = (None, 0.0) if probe is None else probe.take()
         if corrected is None:
             residual, norm = _measured(measure, x, rtol), measure.norm
@@ -129,7 +138,7 @@ def solve_active_set(
         else:
             stalled = 0 if norm < best else stalled + 1
             best = min(best, norm)
-            if corrected is None and stalled < STALL:
+            if corrected is None and stalled < STALL and local:
                 corrected = _correct_locally(measure, x, held)
         before, held = held, measure.defect(x) > 0.0 if corrected is None else corrected
         settled = corrected is not None or _any_equal(system, [before], held)

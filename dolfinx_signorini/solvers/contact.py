@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start
+from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
@@ -82,7 +83,9 @@ class ActiveSetSolver:
         counts = linear.solves, linear.iterations, linear.setups
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
-            if coarse is not None:
+            if held is None and self._nested(system, x, history):
+                start = Start(x, system.touching_once(x), predicted=True)
+            elif coarse is not None:
                 start = Start(x, predict(system, coarse), predicted=True)
             elif held is not None:
                 start = Start(x, held)
@@ -125,6 +128,12 @@ class ActiveSetSolver:
         self.linear.destroy()
         if self._acceptance is not None:
             self._acceptance.destroy()
+
+    def _nested(self, system: System, x: PETSc.Vec, history: History) -> bool:
+        """Whether x is a start from all coarser meshes of multigrid; a last solution is better."""
+        multigrid = self.linear.multigrid
+        known = not system.layout.in_domain or multigrid is None or not history.empty
+        return not known and full_multigrid(system, multigrid, x)
 
     def _rounds(self, system: System, reached: bool) -> TaoRounds:
         """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""

@@ -67,6 +67,11 @@ class Multigrid:
         self._make()
 
     @property
+    def meshes(self) -> list[PETSc.Mat]:
+        """The prolongations from coarser meshes, the finest first."""
+        return self.prolongations[self._degrees :]
+
+    @property
     def name(self) -> str:
         """What the cycle goes through, in words: degrees and meshes."""
         counts = (
@@ -83,6 +88,21 @@ class Multigrid:
             held: The owned dofs that are held.
             diagonal: What to fill in.
         """
+        self.coarsen(matrix)
+        for coarse in self.matrices:
+            # A coarse function at held dofs alone is zero.
+            entries = coarse.getDiagonal()
+            _fill(coarse, np.flatnonzero(entries.array_r == 0.0).astype(np.int32), diagonal)
+            entries.destroy()
+        _fill(matrix, held, diagonal)
+        for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
+            for solver in solvers:
+                solver.setOperators(level_matrix)
+        self.pc.setOperators(matrix)
+        self.pc.setUp()
+
+    def coarsen(self, matrix: PETSc.Mat) -> None:
+        """Make the Galerkin products of a matrix, those of the last set-up overwritten."""
         if not self.matrices:
             self.free()
             self._make()
@@ -92,17 +112,6 @@ class Multigrid:
             fine = fine.ptap(prolongation, result=result)
             if result is None:
                 made.append(fine)
-        for coarse in made:
-            # A coarse function at held dofs alone is zero.
-            entries = coarse.getDiagonal()
-            _fill(coarse, np.flatnonzero(entries.array_r == 0.0).astype(np.int32), diagonal)
-            entries.destroy()
-        _fill(matrix, held, diagonal)
-        for solvers, level_matrix in zip(self._levels, [matrix, *made], strict=True):
-            for solver in solvers:
-                solver.setOperators(level_matrix)
-        self.pc.setOperators(matrix)
-        self.pc.setUp()
 
     def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
         """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.

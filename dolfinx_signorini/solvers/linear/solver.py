@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
+from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
@@ -39,12 +40,14 @@ class LinearSolver(ABC):
 
     Attributes:
         exact: Whether a solve leaves nothing but rounding.
+        multigrid: The cycle over lower degrees and coarser meshes, where the solver has one.
         solves: The number of linear solves so far.
         setups: The number of factorizations, or of set-ups of the preconditioner, so far.
         iterations: The number of iterations so far; a direct solve counts as one.
     """
 
     exact = False
+    multigrid: Multigrid | None = None
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         self.A, self.comm = system.A, system.comm
@@ -65,6 +68,7 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
+        rough: bool = False,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
@@ -76,13 +80,14 @@ class LinearSolver(ABC):
             multiplier: A x - b for the start, where that is known.
             stop: Ends the solve earlier, if coarser meshes are known to begin on.
             check: Ends the solve earlier, if there are iterations.
+            rough: Whether the preconditioner may be that of any other set.
 
         Raises:
             InputError: The form turned out to be indefinite.
         """
         if system.place(x, held):
             multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop, check)
+        self._solve(system, x, held, atol, multiplier, stop, check, rough)
         self.solves += 1
 
     @property
@@ -100,6 +105,7 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
+        rough: bool,
     ) -> None:
         """Solve where the held dofs have their values already, see `solve`."""
 

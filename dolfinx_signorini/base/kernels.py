@@ -1,0 +1,231 @@
+"""Loops over the rows of sparse matrices, in C: what neither PETSc nor NumPy has.
+
+The loops are compiled once on a machine, by the compiler that DOLFINx uses for forms, and are kept
+beside the forms. They see the arrays of PETSc's matrices without a copy.
+"""
+
+import ctypes
+import functools
+import hashlib
+import importlib.util
+import os
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+from dolfinx import jit
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+
+INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
+MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
+SWEEP = f"{MATRIX}, const double *rest, const double *lower, const double *upper, double *x"
+DECLARED = f"""
+void forward({SWEEP}, double *step);
+void backward({SWEEP}, double *step);
+void settle({SWEEP}, double *step, int count);
+void largest({MATRIX}, const double *values, double *found);
+"""
+# A step is taken by one row after the other: rest - A step is what the steps so far leave, and in
+# the first two sweeps the rows that are still to come have the step zero.
+SOURCE = f"""
+#include <stdint.h>
+static double moved({INT} i, double left, double diagonal,
+                    const double *lower, const double *upper, double *x)
+{{
+  const double before = x[i];
+  double value = diagonal > 0.0 ? before + left / diagonal : before;
+  if (value < lower[i]) value = lower[i];
+  if (value > upper[i]) value = upper[i];
+  x[i] = value;
+  return value - before;
+}}
+void forward({SWEEP}, double *step)
+{{
+  for ({INT} i = 0; i < rows; ++i) {{
+    double left = rest[i], diagonal = 0.0;
+    for ({INT} p = starts[i]; p < starts[i + 1] && columns[p] <= i; ++p) {{
+      if (columns[p] == i) diagonal = entries[p];
+      else left -= entries[p] * step[columns[p]];
+    }}
+    step[i] = moved(i, left, diagonal, lower, upper, x);
+  }}
+}}
+void backward({SWEEP}, double *step)
+{{
+  for ({INT} i = rows - 1; i >= 0; --i) {{
+    double left = rest[i], diagonal = 0.0;
+    for ({INT} p = starts[i + 1] - 1; p >= starts[i] && columns[p] >= i; --p) {{
+      if (columns[p] == i) diagonal = entries[p];
+      else left -= entries[p] * step[columns[p]];
+    }}
+    step[i] = moved(i, left, diagonal, lower, upper, x);
+  }}
+}}
+void settle({SWEEP}, double *step, int count)
+{{
+  for ({INT} i = 0; i < rows; ++i) step[i] = 0.0;
+  for (int k = 0; k < 2 * count; ++k)
+    for ({INT} j = 0; j < rows; ++j) {{
+      const {INT} i = k % 2 ? rows - 1 - j : j;
+      double left = rest[i], diagonal = 0.0;
+      for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+        if (columns[p] == i) diagonal = entries[p];
+        left -= entries[p] * step[columns[p]];
+      }}
+      step[i] += moved(i, left, diagonal, lower, upper, x);
+    }}
+}}
+void largest({MATRIX}, const double *values, double *found)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
+      if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
+}}
+"""
+
+
+@jit.mpi_jit_decorator
+def _library() -> Any:
+    """Return the compiled loops; collective, with the communicator as first argument."""
+    name = "signorini_" + hashlib.sha1((DECLARED + SOURCE).encode()).hexdigest()[:16]
+    options = jit.get_options()
+    folder = Path(options["cache_dir"])
+    file = folder / (name + str(sysconfig.get_config_var("EXT_SUFFIX")))
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        builder = cffi.FFI()
+        builder.cdef(DECLARED)
+        arguments = ["-O3", *options["cffi_extra_compile_args"][1:]]
+        builder.set_source(name, SOURCE, extra_compile_args=arguments)
+        # Another process may compile the same: each one puts a whole file in its place.
+        with tempfile.TemporaryDirectory(dir=folder) as place, redirect_stdout(StringIO()):
+            os.replace(builder.compile(tmpdir=place), file)
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@functools.cache
+def _petsc() -> ctypes.CDLL:
+    return ctypes.CDLL(PETSc.__file__)
+
+
+class Rows:
+    """The rows of a matrix that a rank owns, in their local columns and in those of other ranks.
+
+    For example, one projected Gauss-Seidel sweep for the correction of x with the residual r:
+
+        Rows(A).sweep("forward", r, lower, upper, x, step)
+
+    Args:
+        matrix: A matrix of PETSc's type AIJ, which must live as long as this object; the creation
+            is collective.
+
+    Attributes:
+        others: The global numbers of the columns of other ranks.
+    """
+
+    def __init__(self, matrix: PETSc.Mat):
+        module = _library(matrix.comm.tompi4py())
+        self._lib, self._ffi = module.lib, module.ffi
+        self._comm = matrix.comm.tompi4py()
+        self.matrix, self.others = matrix, np.empty(0, dtype=PETSc.IntType)
+        local, other, numbers = (ctypes.c_void_p() for _ in range(3))
+        if matrix.getType() == PETSc.Mat.Type.SEQAIJ:
+            local.value = matrix.handle
+        else:
+            _petsc().MatMPIAIJGetSeqAIJ(
+                ctypes.c_void_p(matrix.handle),
+                *(ctypes.byref(each) for each in (local, other, numbers)),
+            )
+        self._local = self._pointers(local, matrix.getLocalSize()[0])
+        self._other: Sequence[Any] | None = None
+        if other.value is not None:
+            count = ctypes.c_int64(0)
+            _petsc().MatGetSize(other, None, ctypes.byref(count))
+            size = count.value
+            self._other = self._pointers(other, matrix.getLocalSize()[0])
+            if size:
+                memory = self._ffi.cast(f"{INT} *", numbers.value)
+                buffer = self._ffi.buffer(memory, size * np.dtype(PETSc.IntType).itemsize)
+                self.others = np.frombuffer(buffer, dtype=PETSc.IntType).copy()
+
+    def sweep(
+        self,
+        kind: str,
+        rest: PETSc.Vec,
+        lower: Array,
+        upper: Array,
+        x: Array,
+        step: PETSc.Vec,
+        *count: int,
+    ) -> None:
+        """Correct x by Gauss-Seidel sweeps within bounds, with the columns of other ranks left out.
+
+        Args:
+            kind: "forward", "backward", or "settle" for `count` sweeps there and back.
+            rest: The residual of x.
+            lower, upper: The bounds of x, infinite where there is none.
+            x: The values, changed in place.
+            step: Set to the change of x.
+        """
+        arrays = rest.array_r, lower, upper, x, step.array_w
+        getattr(self._lib, kind)(*self._local, *map(self._values, arrays), *count)
+
+    def largest(self, values: Array) -> Array:
+        """Return for each own column the largest value of a row with an entry there; collective.
+
+        Args:
+            values: A value for each row of this rank.
+        """
+        found = np.full(self.matrix.getLocalSize()[1], -np.inf)
+        self._lib.largest(*self._local, self._values(values), self._values(found))
+        if self._comm.size == 1:
+            return found
+        there = PETSc.Vec().createWithArray(np.full(len(self.others), -np.inf), comm=MPI.COMM_SELF)
+        if self._other is not None:
+            with_ghosts = there.array_w
+            self._lib.largest(*self._other, self._values(values), self._values(with_ghosts))
+        here = self.matrix.createVecRight()
+        here.array_w[:] = found
+        places = PETSc.IS().createGeneral(self.others, comm=MPI.COMM_SELF)
+        scatter = PETSc.Scatter().create(here, places, there, None)
+        mode = PETSc.ScatterMode.REVERSE
+        scatter.scatter(there, here, addv=PETSc.InsertMode.MAX_VALUES, mode=mode)
+        found[:] = here.array_r
+        for item in (there, here, places, scatter):
+            item.destroy()
+        return found
+
+    def _pointers(self, matrix: ctypes.c_void_p, rows: int) -> tuple[Any, ...]:
+        """The number of rows and the arrays of a matrix of this rank alone."""
+        arrays = [ctypes.c_void_p() for _ in range(3)]
+        places = (ctypes.byref(each) for each in arrays)
+        _petsc().MatSeqAIJGetCSRAndMemType(matrix, *places, None)
+        kinds = (f"{INT} *", f"{INT} *", "double *")
+        return rows, *(
+            self._ffi.cast(kind, each.value or 0)
+            for kind, each in zip(kinds, arrays, strict=True)
+        )
+
+    def _values(self, array: Array) -> Any:
+        return self._ffi.cast("double *", array.ctypes.data)
+
+
+def unit_rows(matrix: PETSc.Mat) -> tuple[LocalIndices, LocalIndices]:
+    """Return the rows of this rank with one entry, which is 1, and the global columns of these."""
+    starts, columns, entries = matrix.getValuesCSR()
+    rows = np.flatnonzero(np.diff(starts) == 1).astype(np.int32)
+    rows = rows[entries[starts[rows]] == 1.0]
+    return rows, columns[starts[rows]]
