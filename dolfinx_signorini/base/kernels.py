@@ -1,7 +1,8 @@
-"""Loops over the rows of sparse matrices, in C: what neither PETSc nor NumPy has.
+"""Loops in C: over the rows of sparse matrices, and over constraints, without copies.
 
-The loops are compiled once on a machine, by the compiler that DOLFINx uses for forms, and are kept
-beside the forms. They see the arrays of PETSc's matrices without a copy.
+Neither PETSc nor NumPy has a Gauss-Seidel sweep within bounds, and NumPy takes a pass over all
+arrays for each operation. The loops are compiled once on a machine, by the compiler that DOLFINx
+uses for forms, and are kept beside the forms. They see the arrays of PETSc's matrices.
 """
 
 import ctypes
@@ -28,11 +29,20 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
 MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
 SWEEP = f"{MATRIX}, const double *rest, const double *lower, const double *upper, double *x"
+OBSTACLES = (
+    "int64_t count, const int32_t *dofs, const double *signs, const double *obstacle, "
+    "const double *diagonal, const double *x"
+)
+KINDS = {"d": "double[]", "i": "int32_t[]", "l": "int64_t[]", "?": "uint8_t[]"}
 DECLARED = f"""
 void forward({SWEEP}, double *step);
 void backward({SWEEP}, double *step);
 void settle({SWEEP}, double *step, int count);
 void largest({MATRIX}, const double *values, double *found);
+void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing);
+void defects({OBSTACLES}, const double *multiplier, double *found);
+void touches({OBSTACLES}, uint8_t *found);
+int moves({OBSTACLES}, double *values);
 """
 # A step is taken by one row after the other: rest - A step is what the steps so far leave, and in
 # the first two sweeps the rows that are still to come have the step zero.
@@ -90,12 +100,53 @@ void largest({MATRIX}, const double *values, double *found)
     for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
       if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
 }}
+void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing)
+{{
+  for (int64_t c = 0; c < count; ++c) {{
+    const int32_t i = dofs[c];
+    const double gap = diagonal[c] * signs[c] * (x[i] - obstacle[c]);
+    const double pressure = signs[c] * multiplier[i];
+    if (gap < signs[c] * residual[i]) residual[i] = signs[c] * gap;
+    pressing[c] = pressure > gap ? pressure : 0.0;
+  }}
+}}
+void defects({OBSTACLES}, const double *multiplier, double *found)
+{{
+  for (int64_t c = 0; c < count; ++c)
+    found[c] = signs[c] * multiplier[dofs[c]] - diagonal[c] * signs[c] * (x[dofs[c]] - obstacle[c]);
+}}
+void touches({OBSTACLES}, uint8_t *found)
+{{
+  for (int64_t c = 0; c < count; ++c)
+    found[c] = signs[c] * x[dofs[c]] <= signs[c] * obstacle[c];
+}}
+int moves({OBSTACLES}, double *values)
+{{
+  int moved = 0;
+  for (int64_t c = 0; c < count; ++c)
+    if (signs[c] * values[dofs[c]] < signs[c] * obstacle[c]) {{
+      values[dofs[c]] = obstacle[c];
+      moved = 1;
+    }}
+  return moved;
+}}
 """
 
 
-@jit.mpi_jit_decorator
-def _library() -> Any:
-    """Return the compiled loops; collective, with the communicator as first argument."""
+def load(comm: MPI.Comm) -> None:
+    """Compile the loops on one rank, unless they are at hand; collective."""
+    if comm.rank > 0:
+        comm.barrier()
+    try:
+        library()
+    finally:
+        if comm.rank == 0:
+            comm.barrier()
+
+
+@functools.cache
+def library() -> Any:
+    """Return the module with the compiled loops, which are compiled if need be."""
     name = "signorini_" + hashlib.sha1((DECLARED + SOURCE).encode()).hexdigest()[:16]
     options = jit.get_options()
     folder = Path(options["cache_dir"])
@@ -104,7 +155,7 @@ def _library() -> Any:
         folder.mkdir(parents=True, exist_ok=True)
         builder = cffi.FFI()
         builder.cdef(DECLARED)
-        arguments = ["-O3", *options["cffi_extra_compile_args"][1:]]
+        arguments = [*options["cffi_extra_compile_args"], "-O3"]
         builder.set_source(name, SOURCE, extra_compile_args=arguments)
         # Another process may compile the same: each one puts a whole file in its place.
         with tempfile.TemporaryDirectory(dir=folder) as place, redirect_stdout(StringIO()):
@@ -114,6 +165,18 @@ def _library() -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def run(name: str, *given: Any) -> Any:
+    """Run a loop on numbers and contiguous arrays, and return what the loop returns."""
+    module = library()
+    return getattr(module.lib, name)(
+        *(
+            module.ffi.from_buffer(KINDS[item.dtype.char], item) if isinstance(item, np.ndarray)
+            else item
+            for item in given
+        )
+    )
 
 
 @functools.cache
@@ -137,8 +200,7 @@ class Rows:
     """
 
     def __init__(self, matrix: PETSc.Mat):
-        module = _library(matrix.comm.tompi4py())
-        self._lib, self._ffi = module.lib, module.ffi
+        self._ffi = library().ffi
         self._comm = matrix.comm.tompi4py()
         self.matrix, self.others = matrix, np.empty(0, dtype=PETSc.IntType)
         local, other, numbers = (ctypes.c_void_p() for _ in range(3))
@@ -180,8 +242,7 @@ class Rows:
             x: The values, changed in place.
             step: Set to the change of x.
         """
-        arrays = rest.array_r, lower, upper, x, step.array_w
-        getattr(self._lib, kind)(*self._local, *map(self._values, arrays), *count)
+        run(kind, *self._local, rest.array_r, lower, upper, x, step.array_w, *count)
 
     def largest(self, values: Array) -> Array:
         """Return for each own column the largest value of a row with an entry there; collective.
@@ -190,13 +251,12 @@ class Rows:
             values: A value for each row of this rank.
         """
         found = np.full(self.matrix.getLocalSize()[1], -np.inf)
-        self._lib.largest(*self._local, self._values(values), self._values(found))
+        run("largest", *self._local, values, found)
         if self._comm.size == 1:
             return found
         there = PETSc.Vec().createWithArray(np.full(len(self.others), -np.inf), comm=MPI.COMM_SELF)
         if self._other is not None:
-            with_ghosts = there.array_w
-            self._lib.largest(*self._other, self._values(values), self._values(with_ghosts))
+            run("largest", *self._other, values, there.array_w)
         here = self.matrix.createVecRight()
         here.array_w[:] = found
         places = PETSc.IS().createGeneral(self.others, comm=MPI.COMM_SELF)
@@ -218,9 +278,6 @@ class Rows:
             self._ffi.cast(kind, each.value or 0)
             for kind, each in zip(kinds, arrays, strict=True)
         )
-
-    def _values(self, array: Array) -> Any:
-        return self._ffi.cast("double *", array.ctypes.data)
 
 
 def unit_rows(matrix: PETSc.Mat) -> tuple[LocalIndices, LocalIndices]:
