@@ -106,7 +106,7 @@ def solve_active_set(
             residual = measure(x)
         rough = system.layout.in_domain and not careful
         if rough:
-            held, residual = rough_steps(system, solver, measure, x, rtol)
+            held, residual = rough_steps(system, solver, measure, x, held, rtol)
             trusted = True
             if residual <= rtol:
                 break

@@ -202,12 +202,13 @@ def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.
 def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:
     """Set x to a guess, and return its active set.
 
-    Where the guess may be rough, patch problems make it smooth and settle the set.
+    Where the guess may be rough, patch problems make it smooth and settle the set; with an obstacle
+    in the domain, rough steps do that later.
     """
     x.array_w[:] = guess.values
     system.project(x)
     system.place(x, guess.held)
-    if measure(x) <= measure.rtol:
+    if measure(x) <= measure.rtol or system.layout.in_domain:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
     if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):

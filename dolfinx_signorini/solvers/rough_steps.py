@@ -10,8 +10,6 @@ Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44: truncated nonsmo
 
 from typing import Any
 
-import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Mask
@@ -22,6 +20,7 @@ from dolfinx_signorini.solvers.system import System
 
 ITERATIONS = 2  # of conjugate gradients in a step
 LONGEST = 30  # steps
+STALE = 4  # times the dofs that a sweep changes: the set of the preconditioner may be off at so many
 
 
 class Sweeps:
@@ -57,7 +56,12 @@ class Sweeps:
 
 
 def rough_steps(
-    system: System, solver: LinearSolver, measure: NaturalResidual, x: PETSc.Vec, rtol: float
+    system: System,
+    solver: LinearSolver,
+    measure: NaturalResidual,
+    x: PETSc.Vec,
+    held: Mask,
+    rtol: float,
 ) -> tuple[Mask, float]:
     """Improve x by rough steps, until a sweep changes nothing of the active set.
 
@@ -66,22 +70,24 @@ def rough_steps(
         solver: The linear solver.
         measure: Holds the multiplier of x, before and afterwards.
         x: A feasible vector, overwritten.
+        held: The guess of the active set that goes with x.
         rtol: The relative natural residual to reach, which ends the steps earlier.
 
     Returns:
         The active set, and the relative natural residual of x.
     """
-    sweeps, held = Sweeps(system), np.zeros(len(system.contact_dofs), dtype=bool)
+    sweeps, residual = Sweeps(system), measure.relative
 
     def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
         return iteration >= ITERATIONS
 
-    for step in range(LONGEST):
+    for _ in range(LONGEST):
         before, held = held, sweeps(x, measure.multiplier)
-        changed = bool((before != held).any())
-        if step and not system.comm.allreduce(changed, op=MPI.LOR):
+        changed = system.comm.allreduce(int((before != held).sum()))
+        if not changed:
             break
-        solver.solve(system, x, held, rtol * measure.scale, check=enough, rough=True)
+        slack = STALE * changed
+        solver.solve(system, x, held, rtol * measure.scale, check=enough, slack=slack)
         system.project(x)
         residual = measure(x)
         if residual <= rtol:

@@ -112,9 +112,9 @@ class IterativeSolver(LinearSolver):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
-        rough: bool,
+        slack: int | None,
     ) -> None:
-        fresh = self._prepare(system, held, rough)
+        fresh = self._prepare(system, held, slack)
         self._checks = [] if check is None else [check]
         if stop is not None and self.multigrid is not None:
             self._checks.append(stop.enough)
@@ -167,7 +167,7 @@ class IterativeSolver(LinearSolver):
         self._pc.destroy()
         self._projected.free()
 
-    def _prepare(self, system: System, held: Mask, rough: bool) -> bool:
+    def _prepare(self, system: System, held: Mask, slack: int | None) -> bool:
         """Hold the dofs, and set the preconditioner up unless the last set-up will do.
 
         Where the obstacle is in the domain, sets change at so many dofs that a set-up of geometric
@@ -178,12 +178,12 @@ class IterativeSolver(LinearSolver):
         """
         dofs = system.contact_dofs
         same = system.assembled == self._assembled
-        if rough and self._held is not None and same:
-            self._projected.hold(system, dofs[held], None)
-            return False
         if self._held is not None:
             counts = np.array([(held != self._held).sum(), len(held)])
             changed, total = self.comm.allreduce(counts)
+            if slack is not None and changed <= slack and same:
+                self._projected.hold(system, dofs[held], None)
+                return False
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
             reuse = 0.0 if system.layout.in_domain and self.multigrid is not None else REUSE

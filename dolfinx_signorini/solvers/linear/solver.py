@@ -41,7 +41,7 @@ class LinearSolver(ABC):
     Attributes:
         exact: Whether a solve leaves nothing but rounding.
         multigrid: The cycle over lower degrees and coarser meshes, where the solver has one.
-        solves: The number of linear solves so far.
+        solves: The number of linear solves so far, without rough ones.
         setups: The number of factorizations, or of set-ups of the preconditioner, so far.
         iterations: The number of iterations so far; a direct solve counts as one.
     """
@@ -68,7 +68,7 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
-        rough: bool = False,
+        slack: int | None = None,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
@@ -80,15 +80,15 @@ class LinearSolver(ABC):
             multiplier: A x - b for the start, where that is known.
             stop: Ends the solve earlier, if coarser meshes are known to begin on.
             check: Ends the solve earlier, if there are iterations.
-            rough: Whether the preconditioner may be that of any other set.
+            slack: For a rough solve, at how many dofs the set of the preconditioner may be another.
 
         Raises:
             InputError: The form turned out to be indefinite.
         """
         if system.place(x, held):
             multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop, check, rough)
-        self.solves += 1
+        self._solve(system, x, held, atol, multiplier, stop, check, slack)
+        self.solves += slack is None
 
     @property
     @abstractmethod
@@ -105,7 +105,7 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
-        rough: bool,
+        slack: int | None,
     ) -> None:
         """Solve where the held dofs have their values already, see `solve`."""
 
