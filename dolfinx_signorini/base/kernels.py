@@ -24,7 +24,7 @@ from dolfinx import jit
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 
 INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
 MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
@@ -39,6 +39,8 @@ void forward({SWEEP}, double *step);
 void backward({SWEEP}, double *step);
 void settle({SWEEP}, double *step, int count);
 void largest({MATRIX}, const double *values, double *found);
+void counts({MATRIX}, int32_t *number);
+int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
 void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing);
 void defects({OBSTACLES}, const double *multiplier, double *found);
 void touches({OBSTACLES}, uint8_t *found);
@@ -99,6 +101,20 @@ void largest({MATRIX}, const double *values, double *found)
   for ({INT} i = 0; i < rows; ++i)
     for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
       if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
+}}
+void counts({MATRIX}, int32_t *number)
+{{
+  for ({INT} i = 0; i < rows; ++i) number[i] += (int32_t)(starts[i + 1] - starts[i]);
+}}
+int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents)
+{{
+  int64_t count = 0;
+  for ({INT} i = 0; i < rows; ++i)
+    if (number[i] == 1 && starts[i + 1] > starts[i] && entries[starts[i]] == 1.0) {{
+      found[count] = (int32_t)i;
+      parents[count++] = (int32_t)columns[starts[i]];
+    }}
+  return count;
 }}
 void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing)
 {{
@@ -268,6 +284,22 @@ class Rows:
             item.destroy()
         return found
 
+    def units(self) -> tuple[LocalIndices, Indices]:
+        """Return the rows of this rank with one entry, which is 1, and the columns of these."""
+        rows, columns = [], []
+        first = self.matrix.getOwnershipRangeColumn()[0]
+        numbers = first + np.arange(self.matrix.getLocalSize()[1]), self.others
+        parts = [self._local] if self._other is None else [self._local, self._other]
+        entries = np.zeros(self._local[0], dtype=np.int32)
+        for part in parts:
+            run("counts", *part, entries)
+        for part, known in zip(parts, numbers, strict=False):
+            found = np.empty((2, len(entries)), dtype=np.int32)
+            count = run("units", *part, entries, *found)
+            rows.append(found[0, :count])
+            columns.append(known[found[1, :count]])
+        return np.concatenate(rows), np.concatenate(columns).astype(PETSc.IntType)
+
     def _pointers(self, matrix: ctypes.c_void_p, rows: int) -> tuple[Any, ...]:
         """The number of rows and the arrays of a matrix of this rank alone."""
         arrays = [ctypes.c_void_p() for _ in range(3)]
@@ -278,11 +310,3 @@ class Rows:
             self._ffi.cast(kind, each.value or 0)
             for kind, each in zip(kinds, arrays, strict=True)
         )
-
-
-def unit_rows(matrix: PETSc.Mat) -> tuple[LocalIndices, LocalIndices]:
-    """Return the rows of this rank with one entry, which is 1, and the global columns of these."""
-    starts, columns, entries = matrix.getValuesCSR()
-    rows = np.flatnonzero(np.diff(starts) == 1).astype(np.int32)
-    rows = rows[entries[starts[rows]] == 1.0]
-    return rows, columns[starts[rows]]

@@ -21,7 +21,7 @@ from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
 from dolfinx_signorini.solvers.unbounded import check_bounded
@@ -83,14 +83,7 @@ class ActiveSetSolver:
         counts = linear.solves, linear.iterations, linear.setups
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
-            if held is None and self._nested(system, x, history):
-                start = Start(x, system.touching_once(x), predicted=True)
-            elif coarse is not None:
-                start = Start(x, predict(system, coarse), predicted=True)
-            elif held is not None:
-                start = Start(x, held)
-            else:
-                start = _start(system, measure, history, x)
+            start = self._start(system, measure, history, x, held, coarse)
             predicted = time.perf_counter()
             residual = solve_active_set(system, linear, measure, start, rtol, stop)
             if stop is not None and stop.settled:
@@ -129,11 +122,40 @@ class ActiveSetSolver:
         if self._acceptance is not None:
             self._acceptance.destroy()
 
-    def _nested(self, system: System, x: PETSc.Vec, history: History) -> bool:
-        """Whether x is a start from all coarser meshes of multigrid; a last solution is better."""
-        multigrid = self.linear.multigrid
-        known = not system.layout.in_domain or multigrid is None or not history.empty
-        return not known and full_multigrid(system, multigrid, x)
+    def _start(
+        self,
+        system: System,
+        measure: NaturalResidual,
+        history: History,
+        x: PETSc.Vec,
+        held: Mask | None,
+        coarse: ContactState | None,
+    ) -> Start:
+        """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
+
+        With an obstacle in the domain the coarser meshes of multigrid tell more of its long ends
+        than a solution on another mesh. A problem without any of these starts with all contact dofs
+        held.
+        """
+        if held is not None:
+            return Start(x, held)
+        multigrid = self.linear.multigrid if system.layout.in_domain else None
+        guess = history.guess(system) if coarse is None else None
+        if guess is not None:
+            held = _settled(system, measure, guess, x)
+            if multigrid is None or measure.relative <= LOOSEST:
+                return Start(x, held)
+        if multigrid is not None and full_multigrid(system, multigrid, x, guess is not None):
+            self.linear.forget()
+            return Start(x, system.touching_once(x), predicted=True)
+        if held is not None:
+            return Start(x, held)
+        if coarse is not None:
+            return Start(x, predict(system, coarse), predicted=True)
+        held = coarse_start(system, x)
+        if held is not None:
+            return Start(x, held, predicted=True)
+        return Start(x, np.full(len(system.contact_dofs), True))
 
     def _rounds(self, system: System, reached: bool) -> TaoRounds:
         """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""
@@ -183,20 +205,6 @@ def solve_by_tao(
         measure.destroy()
     seconds = {"solve": time.perf_counter() - began}
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
-
-
-def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Start:
-    """The start without any hint of the user: from the last solutions, or from a coarse space.
-
-    A problem without a coarse space starts with all contact dofs held.
-    """
-    guess = history.guess(system)
-    if guess is not None:
-        return Start(x, _settled(system, measure, guess, x))
-    held = coarse_start(system, x)
-    if held is not None:
-        return Start(x, held, predicted=True)
-    return Start(x, np.full(len(system.contact_dofs), True))
 
 
 def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:

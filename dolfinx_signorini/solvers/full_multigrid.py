@@ -21,7 +21,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.kernels import Rows, unit_rows
+from dolfinx_signorini.base.kernels import Rows
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.system import System
@@ -58,7 +58,7 @@ class Level:
         assert self.prolongation is not None
         load = self._coarse.duplicate()
         self.prolongation.multTranspose(self.load, load)
-        rows, columns = unit_rows(self.prolongation)
+        rows, columns = self._parents.units()
         bounds = []
         for values, none in zip(self.bounds, (-np.inf, np.inf), strict=True):
             self._coarse.set(none)
@@ -135,19 +135,36 @@ class Level:
         return np.asarray(self._more.array_r.copy())
 
 
-def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> bool:
-    """Set x to a start from all coarser meshes of a multigrid cycle, whose matrices are overwritten.
+def full_multigrid(
+    system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False
+) -> bool:
+    """Improve x by cycles over all coarser meshes of a multigrid cycle.
 
     Args:
         system: The system; the call is collective.
-        multigrid: The cycle.
+        multigrid: The cycle, whose matrices are overwritten.
         x: A feasible vector, overwritten.
+        begun: Whether to begin with this x; else the coarsest mesh begins.
 
     Returns:
-        Whether there is such a start: not where many nodes are left on the coarsest mesh.
+        Whether that was done: not where many nodes are left on the coarsest mesh.
     """
     if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL:
         return False
+    levels = _levels(system, multigrid)
+    degrees = len(multigrid.prolongations) - len(multigrid.meshes)
+    if begun and not degrees:
+        for _ in range(CYCLES[False]):
+            levels[0].cycle(x, levels[1:])
+    elif not begun:
+        _begin(levels, degrees, x)
+    for level in levels:
+        level.free()
+    return True
+
+
+def _levels(system: System, multigrid: Multigrid) -> list[Level]:
+    """The levels of a system, the finest first."""
     multigrid.coarsen(system.A)
     lower, upper = system.bounds
     for bound in (lower, upper):
@@ -155,25 +172,26 @@ def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> bool:
     load = system.b.copy()
     load.array_w[system.fixed_dofs] = 0.0
     levels: list[Level] = []
-    bounds = lower, upper
-    matrices = system.A, *multigrid.matrices
+    bounds, matrices = (lower, upper), (system.A, *multigrid.matrices)
     for matrix, prolongation in zip(matrices, (*multigrid.prolongations, None), strict=True):
         levels.append(Level(matrix, load, bounds, prolongation))
         if prolongation is not None:
             load, bounds = levels[-1].coarser()
-    degrees = len(multigrid.prolongations) - len(multigrid.meshes)
-    values = x
+    return levels
+
+
+def _begin(levels: Sequence[Level], degrees: int, x: PETSc.Vec) -> None:
+    """Set x to a solution from the coarsest level on; lower degrees are passed without a cycle.
+
+    The functions of lower degrees are no sums of functions with one sign each.
+    """
+    values = levels[-1].load.duplicate()
+    values.set(0.0)
     for number, level in reversed(list(enumerate(levels))):
-        if level.prolongation is None:
-            values = level.load.duplicate()
-            values.set(0.0)
-        else:
+        if level.prolongation is not None:
             values, coarse = (level.load.duplicate() if number else x), values
             level.prolongation.mult(coarse, values)
             coarse.destroy()
         level.moved(values)
         for _ in range(CYCLES[number == 0] if number >= degrees else 0):
             level.cycle(values, levels[number + 1 :])
-    for level in levels:
-        level.free()
-    return True

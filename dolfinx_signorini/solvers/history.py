@@ -57,11 +57,6 @@ class History:
         self._held: list[Mask] = []
         self._assembled = 0  # how often the matrix of the products had been assembled
 
-    @property
-    def empty(self) -> bool:
-        """Whether there is no solution yet."""
-        return not self._held
-
     def add(self, system: System, x: PETSc.Vec, multiplier: PETSc.Vec) -> None:
         """Remember a solution, and forget an old one.
 

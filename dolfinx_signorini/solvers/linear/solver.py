@@ -113,6 +113,10 @@ class LinearSolver(ABC):
     def free(self) -> None:
         """Free the set-up; a next solve makes a new one."""
 
+    def forget(self) -> None:
+        """Make the set-up anew in the next solve: its matrices have been overwritten."""
+        self._held = None
+
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
