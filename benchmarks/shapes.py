@@ -130,6 +130,6 @@ def mesh_of(comm: MPI.Comm, shape: Shape, factor: float) -> Any:
             shape.dimension, [tag for _, tag in gmsh.model.getEntities(shape.dimension)], 1
         )
         gmsh.model.mesh.generate(shape.dimension)
-    domain, _ = gmsh_mesh(gmsh.model, comm, shape.dimension)
+    domain, *_ = gmsh_mesh(gmsh.model, comm, shape.dimension)
     gmsh.finalize()
     return domain

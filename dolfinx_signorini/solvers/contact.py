@@ -151,7 +151,7 @@ class ActiveSetSolver:
         if held is not None:
             return Start(x, held)
         if coarse is not None:
-            return Start(x, predict(system, coarse), predicted=True)
+            return Start(x, predict(system, coarse, x), predicted=True)
         held = coarse_start(system, x)
         if held is not None:
             return Start(x, held, predicted=True)
