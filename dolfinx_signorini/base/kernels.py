@@ -24,7 +24,7 @@ from dolfinx import jit
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 
 INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
 MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
@@ -39,6 +39,10 @@ void forward({SWEEP}, double *step);
 void backward({SWEEP}, double *step);
 void settle({SWEEP}, double *step, int count);
 void largest({MATRIX}, const double *values, double *found);
+void hold({MATRIX}, const uint8_t *held, double diagonal, double *result);
+void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
+           const {INT} *first, const {INT} *parents, const double *weights,
+           const {INT} *begin, const {INT} *numbers, double *product);
 void counts({MATRIX}, int32_t *number);
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
 void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing);
@@ -101,6 +105,31 @@ void largest({MATRIX}, const double *values, double *found)
   for ({INT} i = 0; i < rows; ++i)
     for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
       if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
+}}
+void hold({MATRIX}, const uint8_t *held, double diagonal, double *result)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+      if (!held[i] && !held[columns[p]]) result[p] = entries[p];
+      else result[p] = columns[p] == i ? diagonal : 0.0;
+    }}
+}}
+void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
+           const {INT} *first, const {INT} *parents, const double *weights,
+           const {INT} *begin, const {INT} *numbers, double *product)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+      const {INT} j = columns[p];
+      const int was = !before[i] && !before[j], is = !now[i] && !now[j];
+      if (was == is) continue;
+      for ({INT} k = first[i]; k < first[i + 1]; ++k)
+        for ({INT} l = first[j]; l < first[j + 1]; ++l) {{
+          {INT} place = begin[parents[k]];
+          while (numbers[place] != parents[l]) ++place;
+          product[place] += (is - was) * weights[k] * entries[p] * weights[l];
+        }}
+    }}
 }}
 void counts({MATRIX}, int32_t *number)
 {{
@@ -283,6 +312,34 @@ class Rows:
         for item in (there, here, places, scatter):
             item.destroy()
         return found
+
+    @property
+    def alone(self) -> bool:
+        """Whether this rank has the whole matrix."""
+        return self._comm.size == 1
+
+    def hold(self, held: Mask, diagonal: float, result: "Rows") -> None:
+        """Set a matrix of the same pattern to this one with the rows and columns of held dofs off.
+
+        Args:
+            held: Whether each dof is held.
+            diagonal: The diagonal entries of these.
+            result: The matrix, on one rank.
+        """
+        run("hold", *self._local, held, diagonal, result._local[-1])
+        result.matrix.assemble()
+
+    def renew(self, before: Mask, now: Mask, prolongation: "Rows", product: "Rows") -> None:
+        """Renew a Galerkin product of this matrix without the rows and columns of held dofs.
+
+        Args:
+            before: Which dofs were held in the product.
+            now: Which dofs are held.
+            prolongation: The prolongation, on one rank.
+            product: The product, changed in place.
+        """
+        run("renew", *self._local, before, now, *prolongation._local[1:], *product._local[1:])
+        product.matrix.assemble()
 
     def units(self) -> tuple[LocalIndices, Indices]:
         """Return the rows of this rank with one entry, which is 1, and the columns of these."""

@@ -165,7 +165,8 @@ def full_multigrid(
 
 def _levels(system: System, multigrid: Multigrid) -> list[Level]:
     """The levels of a system, the finest first."""
-    multigrid.coarsen(system.A)
+    none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
+    multigrid.coarsen(system.A, system.assembled, none, system.A)
     lower, upper = system.bounds
     for bound in (lower, upper):
         bound[system.fixed_dofs] = system.fixed_values

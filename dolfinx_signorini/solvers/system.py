@@ -297,9 +297,8 @@ class System:
     def touching_once(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """As `touching`, but where both obstacles of a dof meet the first of them alone."""
         touching = self.touching(x).reshape(len(self.layout.sides), -1)
-        if len(touching) == 1:
-            return touching.ravel()
-        return (touching & (np.cumsum(touching, axis=0) == 1)).ravel()
+        touching[1:] &= ~touching[:1]
+        return touching.ravel()
 
     def natural(self, x: PETSc.Vec, multiplier: Array, residual: Array) -> Array:
         """Turn a copy of A x - b into the natural residual, and return the pressure that holds x.

@@ -224,7 +224,10 @@ class IterativeSolver(LinearSolver):
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))
-            self.multigrid.set_up(self._hold(system, dofs, 0.0), dofs, _typical(system))
+            typical, number = _typical(system), system.assembled
+            known = self.multigrid.has_products(system.A, number)
+            matrix = self._hold(system, dofs, typical if known else 0.0)
+            self.multigrid.set_up(system.A, matrix, dofs, typical, number)
             self._projected.pc = self.multigrid.pc
         self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0

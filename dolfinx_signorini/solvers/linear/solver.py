@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
+from dolfinx_signorini.base.kernels import Rows
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
@@ -129,8 +130,13 @@ class LinearSolver(ABC):
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = self.A.copy()
-        else:
-            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        rows = Rows(self.A)
+        if rows.alone:
+            held = np.zeros(self.A.getLocalSize()[0], dtype=bool)
+            held[dofs] = True
+            rows.hold(held, diagonal, Rows(self._matrix))
+            return self._matrix
+        self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
         self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
         return self._matrix
