@@ -142,7 +142,8 @@ class ActiveSetSolver:
         multigrid = self.linear.multigrid if system.layout.in_domain else None
         guess = history.guess(system) if coarse is None else None
         if guess is not None:
-            held = _settled(system, measure, guess, x)
+            rough = system.layout.in_domain and not self.linear.exact
+            held = _settled(system, measure, guess, x, rough)
             if multigrid is None or measure.relative <= LOOSEST:
                 return Start(x, held)
         if multigrid is not None and full_multigrid(system, multigrid, x, guess is not None):
@@ -207,16 +208,18 @@ def solve_by_tao(
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
 
-def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:
+def _settled(
+    system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec, rough: bool
+) -> Mask:
     """Set x to a guess, and return its active set.
 
-    Where the guess may be rough, patch problems make it smooth and settle the set; with an obstacle
-    in the domain, rough steps do that later.
+    Where the guess may be rough, patch problems make it smooth and settle the set, unless
+    rough steps do that later.
     """
     x.array_w[:] = guess.values
     system.project(x)
     system.place(x, guess.held)
-    if measure(x) <= measure.rtol or system.layout.in_domain:
+    if measure(x) <= measure.rtol or rough:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
     if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):

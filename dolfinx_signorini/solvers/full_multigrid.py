@@ -21,9 +21,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.kernels import Rows
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.system import System
 
 CYCLES = {True: 1, False: 2}  # on the finest level, and on each coarser one
@@ -124,7 +124,7 @@ class Level:
         self._left.aypx(-1.0, self._rest)
 
     def _shared(self, bounds: Bounds) -> Bounds:
-        """The bounds of coarse steps: the nearest bound of all nodes that a coarse function moves."""
+        """The bounds of coarse steps: the nearest ones of all nodes that a function moves."""
         return self._parents.largest(bounds[0]), -self._parents.largest(-bounds[1])
 
     def _prolonged(self, values: Array) -> Array:
@@ -135,9 +135,7 @@ class Level:
         return np.asarray(self._more.array_r.copy())
 
 
-def full_multigrid(
-    system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False
-) -> bool:
+def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False) -> bool:
     """Improve x by cycles over all coarser meshes of a multigrid cycle.
 
     Args:
@@ -167,13 +165,10 @@ def _levels(system: System, multigrid: Multigrid) -> list[Level]:
     """The levels of a system, the finest first."""
     none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
     multigrid.coarsen(system.A, system.assembled, none, system.A)
-    lower, upper = system.bounds
-    for bound in (lower, upper):
-        bound[system.fixed_dofs] = system.fixed_values
     load = system.b.copy()
     load.array_w[system.fixed_dofs] = 0.0
     levels: list[Level] = []
-    bounds, matrices = (lower, upper), (system.A, *multigrid.matrices)
+    bounds, matrices = system.bounds_with_data, (system.A, *multigrid.matrices)
     for matrix, prolongation in zip(matrices, (*multigrid.prolongations, None), strict=True):
         levels.append(Level(matrix, load, bounds, prolongation))
         if prolongation is not None:

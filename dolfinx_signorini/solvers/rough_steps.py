@@ -2,25 +2,26 @@
 
 The ends of contact are curves or surfaces there, with as many dofs as the mesh is wide, and many
 are wrong at first. A step is a projected Gauss-Seidel sweep, which moves the ends by about a dof
-and says which dofs are in contact, and some conjugate gradients with the dofs in contact held. No
-step costs a set-up: the preconditioner may be one for another set.
+and says which dofs are in contact, and some conjugate gradients with the dofs in contact held. The
+preconditioner may be one for another set, as long as the set keeps changing.
 
-Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44: truncated nonsmooth Newton multigrid.
+Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44, for truncated nonsmooth Newton
+multigrid.
 """
-
-from typing import Any
 
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.kernels import Rows
+from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.system import System
 
 ITERATIONS = 2  # of conjugate gradients in a step
 LONGEST = 30  # steps
-STALE = 4  # times the dofs that a sweep changes: the set of the preconditioner may be off at so many
+STALE = (
+    4  # times the dofs that a sweep changes: the set of the preconditioner may be off at so many
+)
 
 
 class Sweeps:
@@ -35,9 +36,7 @@ class Sweeps:
 
     def __init__(self, system: System):
         self._system, self._rows = system, Rows(system.A)
-        self._bounds: list[Array] = list(system.bounds)
-        for bound in self._bounds:
-            bound[system.fixed_dofs] = system.fixed_values
+        self._bounds = system.bounds_with_data
         self._kinds = ["forward", "backward"]
 
     def __call__(self, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:

@@ -225,6 +225,13 @@ class System:
         """The lower and upper bounds of the owned dofs, infinite where there is no obstacle."""
         return self._bounds(1.0), self._bounds(-1.0)
 
+    @property
+    def bounds_with_data(self) -> tuple[Array, Array]:
+        """The bounds, both of them the Dirichlet data at fixed dofs."""
+        lower, upper = self.bounds
+        lower[self.fixed_dofs] = upper[self.fixed_dofs] = self.fixed_values
+        return lower, upper
+
     def _bounds(self, sign: float) -> Array:
         bounds, chosen = np.full(self.A.getLocalSize()[0], -sign * np.inf), self.signs == sign
         bounds[self.contact_dofs[chosen]] = self.obstacle[chosen]

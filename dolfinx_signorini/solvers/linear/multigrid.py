@@ -15,9 +15,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
-from dolfinx_signorini.base.kernels import Rows
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.system import System
 
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
