@@ -67,11 +67,12 @@ def solve_active_set(
 ) -> float:
     """Run the primal-dual active set method.
 
-    The method takes two short cuts, loose linear solves and local corrections. Where the short cuts
-    lead nowhere, the method goes on without them: the sets of exact steps are monotone for an
-    M-matrix, and a set that comes back is a cycle. A set that is trusted whatever the residual is
-    checked during its linear solve: after some digits the set shows where its ends are wrong, and
-    what is solved to the end has the right ends.
+    The method takes short cuts, loose linear solves and local corrections; with an obstacle in the
+    domain, rough steps in place of both. Where the short cuts lead nowhere, the method goes on
+    without them: the sets of exact steps are monotone for an M-matrix, and a set that comes back is
+    a cycle. A set that is trusted whatever the residual is checked during its linear solve: after
+    some digits the set shows where its ends are wrong, and what is solved to the end has the right
+    ends.
 
     Args:
         system: The system.
@@ -104,7 +105,7 @@ def solve_active_set(
             x.set(0.0)
             system.project(x)
             residual = measure(x)
-        rough = system.layout.in_domain and not careful
+        rough = system.layout.in_domain and not (careful or system.singular)
         if rough:
             held, residual = rough_steps(system, solver, measure, x, held, rtol)
             trusted = True
