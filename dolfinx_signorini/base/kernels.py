@@ -45,6 +45,7 @@ void natural({OBSTACLES}, const double *multiplier, double *residual, double *pr
 void defects({OBSTACLES}, const double *multiplier, double *found);
 void touches({OBSTACLES}, uint8_t *found);
 int moves({OBSTACLES}, double *values);
+int places({OBSTACLES}, const uint8_t *held, double *values);
 """
 # A step is taken by one row after the other: rest - A step is what the steps so far leave, and in
 # the first two sweeps the rows that are still to come have the step zero.
@@ -166,6 +167,16 @@ int moves({OBSTACLES}, double *values)
   int moved = 0;
   for (int64_t c = 0; c < count; ++c)
     if (signs[c] * values[dofs[c]] < signs[c] * obstacle[c]) {{
+      values[dofs[c]] = obstacle[c];
+      moved = 1;
+    }}
+  return moved;
+}}
+int places({OBSTACLES}, const uint8_t *held, double *values)
+{{
+  int moved = 0;
+  for (int64_t c = 0; c < count; ++c)
+    if (held[c] && values[dofs[c]] != obstacle[c]) {{
       values[dofs[c]] = obstacle[c];
       moved = 1;
     }}

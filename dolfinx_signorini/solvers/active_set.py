@@ -3,7 +3,8 @@
 Given a guess of the active set, the contact dofs in the set are held at the obstacle and one linear
 system is left. The solution of this system tells which dofs to release (multiplier negative) and
 which to hold (gap negative). Where only a few have to change, a small problem around them finds out
-how far the change goes, in place of one dof per linear solve. Where the form vanishes on constants
+how far the change goes, in place of one dof per linear solve. The long ends of contact in the
+domain settle in rough steps before, see `rough_steps`. Where the form vanishes on constants
 some dof is always held: the forces balance. What ends the iteration is the natural residual: where
 gap and multiplier vanish together, the set may keep changing within rounding for ever.
 

@@ -225,7 +225,7 @@ class System:
         """The lower and upper bounds of the owned dofs, infinite where there is no obstacle."""
         return self._bounds(1.0), self._bounds(-1.0)
 
-    @property
+    @functools.cached_property
     def bounds_with_data(self) -> tuple[Array, Array]:
         """The bounds, both of them the Dirichlet data at fixed dofs."""
         lower, upper = self.bounds
@@ -274,26 +274,28 @@ class System:
         Returns:
             Whether a value was changed on some rank.
         """
-        none = np.zeros(len(self.obstacle), dtype=bool)
-        moved = self._loop("moves", x, x.array_w)
-        return self.place(x, none if held is None else held, bool(moved))
+        moved = bool(self._loop("moves", x, x.array_w))
+        return self._placed(x, held, moved)
 
-    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_], changed: bool = False) -> bool:
+    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_]) -> bool:
         """Set x to the obstacle at the dofs of some constraints, and to the Dirichlet data.
 
         Args:
             x: The vector, changed in place.
             held: The constraints, one entry each; the two constraints of a dof exclude each other.
-            changed: Whether a value on this rank was changed before.
 
         Returns:
             Whether a value was changed on some rank.
         """
-        dofs = np.concatenate((self.contact_dofs[held], self.fixed_dofs))
-        values = np.concatenate((self.obstacle[held], self.fixed_values))
-        changed = changed or bool((x.array_r[dofs] != values).any())
-        x.array_w[dofs] = values
-        return bool(self.comm.allreduce(changed, op=MPI.LOR))
+        return self._placed(x, held, False)
+
+    def _placed(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None, moved: bool) -> bool:
+        """As `place`, where a value on this rank may have been changed before."""
+        if held is not None:
+            moved = bool(self._loop("places", x, held, x.array_w)) or moved
+        moved = moved or bool((x.array_r[self.fixed_dofs] != self.fixed_values).any())
+        x.array_w[self.fixed_dofs] = self.fixed_values
+        return bool(self.comm.allreduce(moved, op=MPI.LOR))
 
     def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """Return whether x is at the obstacle, or beyond, for each constraint of this rank."""
