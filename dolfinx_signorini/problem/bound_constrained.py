@@ -12,7 +12,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base import compiled, kernels
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.costs import Cost, costs_of
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, require
@@ -126,6 +126,7 @@ class BoundConstrainedProblem:
             if petsc_options_prefix is None
             else petsc_options_prefix
         )
+        kernels.load(self.comm)
         self._constraint = constraint(self.space)
         self.sign = min(1.0, self._constraint.obstacles[0].sign)
         compilation = form_compiler_options, jit_options

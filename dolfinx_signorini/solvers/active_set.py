@@ -3,10 +3,11 @@
 Given a guess of the active set, the contact dofs in the set are held at the obstacle and one linear
 system is left. The solution of this system tells which dofs to release (multiplier negative) and
 which to hold (gap negative). Where only a few have to change, a small problem around them finds out
-how far the change goes, in place of one dof per linear solve. Where the form vanishes on constants
-or on rigid motions some dofs are always held: the forces balance. What ends the iteration is the
-natural residual: where gap and multiplier vanish together, the set may keep changing within
-rounding for ever.
+how far the change goes, in place of one dof per linear solve. The long ends of contact in the
+domain settle in rough steps before, see `rough_steps`. Where the form vanishes on constants or on
+rigid motions some dofs are always held: the forces balance. What ends the iteration is the natural
+residual: where gap and multiplier vanish together, the set may keep changing within rounding for
+ever.
 
 Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 """
@@ -25,6 +26,7 @@ from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
 from dolfinx_signorini.solvers.residual import MARGIN, ROUNDING, NaturalResidual
+from dolfinx_signorini.solvers.rough_steps import rough_steps
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import check_bounded
@@ -68,11 +70,12 @@ def solve_active_set(
 ) -> float:
     """Run the primal-dual active set method.
 
-    The method takes two short cuts, loose linear solves and local corrections. Where the short cuts
-    lead nowhere, the method goes on without them: the sets of exact steps are monotone for an
-    M-matrix, and a set that comes back is a cycle. A set that is trusted whatever the residual is
-    checked during its linear solve: after some digits the set shows where its ends are wrong, and
-    what is solved to the end has the right ends.
+    The method takes short cuts, loose linear solves and local corrections; with an obstacle in the
+    domain, rough steps in place of both. Where the short cuts lead nowhere, the method goes on
+    without them: the sets of exact steps are monotone for an M-matrix, and a set that comes back is
+    a cycle. A set that is trusted whatever the residual is checked during its linear solve: after
+    some digits the set shows where its ends are wrong, and what is solved to the end has the right
+    ends.
 
     Args:
         system: The system.
@@ -105,6 +108,12 @@ def solve_active_set(
             x.set(0.0)
             system.project(x)
             residual = measure(x)
+        rough = system.layout.in_domain and not (careful or system.singular)
+        if rough:
+            held, residual = rough_steps(system, solver, measure, x, held, rtol)
+            trusted = True
+            if residual <= rtol:
+                break
         if system.singular:
             held = _hold_loose(system, measure, x, held)
         target = rtol * MARGIN
@@ -112,9 +121,11 @@ def solve_active_set(
             target = max(target, LOOSEST * residual)
         if stop is not None:
             stop.allowed = LOOSEST * measure.scale
-        probe = Probe(measure, x, held) if trusted and not careful else None
+        local = not (careful or rough)
+        probe = Probe(measure, x, held) if trusted and local else None
         check = None if probe is None else probe.enough
-        solver.solve(system, x, held, target * measure.scale, measure.multiplier, stop, check)
+        known = None if rough else measure.multiplier
+        solver.solve(system, x, held, target * measure.scale, known, stop, check)
         corrected, norm = (None, 0.0) if probe is None else probe.take()
         if corrected is None:
             residual, norm = _measured(measure, x, rtol), measure.norm
@@ -131,7 +142,7 @@ def solve_active_set(
         else:
             stalled = 0 if norm < best else stalled + 1
             best = min(best, norm)
-            if corrected is None and stalled < STALL:
+            if corrected is None and stalled < STALL and local:
                 corrected = _correct_locally(measure, x, held)
         before, held = held, measure.defect(x) > 0.0 if corrected is None else corrected
         settled = corrected is not None or _any_equal(system, [before], held)

@@ -72,7 +72,8 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     x.array_w[:] = P @ solution
     system.project(x)
     contact: Mask = np.isfinite(lower) | np.isfinite(upper)
-    return settled(system, x, _predicted(system, x, P, contact, forces))
+    held = _predicted(system, x, P, contact, forces)
+    return held if system.layout.in_domain else settled(system, x, held)
 
 
 def _out_of_reach(system: System, x: PETSc.Vec) -> bool:

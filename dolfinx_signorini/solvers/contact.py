@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start
+from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
@@ -20,7 +21,7 @@ from dolfinx_signorini.solvers.prediction import predict
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.stop import Stop
+from dolfinx_signorini.solvers.stop import LOOSEST, Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
 from dolfinx_signorini.solvers.unbounded import check_bounded
@@ -82,12 +83,7 @@ class ActiveSetSolver:
         counts = linear.solves, linear.iterations, linear.setups
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
-            if coarse is not None:
-                start = Start(x, predict(system, coarse), predicted=True)
-            elif held is not None:
-                start = Start(x, held)
-            else:
-                start = _start(system, measure, history, x)
+            start = self._start(system, measure, history, x, held, coarse)
             predicted = time.perf_counter()
             residual = solve_active_set(system, linear, measure, start, rtol, stop)
             if stop is not None and stop.settled:
@@ -125,6 +121,42 @@ class ActiveSetSolver:
         self.linear.destroy()
         if self._acceptance is not None:
             self._acceptance.destroy()
+
+    def _start(
+        self,
+        system: System,
+        measure: NaturalResidual,
+        history: History,
+        x: PETSc.Vec,
+        held: Mask | None,
+        coarse: ContactState | None,
+    ) -> Start:
+        """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
+
+        With an obstacle in the domain the coarser meshes of multigrid tell more of its long ends
+        than a solution on another mesh. A problem without any of these starts with all contact dofs
+        held.
+        """
+        if held is not None:
+            return Start(x, held)
+        multigrid = self.linear.multigrid if system.layout.in_domain else None
+        guess = history.guess(system) if coarse is None else None
+        if guess is not None:
+            rough = system.layout.in_domain and not self.linear.exact
+            held = _settled(system, measure, guess, x, rough)
+            if multigrid is None or measure.relative <= LOOSEST:
+                return Start(x, held)
+        if multigrid is not None and full_multigrid(system, multigrid, x, guess is not None):
+            self.linear.forget()
+            return Start(x, system.touching_once(x), predicted=True)
+        if held is not None:
+            return Start(x, held)
+        if coarse is not None:
+            return Start(x, predict(system, coarse, x), predicted=True)
+        held = coarse_start(system, x)
+        if held is not None:
+            return Start(x, held, predicted=True)
+        return Start(x, np.full(len(system.contact_dofs), True))
 
     def _rounds(self, system: System, reached: bool) -> TaoRounds:
         """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""
@@ -176,29 +208,18 @@ def solve_by_tao(
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
 
-def _start(system: System, measure: NaturalResidual, history: History, x: PETSc.Vec) -> Start:
-    """The start without any hint of the user: from the last solutions, or from a coarse space.
-
-    A problem without a coarse space starts with all contact dofs held.
-    """
-    guess = history.guess(system)
-    if guess is not None:
-        return Start(x, _settled(system, measure, guess, x))
-    held = coarse_start(system, x)
-    if held is not None:
-        return Start(x, held, predicted=True)
-    return Start(x, np.full(len(system.contact_dofs), True))
-
-
-def _settled(system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec) -> Mask:
+def _settled(
+    system: System, measure: NaturalResidual, guess: Guess, x: PETSc.Vec, rough: bool
+) -> Mask:
     """Set x to a guess, and return its active set.
 
-    Where the guess may be rough, patch problems make it smooth and settle the set.
+    Where the guess may be rough, patch problems make it smooth and settle the set, unless
+    rough steps do that later.
     """
     x.array_w[:] = guess.values
     system.project(x)
     system.place(x, guess.held)
-    if measure(x) <= measure.rtol:
+    if measure(x) <= measure.rtol or rough:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
     if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):

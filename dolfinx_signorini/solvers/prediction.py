@@ -3,7 +3,9 @@
 The values and the density of the contact pressure are carried to the fine mesh at the contact
 boundary only, and predict the active set by the sign of pressure minus gap. (Values alone do not:
 where u vanishes together with its flux, half of the values are rounding.) Small problems around the
-ends of the predicted contact set, with the coarse solution outside, settle the set to the dof.
+ends of the predicted contact set, with the coarse solution outside, settle the set to the dof. With
+an obstacle in the domain the values are those of all dofs with an obstacle, and the start of rough
+steps, which settle the set.
 """
 
 import numpy as np
@@ -20,13 +22,14 @@ from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.transfer import Carrier, Pairs
 
 
-def predict(system: System, coarse: ContactState) -> Mask:
+def predict(system: System, coarse: ContactState, start: PETSc.Vec | None = None) -> Mask:
     """Predict the active set from a solution on another mesh, or on the same one.
 
     Args:
         system: The system.
         coarse: The other solution; only cells at the contact boundary and near the ends of the
             contact set are looked up, and none where both meshes are the same.
+        start: Set to the values of the other solution where the obstacle is in the domain.
 
     Returns:
         One entry per contact dof of this rank.
@@ -40,7 +43,12 @@ def predict(system: System, coarse: ContactState) -> Mask:
     carry([*pairs, (coarse.density, density)], nodes)
     x = _joined(system, pairs)
     held = presses(system, density.x.array[nodes], x.array_r[system.contact_dofs])
-    held = _settled(system, carry, pairs, held)
+    if layout.in_domain:  # rough steps settle its long ends, from these values on
+        system.project(x, held)
+        if start is not None:
+            x.copy(start)
+    else:
+        held = _settled(system, carry, pairs, held)
     x.destroy()
     return held
 

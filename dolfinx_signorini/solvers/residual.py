@@ -72,16 +72,11 @@ class NaturalResidual:
         system.A.mult(x, self.multiplier)
         self.multiplier.axpy(-1.0, system.b)
         residual = self.multiplier.array_r.copy()
-        dofs, signs = system.contact_dofs, system.signs
-        gap = system.scaled_gap(x.array_r[dofs])
-        pressure = signs * residual[dofs]
-        for sign in system.layout.sides:  # of a dof between two obstacles one after the other
-            side = signs == sign
-            residual[dofs[side]] = sign * np.minimum(gap[side], sign * residual[dofs[side]])
+        pressing = system.natural(x, self.multiplier.array_r, residual)
         residual[system.fixed_dofs] = 0.0
         self.norm = parallel_norm(system.comm, residual)
         if self.pushing > 0.0:
-            self.scale = self._scale(parallel_norm(system.comm, pressure[pressure > gap]))
+            self.scale = self._scale(parallel_norm(system.comm, pressing))
         return self.relative
 
     @property
@@ -108,9 +103,7 @@ class NaturalResidual:
 
         The vector is the one that was measured last.
         """
-        dofs, signs = self.system.contact_dofs, self.system.signs
-        forces = signs * self.multiplier.array_r[dofs]
-        return np.asarray(forces - self.system.scaled_gap(x.array_r[dofs]))
+        return self.system.defect(x, self.multiplier.array_r)
 
     def _scale(self, pressure: float) -> float:
         scale = max(self.load + min(pressure, self.pushing), ROUNDING / self.rtol * self.pushing)

@@ -15,6 +15,7 @@ arrays over the constraints of a rank.
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base import kernels
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.solvers.components import Components, Loose, components
@@ -226,6 +228,13 @@ class System:
         """The lower and upper bounds of the owned dofs, infinite where there is no obstacle."""
         return self._bounds(1.0), self._bounds(-1.0)
 
+    @functools.cached_property
+    def bounds_with_data(self) -> tuple[Array, Array]:
+        """The bounds, both of them the Dirichlet data at fixed dofs."""
+        lower, upper = self.bounds
+        lower[self.fixed_dofs] = upper[self.fixed_dofs] = self.fixed_values
+        return lower, upper
+
     def _bounds(self, sign: float) -> Array:
         bounds, chosen = np.full(self.A.getLocalSize()[0], -sign * np.inf), self.signs == sign
         bounds[self.contact_dofs[chosen]] = self.obstacle[chosen]
@@ -271,9 +280,8 @@ class System:
         Returns:
             Whether a value was changed on some rank.
         """
-        signs = self.signs
-        changed = self.place(x, signs * x.array_r[self.contact_dofs] < signs * self.obstacle)
-        return (held is not None and self.place(x, held)) or changed
+        moved = bool(self._loop("moves", x, x.array_w))
+        return self._placed(x, held, moved)
 
     def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_]) -> bool:
         """Set x to the obstacle at the dofs of some constraints, and to the Dirichlet data.
@@ -285,20 +293,53 @@ class System:
         Returns:
             Whether a value was changed on some rank.
         """
-        dofs = np.concatenate((self.contact_dofs[held], self.fixed_dofs))
-        values = np.concatenate((self.obstacle[held], self.fixed_values))
-        changed = bool((x.array_r[dofs] != values).any())
-        x.array_w[dofs] = values
-        return bool(self.comm.allreduce(changed, op=MPI.LOR))
+        return self._placed(x, held, False)
+
+    def _placed(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None, moved: bool) -> bool:
+        """As `place`, where a value on this rank may have been changed before."""
+        if held is not None:
+            moved = bool(self._loop("places", x, held, x.array_w)) or moved
+        moved = moved or bool((x.array_r[self.fixed_dofs] != self.fixed_values).any())
+        x.array_w[self.fixed_dofs] = self.fixed_values
+        return bool(self.comm.allreduce(moved, op=MPI.LOR))
 
     def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """Return whether x is at the obstacle, or beyond, for each constraint of this rank."""
-        return np.asarray(self.signs * x.array_r[self.contact_dofs] <= self.signs * self.obstacle)
+        found = np.empty(len(self.obstacle), dtype=bool)
+        self._loop("touches", x, found)
+        return found
 
     def touching_once(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """As `touching`, but where both obstacles of a dof meet the first of them alone."""
         touching = self.touching(x).reshape(len(self.layout.sides), -1)
-        return (touching & (np.cumsum(touching, axis=0) == 1)).ravel()
+        touching[1:] &= ~touching[:1]
+        return touching.ravel()
+
+    def natural(self, x: PETSc.Vec, multiplier: Array, residual: Array) -> Array:
+        """Turn a copy of A x - b into the natural residual, and return the pressure that holds x.
+
+        Args:
+            x: The vector.
+            multiplier: A x - b, the rows of this rank.
+            residual: The copy, changed in place.
+
+        Returns:
+            The force of each constraint where the force exceeds the scaled gap, 0 elsewhere.
+        """
+        pressing = np.empty(len(self.obstacle))
+        self._loop("natural", x, multiplier, residual, pressing)
+        return pressing
+
+    def defect(self, x: PETSc.Vec, multiplier: Array) -> Array:
+        """Return force minus scaled gap of each constraint, for the rows of A x - b."""
+        found = np.empty(len(self.obstacle))
+        self._loop("defects", x, multiplier, found)
+        return found
+
+    def _loop(self, name: str, x: PETSc.Vec, *given: Array | npt.NDArray[np.bool_]) -> Any:
+        """Run a compiled loop over the constraints."""
+        constraints = self.contact_dofs, self.signs, self.obstacle, self.contact_diagonal
+        return kernels.run(name, len(self.obstacle), *constraints, x.array_r, *given)
 
     def multiplier(self, x: PETSc.Vec) -> Array:
         """Return the force of each constraint of this rank: its sign times A x - b at its dof."""

@@ -41,6 +41,7 @@ class DirectSolver(LinearSolver):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
+        slack: int | None,
     ) -> None:
         if self._iterative is None and self._factors(system, held):
             unit = set_residual(system, x, held, multiplier, self._rhs)
@@ -52,7 +53,7 @@ class DirectSolver(LinearSolver):
             self.exact = False
             self._iterative = IterativeSolver(system, self._prefix, self._options)
         before = self._iterative.iterations
-        self._iterative.solve(system, x, held, atol, multiplier, stop, check)
+        self._iterative.solve(system, x, held, atol, multiplier, stop, check, slack)
         self.iterations += self._iterative.iterations - before
 
     @property

@@ -18,6 +18,8 @@ from dolfinx_signorini.meshes.parents import Parent, ends_of_edges, parent_mesh
 from dolfinx_signorini.meshes.refinement import first_places
 from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_lattice
 
+# Cells that divide a lattice; functions that are linear on simplices serve squares and cubes, too.
+LATTICES = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
 SMALL = 1000  # nodes: up to here BoomerAMG costs no more
 FEW = 200  # nodes of a coarsest lattice, about
 STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
@@ -39,7 +41,7 @@ def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc
     if space.dofmap.index_map.size_global <= SMALL:
         return [], []
     degrees, space = degree_prolongations(space)
-    return degrees, mesh_prolongations(space) if is_straight(space.mesh) else []
+    return degrees, mesh_prolongations(space) if space.mesh.geometry.cmap.degree == 1 else []
 
 
 def degree_prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], fem.FunctionSpace]:
@@ -88,6 +90,8 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
         domain = parent.mesh
         nodes = np.arange(domain.geometry.index_map().size_local, dtype=np.int32)
     made = _merged(made)
+    if domain.topology.cell_name() not in LATTICES:
+        return made
     if _size(domain) > SMALL and (lattice := find_lattice(domain, nodes)) is not None:
         made += lattice_prolongations(lattice)
     return made

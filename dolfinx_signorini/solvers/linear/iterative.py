@@ -65,7 +65,7 @@ class IterativeSolver(LinearSolver):
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
         coarsest = amg_options(self._block, coarsest=True)
-        self._multigrid = multigrid_for(system, prefix, self._options, coarsest)
+        self.multigrid = multigrid_for(system, prefix, self._options, coarsest)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
         self._ksp.setOperators(self._projected.operator)
@@ -81,16 +81,17 @@ class IterativeSolver(LinearSolver):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
+        slack: int | None,
     ) -> None:
-        fresh = self._prepare(system, held)
+        fresh = self._prepare(system, held, slack)
         self._checks = [] if check is None else [check]
-        if stop is not None and self._multigrid is not None:
+        if stop is not None and self.multigrid is not None:
             self._checks.append(stop.enough)
-        if stop is not None and fresh and self._multigrid is not None:
+        if stop is not None and fresh and self.multigrid is not None:
             self._begin_coarse(system, x, held, multiplier, stop)
             multiplier = None
         converged = self._correct(system, x, held, atol, fresh, multiplier)
-        while not converged and (not fresh or self._multigrid is not None):
+        while not converged and (not fresh or self.multigrid is not None):
             if fresh:
                 self._drop_levels()
             self._set_up(system, held)
@@ -102,9 +103,9 @@ class IterativeSolver(LinearSolver):
         self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
     ) -> None:
         """Add the solution on the next coarser mesh to x."""
-        assert self._multigrid is not None
+        assert self.multigrid is not None
         unit = set_residual(system, x, held, multiplier, self._rhs)
-        ratio = self._multigrid.nested(self._rhs, self._correction)
+        ratio = self.multigrid.nested(self._rhs, self._correction)
         if ratio > 0.0:
             self._projected.project(self._correction)
             x.axpy(unit, self._correction)
@@ -113,16 +114,16 @@ class IterativeSolver(LinearSolver):
     @property
     def preconditioner(self) -> str:
         """The preconditioner in words: geometric multigrid, or the type of PETSc."""
-        if self._multigrid is not None:
-            return self._multigrid.name
+        if self.multigrid is not None:
+            return self.multigrid.name
         kind = self._pc.getType()
         return str(self._pc.getHYPREType() if kind == PETSc.PC.Type.HYPRE else kind)
 
     def free(self) -> None:
         """Free the set-up of the preconditioner and its matrix; a next solve makes both anew."""
         self._pc.reset()
-        if self._multigrid is not None:
-            self._multigrid.free()
+        if self.multigrid is not None:
+            self.multigrid.free()
         if self._matrix is not None:
             self._matrix.destroy()
         self._matrix = self._held = None
@@ -130,25 +131,33 @@ class IterativeSolver(LinearSolver):
     def destroy(self) -> None:
         """Free the PETSc objects."""
         super().destroy()
-        if self._multigrid is not None:
-            self._multigrid.destroy()
+        if self.multigrid is not None:
+            self.multigrid.destroy()
         self._pc.destroy()
         self._projected.free()
 
-    def _prepare(self, system: System, held: Mask) -> bool:
+    def _prepare(self, system: System, held: Mask, slack: int | None) -> bool:
         """Hold the dofs, and set the preconditioner up unless the last set-up will do.
+
+        Where the obstacle is in the domain, sets change at so many dofs that a set-up of geometric
+        multigrid costs less than local solves around them.
 
         Returns:
             Whether the set-up is new.
         """
         dofs = system.contact_dofs
+        same = system.assembled == self._assembled
         if self._held is not None:
             counts = np.array([(held != self._held).sum(), len(held)])
             changed, total = self.comm.allreduce(counts)
+            if slack is not None and changed <= slack and same:
+                self._projected.hold(system, dofs[held], None)
+                return False
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
-            if (changed == 0 and system.assembled == self._assembled) or (
-                changed <= REUSE * total and mended and self._excess < self._setup_iterations
+            reuse = 0.0 if system.layout.in_domain and self.multigrid is not None else REUSE
+            if (changed == 0 and same) or (
+                changed <= reuse * total and mended and self._excess < self._setup_iterations
             ):
                 off = dofs[held != self._held] if changed else None
                 self._projected.hold(system, dofs[held], off)
@@ -160,14 +169,14 @@ class IterativeSolver(LinearSolver):
     @property
     def _setup_iterations(self) -> int:
         """What a set-up costs, in iterations."""
-        return SETUP_ITERATIONS if self._multigrid is None else GEOMETRIC_ITERATIONS
+        return SETUP_ITERATIONS if self.multigrid is None else GEOMETRIC_ITERATIONS
 
     def _drop_levels(self) -> None:
         """Put algebraic multigrid in place of the coarser meshes, or else of all levels."""
-        assert self._multigrid is not None
-        if not self._multigrid.drop_meshes():
-            self._multigrid.destroy()
-            self._multigrid, self._projected.pc = None, self._pc
+        assert self.multigrid is not None
+        if not self.multigrid.drop_meshes():
+            self.multigrid.destroy()
+            self.multigrid, self._projected.pc = None, self._pc
 
     def _set_up(self, system: System, held: Mask) -> None:
         """Set the preconditioner up, whose parts read their options each time they are made."""
@@ -179,7 +188,7 @@ class IterativeSolver(LinearSolver):
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:
         dofs = system.contact_dofs[held]
-        if self._multigrid is None:
+        if self.multigrid is None:
             matrix = self._hold(system, dofs, _typical(system))
             if self._block > 1:  # constants are known without
                 zero = np.concatenate((dofs, system.fixed_dofs))
@@ -188,8 +197,11 @@ class IterativeSolver(LinearSolver):
             self._pc.setUp()
         else:
             dofs = np.concatenate((dofs, system.fixed_dofs))
-            self._multigrid.set_up(self._hold(system, dofs, 0.0), dofs, _typical(system))
-            self._projected.pc = self._multigrid.pc
+            typical, number = _typical(system), system.assembled
+            known = self.multigrid.has_products(system.A, number)
+            matrix = self._hold(system, dofs, typical if known else 0.0)
+            self.multigrid.set_up(system.A, matrix, dofs, typical, number)
+            self._projected.pc = self.multigrid.pc
         self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0
         self.setups += 1
@@ -216,7 +228,7 @@ class IterativeSolver(LinearSolver):
             limit = min(limit, math.ceil(expected) + self._setup_iterations)
         self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
         self._unit = unit
-        watched = fresh and self._multigrid is not None
+        watched = fresh and self.multigrid is not None
         self._watched = self._little * start if watched else math.inf
         self._ksp.solve(self._rhs, self._correction)
         x.axpy(unit, self._correction)
@@ -231,7 +243,7 @@ class IterativeSolver(LinearSolver):
             PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
         )
         # A small residual or a form that vanishes on constants looks indefinite through rounding.
-        final = self._multigrid is None
+        final = self.multigrid is None
         if indefinite and final and not system.singular and end > ROUNDED:
             raise InputError(f"{INDEFINITE}, found by conjugate gradients", "form a")
         return bool(reason > 0)
@@ -241,7 +253,7 @@ class IterativeSolver(LinearSolver):
         known = (ksp.vec_sol, iterations, norm, self._unit)
         if any(check(*known) for check in self._checks):
             return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
-        if self._multigrid is None or iterations == 0 or iterations % SLOW != 0:
+        if self.multigrid is None or iterations == 0 or iterations % SLOW != 0:
             return None
         slow = norm > self._watched
         self._watched *= self._little

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.motions import attach_motions, owned_places, rigid_motions
 from dolfinx_signorini.solvers.system import System
 
@@ -67,7 +68,14 @@ class Multigrid:
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
+        self._state: tuple[int, Mask] | None = None  # of the products: the matrix, the held dofs
+        self._filled: list[LocalIndices] = []  # rows of the products with a diagonal entry alone
         self._make()
+
+    @property
+    def meshes(self) -> list[PETSc.Mat]:
+        """The prolongations from coarser meshes, the finest first."""
+        return self.prolongations[self._degrees :]
 
     @property
     def name(self) -> str:
@@ -78,38 +86,78 @@ class Multigrid:
         )
         return "multigrid over " + " and ".join(f"{n} {what}" for n, what in counts if n)
 
-    def set_up(self, matrix: PETSc.Mat, held: LocalIndices, diagonal: float) -> None:
+    def set_up(
+        self, A: PETSc.Mat, matrix: PETSc.Mat, held: LocalIndices, diagonal: float, number: int
+    ) -> None:
         """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.
 
         Args:
-            matrix: The matrix, whose rows and columns of the held dofs are zero.
+            A: The matrix with the rows and columns of the held dofs.
+            matrix: The matrix, whose rows and columns of the held dofs are zero, but for the
+                diagonal where the cycle has products of A, see `has_products`.
             held: The owned dofs that are held.
-            diagonal: What to fill in.
+            diagonal: The diagonal entries of held dofs.
+            number: How often A has been assembled.
         """
-        if not self.matrices:
-            self.free()
-            self._make()
-        made, fine = self.matrices, matrix
-        for level, prolongation in enumerate(self.prolongations):
-            result = made[level] if level < len(made) else None
-            fine = fine.ptap(prolongation, result=result)
-            if result is None:
-                made.append(fine)
-        for coarse in made:
+        off = np.zeros(A.getLocalSize()[0], dtype=bool)
+        off[held] = True
+        filled = self.has_products(A, number)
+        self.coarsen(A, number, off, matrix)
+        dead = off
+        for prolongation, coarse in zip(self.prolongations, self.matrices, strict=True):
             # A coarse function at held dofs alone is zero.
-            entries = coarse.getDiagonal()
-            empty = np.flatnonzero(entries.array_r == 0.0).astype(np.int32)
-            _fill(coarse, empty, diagonal)
-            entries.destroy()
+            dead = Rows(prolongation).largest(np.where(dead, 0.0, 1.0)) <= 0.0
+            self._filled.append(np.flatnonzero(dead).astype(np.int32))
+            _fill(coarse, self._filled[-1], diagonal)
         if not self._is_small:  # for algebraic multigrid
-            self._attach(made[-1], empty)
-        _fill(matrix, held, diagonal)
-        for solvers, level_matrix in zip(self._levels, [matrix, *made], strict=True):
+            self._attach(self.matrices[-1], self._filled[-1])
+        if not filled:
+            _fill(matrix, held, diagonal)
+        for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
             for solver in solvers:
                 solver.setOperators(level_matrix)
         self.pc.setOperators(matrix)
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
             self.pc.setUp()
+
+    def has_products(self, A: PETSc.Mat, number: int) -> bool:
+        """Whether products of A for some held dofs are at hand, which can be renewed in parts.
+
+        Args:
+            A: The matrix.
+            number: How often A has been assembled.
+        """
+        return A.comm.size == 1 and self._state is not None and self._state[0] == number
+
+    def coarsen(self, A: PETSc.Mat, number: int, off: Mask, matrix: PETSc.Mat) -> None:
+        """Make the Galerkin products of a matrix without the rows and columns of held dofs.
+
+        Where a product for other held dofs is at hand, see `has_products`, the entries that have
+        changed are enough for the largest product.
+
+        Args:
+            A: The matrix.
+            number: How often A has been assembled.
+            off: Whether the owned dofs are held.
+            matrix: The matrix without these rows and columns.
+        """
+        if not self.matrices:
+            self.free()
+            self._make()
+        made, fine = self.matrices, matrix
+        known = self._state if self.has_products(A, number) else None
+        for level, prolongation in enumerate(self.prolongations):
+            result = made[level] if level < len(made) else None
+            if level == 0 and known is not None and result is not None:
+                for rows in self._filled[:1]:
+                    _fill(result, rows, 0.0)
+                Rows(A).renew(known[1], off, Rows(prolongation), Rows(result))
+                fine = result
+                continue
+            fine = fine.ptap(prolongation, result=result)
+            if result is None:
+                made.append(fine)
+        self._state, self._filled = (number, off), []
 
     def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
         """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.
@@ -179,7 +227,7 @@ class Multigrid:
         self.pc.destroy()
         for matrix in self.matrices:
             matrix.destroy()
-        self.matrices, self._levels = [], []
+        self.matrices, self._levels, self._state, self._filled = [], [], None, []
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -8,6 +8,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
+from dolfinx_signorini.solvers.linear.multigrid import Multigrid
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
@@ -39,12 +41,14 @@ class LinearSolver(ABC):
 
     Attributes:
         exact: Whether a solve leaves nothing but rounding.
-        solves: The number of linear solves so far.
+        multigrid: The cycle over lower degrees and coarser meshes, where the solver has one.
+        solves: The number of linear solves so far, without rough ones.
         setups: The number of factorizations, or of set-ups of the preconditioner, so far.
         iterations: The number of iterations so far; a direct solve counts as one.
     """
 
     exact = False
+    multigrid: Multigrid | None = None
 
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         self.A, self.comm = system.A, system.comm
@@ -65,6 +69,7 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
+        slack: int | None = None,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
@@ -76,14 +81,15 @@ class LinearSolver(ABC):
             multiplier: A x - b for the start, where that is known.
             stop: Ends the solve earlier, if coarser meshes are known to begin on.
             check: Ends the solve earlier, if there are iterations.
+            slack: For a rough solve, at how many dofs the set of the preconditioner may be another.
 
         Raises:
             InputError: The form turned out to be indefinite.
         """
         if system.place(x, held):
             multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop, check)
-        self.solves += 1
+        self._solve(system, x, held, atol, multiplier, stop, check, slack)
+        self.solves += slack is None
 
     @property
     @abstractmethod
@@ -100,12 +106,17 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None,
         stop: Stop | None,
         check: Check | None,
+        slack: int | None,
     ) -> None:
         """Solve where the held dofs have their values already, see `solve`."""
 
     @abstractmethod
     def free(self) -> None:
         """Free the set-up; a next solve makes a new one."""
+
+    def forget(self) -> None:
+        """Make the set-up anew in the next solve: its matrices have been overwritten."""
+        self._held = None
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -119,8 +130,13 @@ class LinearSolver(ABC):
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = self.A.copy()
-        else:
-            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        rows = Rows(self.A)
+        if rows.alone:
+            held = np.zeros(self.A.getLocalSize()[0], dtype=bool)
+            held[dofs] = True
+            rows.hold(held, diagonal, Rows(self._matrix))
+            return self._matrix
+        self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
         self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
         return self._matrix

@@ -1,0 +1,232 @@
+"""Loops in C: over the rows of sparse matrices, and over constraints, without copies.
+
+Neither PETSc nor NumPy has a Gauss-Seidel sweep within bounds, and NumPy takes a pass over all
+arrays for each operation. The loops are compiled once on a machine, by the compiler that DOLFINx
+uses for forms, and are kept beside the forms.
+"""
+
+import functools
+import hashlib
+import importlib.util
+import os
+import sysconfig
+import tempfile
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+from dolfinx import jit
+from mpi4py import MPI
+from petsc4py import PETSc
+
+INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
+MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
+SWEEP = f"{MATRIX}, const double *rest, const double *lower, const double *upper, double *x"
+OBSTACLES = (
+    "int64_t count, const int32_t *dofs, const double *signs, const double *obstacle, "
+    "const double *diagonal, const double *x"
+)
+KINDS = {"d": "double[]", "i": "int32_t[]", "l": "int64_t[]", "?": "uint8_t[]"}
+DECLARED = f"""
+void forward({SWEEP}, double *step);
+void backward({SWEEP}, double *step);
+void settle({SWEEP}, double *step, int count);
+void largest({MATRIX}, const double *values, double *found);
+void hold({MATRIX}, const uint8_t *held, double diagonal, double *result);
+void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
+           const {INT} *first, const {INT} *parents, const double *weights,
+           const {INT} *begin, const {INT} *numbers, double *product);
+void counts({MATRIX}, int32_t *number);
+int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
+void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing);
+void defects({OBSTACLES}, const double *multiplier, double *found);
+void touches({OBSTACLES}, uint8_t *found);
+int moves({OBSTACLES}, double *values);
+int places({OBSTACLES}, const uint8_t *held, double *values);
+"""
+# A step is taken by one row after the other: rest - A step is what the steps so far leave, and in
+# the first two sweeps the rows that are still to come have the step zero.
+SOURCE = f"""
+#include <stdint.h>
+static double moved({INT} i, double left, double diagonal,
+                    const double *lower, const double *upper, double *x)
+{{
+  const double before = x[i];
+  double value = diagonal > 0.0 ? before + left / diagonal : before;
+  if (value < lower[i]) value = lower[i];
+  if (value > upper[i]) value = upper[i];
+  x[i] = value;
+  return value - before;
+}}
+void forward({SWEEP}, double *step)
+{{
+  for ({INT} i = 0; i < rows; ++i) {{
+    double left = rest[i], diagonal = 0.0;
+    for ({INT} p = starts[i]; p < starts[i + 1] && columns[p] <= i; ++p) {{
+      if (columns[p] == i) diagonal = entries[p];
+      else left -= entries[p] * step[columns[p]];
+    }}
+    step[i] = moved(i, left, diagonal, lower, upper, x);
+  }}
+}}
+void backward({SWEEP}, double *step)
+{{
+  for ({INT} i = rows - 1; i >= 0; --i) {{
+    double left = rest[i], diagonal = 0.0;
+    for ({INT} p = starts[i + 1] - 1; p >= starts[i] && columns[p] >= i; --p) {{
+      if (columns[p] == i) diagonal = entries[p];
+      else left -= entries[p] * step[columns[p]];
+    }}
+    step[i] = moved(i, left, diagonal, lower, upper, x);
+  }}
+}}
+void settle({SWEEP}, double *step, int count)
+{{
+  for ({INT} i = 0; i < rows; ++i) step[i] = 0.0;
+  for (int k = 0; k < 2 * count; ++k)
+    for ({INT} j = 0; j < rows; ++j) {{
+      const {INT} i = k % 2 ? rows - 1 - j : j;
+      double left = rest[i], diagonal = 0.0;
+      for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+        if (columns[p] == i) diagonal = entries[p];
+        left -= entries[p] * step[columns[p]];
+      }}
+      step[i] += moved(i, left, diagonal, lower, upper, x);
+    }}
+}}
+void largest({MATRIX}, const double *values, double *found)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
+      if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
+}}
+void hold({MATRIX}, const uint8_t *held, double diagonal, double *result)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+      if (!held[i] && !held[columns[p]]) result[p] = entries[p];
+      else result[p] = columns[p] == i ? diagonal : 0.0;
+    }}
+}}
+void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
+           const {INT} *first, const {INT} *parents, const double *weights,
+           const {INT} *begin, const {INT} *numbers, double *product)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
+      const {INT} j = columns[p];
+      const int was = !before[i] && !before[j], is = !now[i] && !now[j];
+      if (was == is) continue;
+      for ({INT} k = first[i]; k < first[i + 1]; ++k)
+        for ({INT} l = first[j]; l < first[j + 1]; ++l) {{
+          {INT} place = begin[parents[k]];
+          while (numbers[place] != parents[l]) ++place;
+          product[place] += (is - was) * weights[k] * entries[p] * weights[l];
+        }}
+    }}
+}}
+void counts({MATRIX}, int32_t *number)
+{{
+  for ({INT} i = 0; i < rows; ++i) number[i] += (int32_t)(starts[i + 1] - starts[i]);
+}}
+int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents)
+{{
+  int64_t count = 0;
+  for ({INT} i = 0; i < rows; ++i)
+    if (number[i] == 1 && starts[i + 1] > starts[i] && entries[starts[i]] == 1.0) {{
+      found[count] = (int32_t)i;
+      parents[count++] = (int32_t)columns[starts[i]];
+    }}
+  return count;
+}}
+void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing)
+{{
+  for (int64_t c = 0; c < count; ++c) {{
+    const int32_t i = dofs[c];
+    const double gap = diagonal[c] * signs[c] * (x[i] - obstacle[c]);
+    const double pressure = signs[c] * multiplier[i];
+    if (gap < signs[c] * residual[i]) residual[i] = signs[c] * gap;
+    pressing[c] = pressure > gap ? pressure : 0.0;
+  }}
+}}
+void defects({OBSTACLES}, const double *multiplier, double *found)
+{{
+  for (int64_t c = 0; c < count; ++c)
+    found[c] = signs[c] * multiplier[dofs[c]] - diagonal[c] * signs[c] * (x[dofs[c]] - obstacle[c]);
+}}
+void touches({OBSTACLES}, uint8_t *found)
+{{
+  for (int64_t c = 0; c < count; ++c)
+    found[c] = signs[c] * x[dofs[c]] <= signs[c] * obstacle[c];
+}}
+int moves({OBSTACLES}, double *values)
+{{
+  int moved = 0;
+  for (int64_t c = 0; c < count; ++c)
+    if (signs[c] * values[dofs[c]] < signs[c] * obstacle[c]) {{
+      values[dofs[c]] = obstacle[c];
+      moved = 1;
+    }}
+  return moved;
+}}
+int places({OBSTACLES}, const uint8_t *held, double *values)
+{{
+  int moved = 0;
+  for (int64_t c = 0; c < count; ++c)
+    if (held[c] && values[dofs[c]] != obstacle[c]) {{
+      values[dofs[c]] = obstacle[c];
+      moved = 1;
+    }}
+  return moved;
+}}
+"""
+
+
+def load(comm: MPI.Comm) -> None:
+    """Compile the loops on one rank, unless they are at hand; collective."""
+    if comm.rank > 0:
+        comm.barrier()
+    try:
+        library()
+    finally:
+        if comm.rank == 0:
+            comm.barrier()
+
+
+@functools.cache
+def library() -> Any:
+    """Return the module with the compiled loops, which are compiled if need be."""
+    name = "signorini_" + hashlib.sha1((DECLARED + SOURCE).encode()).hexdigest()[:16]
+    options = jit.get_options()
+    folder = Path(options["cache_dir"])
+    file = folder / (name + str(sysconfig.get_config_var("EXT_SUFFIX")))
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        builder = cffi.FFI()
+        builder.cdef(DECLARED)
+        arguments = [*options["cffi_extra_compile_args"], "-O3"]
+        builder.set_source(name, SOURCE, extra_compile_args=arguments)
+        # Another process may compile the same: each one puts a whole file in its place.
+        with tempfile.TemporaryDirectory(dir=folder) as place, redirect_stdout(StringIO()):
+            os.replace(builder.compile(tmpdir=place), file)
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run(name: str, *given: Any) -> Any:
+    """Run a loop on numbers and contiguous arrays, and return what the loop returns."""
+    module = library()
+    return getattr(module.lib, name)(
+        *(
+            module.ffi.from_buffer(KINDS[item.dtype.char], item)
+            if isinstance(item, np.ndarray)
+            else item
+            for item in given
+        )
+    )

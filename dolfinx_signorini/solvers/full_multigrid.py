@@ -1,0 +1,193 @@
+"""The start of a solve on a mesh with coarser ones: contact on all of them, from the coarsest on.
+
+The levels are those of multigrid, with the Galerkin products as matrices; a coarse node has the
+obstacle of the fine node at its place. The solution of a level, interpolated and moved to the
+obstacle, is the start on the next finer one, where some cycles improve the start. A cycle is one of
+multilevel constraint decomposition: what the solution may still move down to the obstacle, the
+defect of the obstacle, is shared out among the levels, so that no sum of corrections leaves the
+obstacle. Each level takes one projected Gauss-Seidel sweep forward on the way down and one backward
+on the way up.
+
+The cycles are quick until the contact set is nearly right, and slow from there on, where coarse
+functions reach over its ends. Linear solves go on then, see `active_set`.
+
+Sources: Tai, Numer. Math. 93 (2003) 755-786, for the decomposition; Bueler and Farrell, SIAM J.
+Sci. Comput. 46 (2024) A3044-A3073, for the cycle and the start.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.solvers.linear.hierarchy import SMALL
+from dolfinx_signorini.solvers.linear.multigrid import Multigrid
+from dolfinx_signorini.solvers.linear.rows import Rows
+from dolfinx_signorini.solvers.system import System
+
+CYCLES = {True: 1, False: 2}  # on the finest level, and on each coarser one
+COARSEST = 20  # sweeps there and back on the coarsest level
+ROUNDS = 5  # of these sweeps on several ranks, which see the values of one another in between
+
+Bounds = tuple[Array, Array]
+
+
+class Level:
+    """A level: its matrix, load and bounds, and the prolongation from the next coarser level.
+
+    Args:
+        matrix: The matrix.
+        load: The load, which the level takes over.
+        bounds: The bounds of the values of this rank.
+        prolongation: The prolongation; None on the coarsest level.
+    """
+
+    def __init__(
+        self, matrix: PETSc.Mat, load: PETSc.Vec, bounds: Bounds, prolongation: PETSc.Mat | None
+    ):
+        self.matrix, self.rows, self.load, self.bounds = matrix, Rows(matrix), load, bounds
+        self.prolongation = prolongation
+        self._rest, self._left, self._step, self._more = (load.duplicate() for _ in range(4))
+        if prolongation is not None:
+            self._parents = Rows(prolongation)
+            self._coarse = prolongation.createVecRight()
+
+    def coarser(self) -> tuple[PETSc.Vec, Bounds]:
+        """Return the load of the next coarser level, and the bounds of the nodes at its places."""
+        assert self.prolongation is not None
+        load = self._coarse.duplicate()
+        self.prolongation.multTranspose(self.load, load)
+        rows, columns = self._parents.units()
+        bounds = []
+        for values, none in zip(self.bounds, (-np.inf, np.inf), strict=True):
+            self._coarse.set(none)
+            self._coarse.assemble()
+            self._coarse.setValues(columns, values[rows])
+            self._coarse.assemble()
+            bounds.append(self._coarse.array_r.copy())
+        return load, (bounds[0], bounds[1])
+
+    def moved(self, x: PETSc.Vec) -> PETSc.Vec:
+        """Move a vector to the bounds where it lies beyond, and return it."""
+        x.array_w[:] = np.clip(x.array_r, *self.bounds)
+        return x
+
+    def cycle(self, x: PETSc.Vec, coarser: Sequence["Level"]) -> None:
+        """Improve x by a cycle over this level and the coarser ones."""
+        self.matrix.mult(x, self._rest)
+        self._rest.aypx(-1.0, self.load)
+        lower, upper = (values - x.array_r for values in self.bounds)
+        self._correct((lower, upper), coarser)
+        x.axpy(1.0, self._step)
+        self.moved(x)
+
+    def free(self) -> None:
+        """Free the vectors."""
+        for item in (self.load, self._rest, self._left, self._step, self._more):
+            item.destroy()
+        if self.prolongation is not None:
+            self._coarse.destroy()
+
+    def _correct(self, bounds: Bounds, coarser: Sequence["Level"]) -> None:
+        """Find a step within bounds for the residual, which stays as it is."""
+        if not coarser:
+            self._sweep_often(bounds)
+            return
+        assert self.prolongation is not None
+        shared = self._shared(bounds)
+        lower, upper = (
+            own - self._prolonged(part) for own, part in zip(bounds, shared, strict=True)
+        )
+        values = np.zeros(len(lower))
+        self.rows.sweep("forward", self._rest, lower, upper, values, self._step)
+        self._leave()
+        self.prolongation.multTranspose(self._left, coarser[0]._rest)
+        coarser[0]._correct(shared, coarser[1:])
+        self.prolongation.multAdd(coarser[0]._step, self._step, self._step)
+        self._leave()
+        values = self._step.array_r.copy()
+        self.rows.sweep("backward", self._left, *bounds, values, self._more)
+        self._step.axpy(1.0, self._more)
+
+    def _sweep_often(self, bounds: Bounds) -> None:
+        values = np.zeros(len(bounds[0]))
+        self._step.set(0.0)
+        for _ in range(1 if self.matrix.comm.size == 1 else ROUNDS):
+            self._leave()
+            self.rows.sweep("settle", self._left, *bounds, values, self._more, COARSEST)
+            self._step.axpy(1.0, self._more)
+
+    def _leave(self) -> None:
+        """Find what the step leaves of the residual."""
+        self.matrix.mult(self._step, self._left)
+        self._left.aypx(-1.0, self._rest)
+
+    def _shared(self, bounds: Bounds) -> Bounds:
+        """The bounds of coarse steps: the nearest ones of all nodes that a function moves."""
+        return self._parents.largest(bounds[0]), -self._parents.largest(-bounds[1])
+
+    def _prolonged(self, values: Array) -> Array:
+        """Coarse bounds on this level; where a node has none, none of its parents needs one."""
+        assert self.prolongation is not None
+        self._coarse.array_w[:] = np.where(np.isfinite(values), values, 0.0)
+        self.prolongation.mult(self._coarse, self._more)
+        return np.asarray(self._more.array_r.copy())
+
+
+def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False) -> bool:
+    """Improve x by cycles over all coarser meshes of a multigrid cycle.
+
+    Args:
+        system: The system; the call is collective.
+        multigrid: The cycle, whose matrices are overwritten.
+        x: A feasible vector, overwritten.
+        begun: Whether to begin with this x; else the coarsest mesh begins.
+
+    Returns:
+        Whether that was done: not where many nodes are left on the coarsest mesh.
+    """
+    if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL:
+        return False
+    levels = _levels(system, multigrid)
+    degrees = len(multigrid.prolongations) - len(multigrid.meshes)
+    if begun and not degrees:
+        for _ in range(CYCLES[False]):
+            levels[0].cycle(x, levels[1:])
+    elif not begun:
+        _begin(levels, degrees, x)
+    for level in levels:
+        level.free()
+    return True
+
+
+def _levels(system: System, multigrid: Multigrid) -> list[Level]:
+    """The levels of a system, the finest first."""
+    none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
+    multigrid.coarsen(system.A, system.assembled, none, system.A)
+    load = system.b.copy()
+    load.array_w[system.fixed_dofs] = 0.0
+    levels: list[Level] = []
+    bounds, matrices = system.bounds_with_data, (system.A, *multigrid.matrices)
+    for matrix, prolongation in zip(matrices, (*multigrid.prolongations, None), strict=True):
+        levels.append(Level(matrix, load, bounds, prolongation))
+        if prolongation is not None:
+            load, bounds = levels[-1].coarser()
+    return levels
+
+
+def _begin(levels: Sequence[Level], degrees: int, x: PETSc.Vec) -> None:
+    """Set x to a solution from the coarsest level on; lower degrees are passed without a cycle.
+
+    The functions of lower degrees are no sums of functions with one sign each.
+    """
+    values = levels[-1].load.duplicate()
+    values.set(0.0)
+    for number, level in reversed(list(enumerate(levels))):
+        if level.prolongation is not None:
+            values, coarse = (level.load.duplicate() if number else x), values
+            level.prolongation.mult(coarse, values)
+            coarse.destroy()
+        level.moved(values)
+        for _ in range(CYCLES[number == 0] if number >= degrees else 0):
+            level.cycle(values, levels[number + 1 :])

@@ -1,0 +1,150 @@
+"""Obstacles in the domain: starts from all coarser meshes, and the rough steps that follow."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from dolfinx_signorini import ObstacleProblem, bernstein_space
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.dirichlet import dirichlet
+from dolfinx_signorini.solvers.full_multigrid import full_multigrid
+from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.residual import NaturalResidual
+from dolfinx_signorini.solvers.rough_steps import Sweeps
+
+COMM = MPI.COMM_WORLD
+RTOL = 1e-9
+
+
+def lower(x):
+    return 0.1 * np.cos(9.0 * x[0]) * np.sin(7.0 * x[1] + 1.0) - 0.12
+
+
+def upper(x):
+    return 0.05 + 0.05 * x[0]
+
+
+def posed(space, two_sided=False, load=-2.0):
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(space.mesh)
+    stiffness = (1.0 + x[0]) * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+    f = load * (10.0 - 30.0 * x[1] if two_sided else 1.0)
+    return ObstacleProblem(
+        stiffness,
+        f * v * ufl.dx,
+        lower=lower,
+        upper=upper if two_sided else None,
+        bcs=[dirichlet(space, boundary_facets(space.mesh), 0.0)],
+    )
+
+
+def squares(n):
+    return mesh.create_rectangle(
+        COMM, [[0.0, 0.0], [1.0, 1.0]], [n, n], mesh.CellType.quadrilateral
+    )
+
+
+def cubes(n, kind=mesh.CellType.tetrahedron):
+    return mesh.create_unit_cube(COMM, n, n, n, kind)
+
+
+def energy(system, x):
+    force = x.duplicate()
+    system.A.mult(x, force)
+    value = 0.5 * x.dot(force) - x.dot(system.b)
+    force.destroy()
+    return value
+
+
+def linear(domain):
+    return fem.functionspace(domain, ("Lagrange", 1))
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_cycles_lower_the_energy_within_the_bounds(two_sided):
+    problem = posed(linear(friedrichs_keller(COMM, 72)), two_sided)
+    system = problem.system
+    solver, measure = IterativeSolver(system, "cycles_", {}), NaturalResidual(system)
+    x = system.start()
+    residuals, energies = [measure(x)], [energy(system, x)]
+    for step in range(12):
+        assert full_multigrid(system, solver.multigrid, x, begun=step > 0)
+        below, above = (
+            np.sign(k) * (x.array_r - b) for k, b in zip((1, -1), system.bounds, strict=True)
+        )
+        assert min(below.min(initial=0.0), above.min(initial=0.0)) >= 0.0
+        residuals.append(measure(x))
+        energies.append(energy(system, x))
+    assert (np.diff(energies) <= 1e-12 * abs(energies[-1])).all()
+    assert residuals[1] < 0.2 * residuals[0] and residuals[-1] < 0.2 * residuals[1]
+    for item in (solver, measure, x, problem):
+        item.destroy()
+
+
+def test_a_sweep_never_raises_the_energy_and_holds_what_is_at_the_bounds():
+    problem = posed(linear(friedrichs_keller(COMM, 60)))
+    system = problem.system
+    measure, x, sweeps = NaturalResidual(system), system.start(), Sweeps(system)
+    before = energy(system, x)
+    for _ in range(6):
+        measure(x)
+        held = sweeps(x, measure.multiplier)
+        assert (held == (x.array_r[system.contact_dofs] <= system.obstacle)).all()
+        after = energy(system, x)
+        assert after < before
+        before = after
+    for item in (measure, x, problem):
+        item.destroy()
+
+
+SPACES = {
+    "triangles": lambda: linear(friedrichs_keller(COMM, 80)),
+    "squares": lambda: linear(squares(80)),
+    "tetrahedra": lambda: linear(cubes(17)),
+    "cubes": lambda: linear(cubes(17, mesh.CellType.hexahedron)),
+    "degree 2": lambda: fem.functionspace(friedrichs_keller(COMM, 40), ("Lagrange", 2)),
+    "degree 3": lambda: fem.functionspace(friedrichs_keller(COMM, 27), ("Lagrange", 3)),
+    "degree 4": lambda: fem.functionspace(friedrichs_keller(COMM, 20), ("Lagrange", 4)),
+    "Bernstein 2": lambda: bernstein_space(friedrichs_keller(COMM, 40), 2),
+    "Bernstein 3": lambda: bernstein_space(friedrichs_keller(COMM, 27), 3),
+    "Bernstein 4": lambda: bernstein_space(friedrichs_keller(COMM, 20), 4),
+}
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("name", SPACES)
+def test_from_nothing_to_the_solution_in_few_iterations(name, two_sided):
+    problem = posed(SPACES[name](), two_sided)
+    problem.solve(rtol=RTOL)
+    system, result = problem.system, problem.result
+    x = system.vector_of(problem.u)
+    force = x.duplicate()
+    system.A.mult(x, force)
+    force.axpy(-1.0, system.b)
+    low, high = system.bounds
+    values, forces = x.array_r, force.array_r
+    free = np.ones(len(values), dtype=bool)
+    free[system.fixed_dofs] = False
+    assert (low <= values).all() and (values <= high).all()
+    inside = free & (low < values) & (values < high)
+    pulled = np.where(values <= low, np.minimum(forces, 0.0), np.maximum(forces, 0.0))
+    wrong = np.where(inside, forces, np.where(free & (low < high), pulled, 0.0))
+    load = system.b.array_r[free]
+    scale = np.sqrt(COMM.allreduce(float(load @ load) + float(forces[free] @ forces[free])))
+    assert np.sqrt(COMM.allreduce(float(wrong @ wrong))) <= 2.0 * RTOL * scale
+    assert "multigrid" in result.preconditioner and result.iterations == 0
+    assert 0 < COMM.allreduce(len(problem.active)) < problem.unknowns
+    assert result.linear_iterations <= 40 and result.linear_solves <= 3
+    for item in (x, force, problem):
+        item.destroy()
+
+
+def test_the_next_step_of_a_loop_starts_from_the_last_ones():
+    problem = posed(linear(friedrichs_keller(COMM, 80)))
+    problem.solve(rtol=RTOL)
+    first = problem.result.linear_iterations
+    problem.solve(rtol=RTOL)
+    assert problem.result.linear_iterations == 0 < first
+    problem.destroy()
