@@ -207,9 +207,9 @@ def test_a_load_that_slides_is_refused_although_held_weakly():
 @pytest.mark.parametrize(
     "walls, pressures, bend, words",
     [
-        ([0, 1], (0.3, -0.5), 0.0, "away"),  # lifted
+        ([0, 1], (0.3, -0.5), 0.0, "unbounded"),  # lifted
         ([0, 1], (0.0, 0.5), 0.0, "not unique"),  # may leave the wall
-        ([0, 1], (0.3, 0.5), 8.0, "away"),  # tips over its edge
+        ([0, 1], (0.3, 0.5), 8.0, "unbounded"),  # tips over its edge
     ],
 )
 def test_loads_that_do_not_press(walls, pressures, bend, words):
