@@ -91,7 +91,6 @@ class Frame:
             return made
         turn = self.matrix()
         product = turn.matMult(made)
-        product.setBlockSizes(size, size)
         for item in (turn, made):
             item.destroy()
         return product

@@ -82,14 +82,13 @@ def test_a_step_costs_a_linear_solve(kind, n, size, degree):
         active.append(body.problem.result.active_dofs)
     solves, iterations = np.array(counts)[5:].T
     assert active[-1] >= 2 * active[4] > 0 and active == sorted(active)
-    assert solves.mean() <= 2.0, solves
+    assert solves.mean() <= (2.0 if COMM.size == 1 else 2.5), solves  # patches end at ranks
     assert solves.max() <= 5, solves
     if "multigrid" in body.problem.result.preconditioner:
         assert iterations.mean() <= 1.3 * body.one_linear_solve(), iterations
-    fresh = Indented(n, size, degree)
-    fresh.step(kind, 1.0)
-    u, v = (each.problem.u.x.array for each in (body, fresh))
-    assert largest(u - v) <= 1e-6 * largest(v)
-    assert body.problem.force == pytest.approx(fresh.problem.force, rel=1e-6, abs=1e-6)
-    for each in (body, fresh):
-        each.problem.destroy()
+    problem = body.problem
+    found, force = problem.u.x.array.copy(), problem.force
+    problem.solve(rtol=1e-8, warm_start=False)
+    assert largest(found - problem.u.x.array) <= 1e-6 * largest(found)
+    assert force == pytest.approx(problem.force, rel=1e-6, abs=1e-6)
+    problem.destroy()

@@ -94,7 +94,7 @@ class Block:
         check_kkt(problem, self.forms, self.nodes, directions, gap)
 
 
-def check_kkt(problem, forms, nodes, directions, gaps):
+def check_kkt(problem, forms, nodes, directions, gaps, residual=TIGHT):
     """Equilibrium, forces against the directions, no penetration, and forces in contact alone."""
     u, forces = gathered(problem.u), gathered(problem.forces)
     A, b = reference.assembled(*forms)
@@ -112,7 +112,7 @@ def check_kkt(problem, forms, nodes, directions, gaps):
     assert largest(forces - np.where(away[:, None], 0.0, reactions)) <= 1e-8 * scale
     total = b.reshape(u.shape).sum(axis=0)
     assert largest(problem.force + total) <= 1e-8 * scale * len(u)
-    assert problem.result.natural_residual <= TIGHT
+    assert problem.result.natural_residual <= residual
 
 
 def refused(subject, words, pose):
@@ -207,9 +207,9 @@ def test_a_load_that_slides_is_refused_although_held_weakly():
 @pytest.mark.parametrize(
     "walls, pressures, bend, words",
     [
-        ([0, 1], (0.3, -0.5), 0.0, "away"),  # lifted
+        ([0, 1], (0.3, -0.5), 0.0, "unbounded"),  # lifted
         ([0, 1], (0.0, 0.5), 0.0, "not unique"),  # may leave the wall
-        ([0, 1], (0.3, 0.5), 8.0, "away"),  # tips over its edge
+        ([0, 1], (0.3, 0.5), 8.0, "unbounded"),  # tips over its edge
     ],
 )
 def test_loads_that_do_not_press(walls, pressures, bend, words):
