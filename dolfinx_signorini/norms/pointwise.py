@@ -74,7 +74,7 @@ class ErrorAtPoints:
         if shape != u_h.ufl_shape:
             raise InputError(f"has the shape {shape}, and u_h {u_h.ufl_shape}", "exact")
         if of is not None:
-            known = {u_h: exact.u, ufl.grad(u_h): gradient_of(exact)}
+            known = {u_h: ufl.as_ufl(exact.u), ufl.grad(u_h): gradient_of(exact)}
             self._formula = FormulaAtPoints(self.domain, components(ufl.replace(quantity, known)))
         elif isinstance(exact.u, fem.Function) and tuple(exact.grad) == derivatives_of(exact.u):
             self._discrete = exact.u

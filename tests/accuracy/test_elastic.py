@@ -1,5 +1,7 @@
 """The adaptive loop for elastic contact: the identity of the error, and requests."""
 
+from dataclasses import replace
+
 import dolfinx
 import elastic_known as known
 import hertz
@@ -11,6 +13,7 @@ from mpi4py import MPI
 
 import dolfinx_signorini as ds
 from dolfinx_signorini import InputError
+from dolfinx_signorini.accuracy.boundary_defects import obstacle_defects
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import pressure_density
 from dolfinx_signorini.accuracy.targets import target
@@ -20,6 +23,7 @@ from dolfinx_signorini.meshes.refinement import refined
 NORMS = {
     "L2": (1e-3, 1e-4), "L4": (1e-3, 1e-4), "Linf": (1e-3, 2e-4), "H1": (1e-2, 3e-3),
     "W1_4": (2e-2, 6e-3), "energy": (0.2, 0.05), "stress": (3.0, 0.8),
+    "largest stress": (6.0, 3.0),
 }  # fmt: skip
 SLANTED = known.Slanted()
 
@@ -112,12 +116,12 @@ def test_contact_force_of_hertz(degree):
         found.problem.destroy()
 
 
-def compared(degree, direction, height):
+def compared(degree, direction, height, unit=1.0, place=None):
     """Two solutions on a block with a round support, which is held on components of two sides.
 
-    At a node of the finer mesh alone the support has a pin of a height.
+    At a node of the finer mesh alone, or at another place, the support has a pin of a height.
     """
-    place = 1.0 / (3.0 * degree)
+    place = 1.0 / (3.0 * degree) if place is None else place
 
     def pose(sided):
         domain = sided.mesh
@@ -135,13 +139,14 @@ def compared(degree, direction, height):
         bcs = [fem.dirichletbc(push, pairs, V.sub(1))]
         left = fem.locate_dofs_topological(V.sub(0), 1, side(0, -2.0))
         bcs.append(fem.dirichletbc(0.0, left, V.sub(0)))
+        pin = ufl.exp(-(((x[0] - place) / 0.02) ** 2))
         load = ufl.as_vector([x[1], -x[0]])  # which both meshes integrate exactly
         a = ds.elasticity(u, v, 10.0, 0.3) + 0.1 * ufl.inner(u, v) * ufl.dx
         return ds.ContactProblem(
             a,
             ufl.inner(load, v) * ufl.dx,
             contact=sided.sides["below"],
-            gap=0.02 + 0.05 * x[0] ** 2 - height * ufl.exp(-(((x[0] - place) / 0.1) ** 2)),
+            gap=unit * (0.02 + 0.05 * x[0] ** 2 - height * pin),
             direction=direction,
             bcs=bcs,
         )
@@ -153,6 +158,21 @@ def compared(degree, direction, height):
         problem.solve(rtol=1e-12)
     coarse = Solution(problems[0].u, problems[0].forces)
     return Solved(coarse, problems[1], division.parents, target("L2")), problems
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("length", [1.0, 3.0])
+def test_a_pin_between_all_nodes(degree, length):
+    """A direction of another length, with a gap in its unit, has the same defect."""
+    height = 0.05
+    solved, problems = compared(degree, (0.0, -length), height, unit=length, place=1.235)
+    solved = replace(solved, target=target("Linf"))
+    parts = problems[0].comm.allreduce(
+        obstacle_defects(solved, None)[1].max(initial=0.0), op=MPI.MAX
+    )
+    assert 0.9 * height <= parts <= 1.1 * height
+    for problem in problems:
+        problem.destroy()
 
 
 @pytest.mark.parametrize("degree", [1, 2])
