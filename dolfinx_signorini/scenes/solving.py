@@ -35,7 +35,7 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
-from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
 from dolfinx_signorini.scenes.files.elasticity import refuse_for_displacements
 from dolfinx_signorini.scenes.files.scene import Scene
@@ -281,10 +281,7 @@ def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:
     ascent = _Ascent(scene, comm, phases)
-    rtol = scene.rtol
-    if rtol is None and scene.elasticity is not None:
-        rtol = DEFAULT_RTOL  # an earlier stop left forces of held sides that were 1 % off
-    solve_cascade(ascent.pose, scene.levels(), rtol=rtol, on_level=ascent.note)
+    solve_cascade(ascent.pose, scene.levels(), rtol=scene.rtol, on_level=ascent.note)
     return _result(ascent.posed, ascent.expectation, phases, levels=tuple(ascent.levels))
 
 
