@@ -25,6 +25,7 @@ from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 
 CELLS = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
 SCOPE = 'the page "What this is not" (docs/scope.md) solves such problems by SNES'
+ELASTIC = "docs/howto/elastic.md"
 IN_CELLS = "ObstacleProblem has obstacles in cells and on curves (docs/howto/which_problem.md)"
 
 
@@ -63,7 +64,7 @@ def checked_space(a: Any, L: Any, vectors: bool = False) -> fem.FunctionSpace:
         message = (
             f"the space has vectors of {space.dofmap.bs} components, and the unknown is a scalar"
         )
-        raise InputError(f"{message}; ContactProblem has displacements", "form a")
+        raise InputError(f"{message}; ContactProblem has displacements ({ELASTIC})", "form a")
     if element.family_name != "P" or element.discontinuous:
         raise InputError("the space must be a continuous Lagrange space", "form a")
     if not _same_space(arguments[1].ufl_function_space(), space):

@@ -54,4 +54,8 @@ def elasticity(u: Expr, v: Expr, young: Any, poisson: Any, plane: str = "strain"
     Raises:
         InputError: An argument makes no sense.
     """
-    return ufl.inner(stress(u, young, poisson, plane), ufl.sym(ufl.grad(v))) * ufl.dx
+    check(v=(v, instance(Expr, "a displacement")))
+    tension = stress(u, young, poisson, plane)
+    if ufl.grad(v).ufl_shape != tension.ufl_shape:
+        raise InputError("must be a vector with as many components as u", "v")
+    return ufl.inner(tension, ufl.sym(ufl.grad(v))) * ufl.dx

@@ -40,6 +40,11 @@ class Things:
         self.in_space = self.pose(self.cube)
         self.in_space.solve()
         self.state = self.problem.contact_state()
+        bodies = fem.functionspace(self.mesh, ("Lagrange", 1, (2,)))
+        self.moved, self.varied = ufl.TrialFunction(bodies), ufl.TestFunction(bodies)
+        stiff = signorini.elasticity(self.moved, self.varied, young=1.0, poisson=0.3)
+        self.springs = stiff + ufl.inner(self.moved, self.varied) * ufl.dx
+        self.pull = self.varied[0] * ufl.dx
         self.sided = signorini.SidedMesh(self.mesh, {"floor": self.facets})
         self.terms = signorini.EnergyTerms(reaction=1.0, load=20.0 * (self.x[0] - 0.6))
         path = folder / "scene.toml"
@@ -306,6 +311,48 @@ TABLE = {
             "petsc_options": (1.0, {1: "cg"}),
             "form_compiler_options": (1.0,),
             "jit_options": (1.0,),
+        },
+    ),
+    "ContactProblem": (
+        lambda t: {
+            "a": t.springs,
+            "L": t.pull,
+            "contact": t.facets,
+            "gap": 0.1,
+            "direction": (1.0, 0.0),
+        },
+        lambda t: {
+            "a": (None, 1.0, t.pull, t.problem.a),
+            "L": (None, 1.0, t.springs, t.problem.L),
+            "contact": (None, "x", 1.5, [-1], [10**6], np.empty(0, dtype=np.int32)),
+            "gap": (None, "x", NAN, t.other_function, t.other_x[0]),
+            "direction": (1.0, "x", (1.0,), (0.0, 0.0), (NAN, 1.0), t.x[0], t.other_x),
+            "bcs": (1.0, [1.0]),
+            "held_weakly": (None, 1.0, "yes"),
+            "u": (1.0, t.other_function, t.problem.u),
+            "petsc_options_prefix": (1.0,),
+            "petsc_options": (1.0, {1: "cg"}),
+            "form_compiler_options": (1.0,),
+            "jit_options": (1.0,),
+        },
+    ),
+    "elasticity": (
+        lambda t: {"u": t.moved, "v": t.varied, "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, "x", t.problem.u, t.pull),
+            "v": (None, "x", t.problem.u, t.pull),
+            "young": (0.0, -1.0),
+            "poisson": (0.5, -1.0, 1.0),
+            "plane": (None, "x", 1),
+        },
+    ),
+    "stress": (
+        lambda t: {"u": t.moved, "young": 1.0, "poisson": 0.3},
+        lambda t: {
+            "u": (None, "x", t.problem.u, t.pull),
+            "young": (0.0, -1.0),
+            "poisson": (0.5, -1.0, 1.0),
+            "plane": (None, "x", 1),
         },
     ),
     "ContactState": (

@@ -288,7 +288,7 @@ def test_what_is_out_of_scope_is_told_where_to_go(parts):
             elastic,
             "form a",
             "vectors of 2 components, and the unknown is a scalar",
-            "solve_bounded",
+            "ContactProblem(",
         ),
         ({"contact": np.arange(count)}, "contact", inside, "ObstacleProblem("),
         ({"contact": tagged}, "contact", "tags of dimension 2, not of facets", "ObstacleProblem("),
