@@ -111,4 +111,7 @@ def elasticity(u: Expr, v: Expr, young: Any, poisson: Any, plane: str = "strain"
         InputError: An argument makes no sense.
     """
     check(v=(v, DISPLACEMENT))
-    return ufl.inner(stress(u, young, poisson, plane), ufl.sym(ufl.grad(v))) * ufl.dx
+    tension = stress(u, young, poisson, plane)
+    if ufl.grad(v).ufl_shape != tension.ufl_shape:
+        raise InputError("must be a vector with as many components as u", "v")
+    return ufl.inner(tension, ufl.sym(ufl.grad(v))) * ufl.dx
