@@ -139,6 +139,7 @@ class LinearSolver(ABC):
         self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
         self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
+        self._matrix.assemble()  # else the inverse diagonals that PETSc's sweeps keep are old ones
         return self._matrix
 
 
