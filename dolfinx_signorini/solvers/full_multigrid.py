@@ -3,15 +3,16 @@
 The levels are those of multigrid, with the Galerkin products as matrices; a coarse node has the
 obstacle of the fine node at its place. The solution of a level, interpolated and moved to the
 obstacle, is the start on the next finer one, where some cycles improve the start. A cycle is one of
-monotone multigrid: a coarse function moves no node further than to the nearest of the obstacles of
-all its nodes, so that no sum of corrections leaves the obstacle. Each level takes one projected
-Gauss-Seidel sweep forward on the way down and one backward on the way up.
+multilevel constraint decomposition: what the solution may still move down to the obstacle, the
+defect of the obstacle, is shared out among the levels, so that no sum of corrections leaves the
+obstacle. Each level takes one projected Gauss-Seidel sweep forward on the way down and one backward
+on the way up.
 
 The cycles are quick until the contact set is nearly right, and slow from there on, where coarse
 functions reach over its ends. Linear solves go on then, see `active_set`.
 
-Sources: Mandel, Appl. Math. Optim. 11 (1984) 77-95, for such corrections; Bueler and Farrell, SIAM
-J. Sci. Comput. 46 (2024) A3044-A3073, for the start.
+Sources: Tai, Numer. Math. 93 (2003) 755-786, for the decomposition; Bueler and Farrell, SIAM J.
+Sci. Comput. 46 (2024) A3044-A3073, for the cycle and the start.
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,10 @@ from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.system import System
 
-CYCLES = {True: 1, False: 2}  # on the finest level, and on each coarser one
+# On the finest level, and on each coarser one; with one more or less on either the whole solve takes
+# as long or longer (benchmarks/obstacle.py). Room that is left to coarse levels, and not used up by
+# the sweep before, saves a set-up in space.
+CYCLES = {True: 1, False: 2}
 COARSEST = 20  # sweeps there and back on the coarsest level
 ROUNDS = 5  # of these sweeps on several ranks, which see the values of one another in between
 
@@ -94,10 +98,12 @@ class Level:
             self._sweep_often(bounds)
             return
         assert self.prolongation is not None
-        values = np.zeros(len(bounds[0]))
-        self.rows.sweep("forward", self._rest, *bounds, values, self._step)
-        lower, upper = (bound - values for bound in bounds)
-        shared = self._parents.largest(lower), -self._parents.largest(-upper)
+        shared = self._shared(bounds)
+        lower, upper = (
+            own - self._prolonged(part) for own, part in zip(bounds, shared, strict=True)
+        )
+        values = np.zeros(len(lower))
+        self.rows.sweep("forward", self._rest, lower, upper, values, self._step)
         self._leave()
         self.prolongation.multTranspose(self._left, coarser[0]._rest)
         coarser[0]._correct(shared, coarser[1:])
@@ -119,6 +125,17 @@ class Level:
         """Find what the step leaves of the residual."""
         self.matrix.mult(self._step, self._left)
         self._left.aypx(-1.0, self._rest)
+
+    def _shared(self, bounds: Bounds) -> Bounds:
+        """The bounds of coarse steps: the nearest ones of all nodes that a function moves."""
+        return self._parents.largest(bounds[0]), -self._parents.largest(-bounds[1])
+
+    def _prolonged(self, values: Array) -> Array:
+        """Coarse bounds on this level; where a node has none, none of its parents needs one."""
+        assert self.prolongation is not None
+        self._coarse.array_w[:] = np.where(np.isfinite(values), values, 0.0)
+        self.prolongation.mult(self._coarse, self._more)
+        return np.asarray(self._more.array_r.copy())
 
 
 def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False) -> bool:
