@@ -26,7 +26,7 @@ from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.system import System
 
-# On the finest level, and on each coarser one; with one more or less on either the whole solve takes
+# On the finest level, and on each coarser one; with one more or less on either a solve takes
 # as long or longer (benchmarks/obstacle.py). Room that is left to coarse levels, and not used up by
 # the sweep before, saves a set-up in space.
 CYCLES = {True: 1, False: 2}
