@@ -26,7 +26,10 @@ from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.system import System
 
-CYCLES = {True: 1, False: 2}  # on the finest level, and on each coarser one
+# On the finest level, and on each coarser one; with one more or less on either a solve takes
+# as long or longer (benchmarks/obstacle.py). Room that is left to coarse levels, and not used up by
+# the sweep before, saves a set-up in space.
+CYCLES = {True: 1, False: 2}
 COARSEST = 20  # sweeps there and back on the coarsest level
 ROUNDS = 5  # of these sweeps on several ranks, which see the values of one another in between
 

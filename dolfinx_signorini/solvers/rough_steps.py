@@ -17,7 +17,9 @@ from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.system import System
 
-ITERATIONS = 2  # of conjugate gradients in a step
+# Of conjugate gradients in a step: with 1 or 3, or until a share of the residual is left, the whole
+# solve takes as long or longer (benchmarks/obstacle.py).
+ITERATIONS = 2
 LONGEST = 30  # steps
 STALE = (
     4  # times the dofs that a sweep changes: the set of the preconditioner may be off at so many
