@@ -141,6 +141,7 @@ def test_a_loop_that_was_stopped_goes_on_as_the_recipe_says(tmp_path, monkeypatc
         "howto/curved.md",
         "howto/derivatives.md",
         "howto/elastic.md",
+        "howto/elastic_accuracy.md",
         "howto/functional.md",
         "howto/hysteresis.md",
         "howto/jumps.md",
@@ -255,6 +256,13 @@ def bodies_rest_on_their_obstacles(names):
         assert (problem.force[1] > 0.0) == (touching > 0), name
 
 
+def contact_of_the_block_is_symmetric(names):
+    """Like the block and its support; the last loop ends below its accuracy."""
+    first, last = sorted(position[0] for position in names["ends"])
+    assert abs(first + last) < 0.02 and 0.1 < last - first < 1.0
+    assert names["found"].reached and names["found"].problem.force[1] > 0.0
+
+
 def a_jump_inside_cells_costs_an_order(names):
     fitted, crossed = names["errors"]
     assert abs(fitted) < 1e-8 and 1e-3 < abs(crossed) < 1e-2
@@ -266,6 +274,7 @@ EXPECTED = {
     "howto/curved.md": slope_on_the_ring,
     "howto/derivatives.md": derivatives_agree,
     "howto/elastic.md": bodies_rest_on_their_obstacles,
+    "howto/elastic_accuracy.md": contact_of_the_block_is_symmetric,
     "howto/jumps.md": a_jump_inside_cells_costs_an_order,
     "howto/which_problem.md": each_bound_holds_where_it_acts,
 }
