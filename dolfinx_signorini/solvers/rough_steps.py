@@ -21,9 +21,8 @@ from dolfinx_signorini.solvers.system import System
 # solve takes as long or longer (benchmarks/obstacle.py).
 ITERATIONS = 2
 LONGEST = 30  # steps
-STALE = (
-    4  # times the dofs that a sweep changes: the set of the preconditioner may be off at so many
-)
+# The set of the preconditioner may be another one at this many times the dofs that a sweep changes.
+STALE = 4
 
 
 class Sweeps:
