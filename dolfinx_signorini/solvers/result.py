@@ -15,7 +15,8 @@ class SolveResult:
         method: The solver.
         reason: Why the solver stopped, in words.
         iterations: The iterations of TAO.
-        linear_solves: The linear solves of the active set method; 0 where TAO did everything.
+        linear_solves: The linear solves of the active set method, without the rough ones of an
+            obstacle in the domain; 0 where TAO did everything.
         linear_iterations: The iterations of the linear solver, inside of TAO included.
         natural_residual: The natural residual relative to the data.
         active_dofs: The number of contact dofs with u = g.
