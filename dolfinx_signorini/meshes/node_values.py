@@ -12,7 +12,11 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import summed
-from dolfinx_signorini.meshes.elements import control_lattice, values_at_control_points
+from dolfinx_signorini.meshes.elements import (
+    component_arrays,
+    control_lattice,
+    values_at_control_points,
+)
 from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
 
 # How far inside of a cell a node is taken, of the way to its middle. FFCx takes a value of a basis
@@ -47,7 +51,7 @@ def vectors_at_nodes(space: fem.FunctionSpace, u: fem.Function) -> Array:
         space: The scalar space of one component.
         u: The vector.
     """
-    parts = u.x.array.reshape(-1, u.function_space.dofmap.bs).T
+    parts = component_arrays(u)
     return np.stack([values_at_control_points(space, part.copy()) for part in parts], axis=1)
 
 

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -59,8 +60,8 @@ def components_of(u: fem.Function, nodal: fem.FunctionSpace) -> list[fem.Functio
     if size == 1:
         return [u]
     parts = [fem.Function(nodal) for _ in range(size)]
-    for i, part in enumerate(parts):
-        part.x.array[:] = u.x.array[i::size]
+    for part, values in zip(parts, component_arrays(u), strict=True):
+        part.x.array[:] = values
     return parts
 
 
