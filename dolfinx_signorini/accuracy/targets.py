@@ -14,11 +14,11 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.accuracy.cells import cell_norms, total
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.errors import InputError, together
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
-from dolfinx_signorini.norms.pointwise import Quantity, quantity_of
+from dolfinx_signorini.norms.pointwise import Quantity, quantity_of, returned
 from dolfinx_signorini.norms.references import components
 
 Functional = Callable[[Expr], ufl.Form]
@@ -106,15 +106,7 @@ def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     if callable(norm) and not isinstance(norm, Expr):
 
         def form(u: Expr) -> ufl.Form:
-            with together(u.ufl_function_space().mesh.comm, "norm"):
-                try:
-                    found = norm(u)
-                except Exception as error:
-                    message = f"the functional returned no form: {type(error).__name__}: {error}"
-                    raise InputError(message, "norm") from error
-                if not isinstance(found, ufl.Form):
-                    raise InputError(f"must return a form, not {type(found).__name__}", "norm")
-            return found
+            return returned(norm, u, ufl.Form, "the functional returned no form", "a form", "norm")
 
         return Target(getattr(norm, "__name__", "functional"), functional=form)
     if not isinstance(norm, str):

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import basix
 import numpy as np
@@ -21,6 +21,7 @@ CELLS = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
 
 # What of a solution is meant, linear in the solution and its first derivatives: the stress.
 Quantity: TypeAlias = Callable[[Expr], Expr]
+T = TypeVar("T")
 
 
 class ErrorAtPoints:
@@ -129,15 +130,35 @@ def quantity_of(of: Quantity, u: Expr) -> Expr:
     Raises:
         InputError: The call fails, or returns no expression.
     """
-    with together(u.ufl_function_space().mesh.comm, "of"):
-        try:
-            found = of(u)
-        except Exception as error:
-            message = f"the quantity is no expression: {type(error).__name__}: {error}"
-            raise InputError(message, "of") from error
-        if not isinstance(found, Expr):
-            raise InputError(f"must return an expression, not {type(found).__name__}", "of")
+    found = returned(of, u, Expr, "the quantity is no expression", "an expression", "of")
     return apply_derivatives(apply_algebra_lowering(found))
+
+
+def returned(
+    call: Callable[[Expr], Any], u: Expr, kind: type[T], failed: str, wanted: str, subject: str
+) -> T:
+    """Return what a function of the user makes of a function of a space; collective.
+
+    Args:
+        call: The function of the user.
+        u: The function of a space.
+        kind: What is to be returned.
+        failed: What an exception is called.
+        wanted: What is to be returned, in words.
+        subject: The name of the argument that the function was given as.
+
+    Raises:
+        InputError: The call fails, or returns something else.
+    """
+    with together(u.ufl_function_space().mesh.comm, subject):
+        try:
+            found = call(u)
+        except Exception as error:
+            message = f"{failed}: {type(error).__name__}: {error}"
+            raise InputError(message, subject) from error
+        if not isinstance(found, kind):
+            raise InputError(f"must return {wanted}, not {type(found).__name__}", subject)
+    return found
 
 
 def length(components: Sequence[Array]) -> Array:
