@@ -62,18 +62,12 @@ def cells_at_contact_ends(
     """
     space = problem.space
     _, dofs, touching = contact_on_entities(problem)
-    held = marked(space, held_nodes(problem))[dofs]
+    held = marked(space, problem.system.layout.held_nodes)[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
     cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
     result = np.zeros(count, dtype=bool)
     result[parents[cells[cells < len(parents)]]] = True
     return result
-
-
-def held_nodes(problem: BoundConstrainedProblem) -> LocalIndices:
-    """Return the owned nodes with an obstacle that Dirichlet data hold: all dofs of scalars."""
-    layout = problem.system.layout
-    return layout.obstacle_dofs[~layout.free] // layout.block
 
 
 def contact_on_entities(

@@ -26,7 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
-from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice, held_nodes
+from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
@@ -50,7 +50,7 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     space, domain = problem.system.layout.nodal, problem.space.mesh
     dim = domain.topology.dim
     pairs, dofs, touching = contact_on_entities(problem)
-    fixed = marked(space, held_nodes(problem))[dofs]
+    fixed = marked(space, problem.system.layout.held_nodes)[dofs]
     held = touching.any(axis=1) & ~fixed.any(axis=1)
     if not problem.comm.allreduce(bool(held.any()), op=MPI.LOR):
         return np.zeros((2, solved.count))
@@ -99,7 +99,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
         problem: The solved problem; the call is collective.
     """
     layout, comm = problem.system.layout, problem.comm
-    space, owned = layout.nodal, layout.obstacle_dofs // layout.block
+    space, owned = layout.nodal, layout.obstacle_nodes
     pairs, dofs, _ = contact_on_entities(problem)
     density = fem.Function(space)
     first = sum(comm.allgather(len(owned))[: comm.rank])
@@ -108,7 +108,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     places = density.x.array[dofs].astype(PETSc.IntType)
     sizes = facet_scale(space.mesh, pairs)[:, None, None]
     masses, highest = (sizes * products[pairs[:, 1]] for products in _facet_products(space))
-    fixed = marked(space, held_nodes(problem))
+    fixed = marked(space, layout.held_nodes)
     # With a share of the masses the dofs at corners where two facets meet are determined, too.
     rows = np.where(fixed[dofs][:, :, None], highest + SOLVED * masses, masses)
     matrix = PETSc.Mat().create(comm)

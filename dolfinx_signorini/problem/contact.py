@@ -183,7 +183,7 @@ class ContactProblem(BoundConstrainedProblem):
         gap = fem.Function(layout.nodal, name="gap")
         free, left = layout.free, self._assembly.obstacles[0].copy()  # of held nodes what is left
         left[free] = (left[free] - x.array_r[layout.contact_dofs]) * directions.shares[free]
-        nodes = layout.obstacle_dofs // layout.block
+        nodes = layout.obstacle_nodes
         gap.x.array[nodes] = np.maximum(left, 0.0) * directions.lengths
         gap.x.scatter_forward()
         return gap
@@ -209,7 +209,7 @@ class ContactProblem(BoundConstrainedProblem):
         """
         sizes, size = self.normal_forces, self.space.dofmap.bs
         forces = fem.Function(self.space, name="forces")
-        nodes = self._layout.obstacle_dofs // size
+        nodes = self._layout.obstacle_nodes
         blocks = forces.x.array.reshape(-1, size)
         blocks[nodes] = -sizes.x.array[nodes, None] * self._directions.units
         forces.x.scatter_forward()
@@ -234,14 +234,14 @@ class ContactProblem(BoundConstrainedProblem):
             InputError: The problem has not been solved.
         """
         layout, size, (u, _) = self._layout, self.space.dofmap.bs, self.towards_obstacle()
-        nodes, gap = layout.obstacle_dofs // size, self.gap
+        nodes, gap = layout.obstacle_nodes, self.gap
         directions = fem.Function(self.space, name="directions")
         directions.x.array.reshape(-1, size)[nodes] = self._directions.units
         distance = fem.Function(layout.nodal, name="distance")
         distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
         for function in (directions, distance):
             function.x.scatter_forward()
-        known = u, gap, self.pressure, self.contact, nodes[~layout.free]
+        known = u, gap, self.pressure, self.contact, layout.held_nodes
         return AlongDirection(layout.nodal, *known, directions, distance)
 
     @property
@@ -274,7 +274,7 @@ class ContactProblem(BoundConstrainedProblem):
         """
         self._solution()
         layout, size = self._layout, self.space.dofmap.bs
-        nodes = layout.obstacle_dofs // size
+        nodes = layout.obstacle_nodes
         u, lengths = fem.Function(layout.nodal, name="u.d"), fem.Function(layout.nodal)
         blocks = self.u.x.array.reshape(-1, size)[nodes]
         u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)

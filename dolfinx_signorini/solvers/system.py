@@ -71,6 +71,16 @@ class Layout:
             return self.frame.free
         return ~np.isin(self.obstacle_dofs, self.fixed_dofs)
 
+    @property
+    def obstacle_nodes(self) -> LocalIndices:
+        """The owned nodes with an obstacle, dofs of `nodal`."""
+        return self.obstacle_dofs // self.block
+
+    @property
+    def held_nodes(self) -> LocalIndices:
+        """The nodes with an obstacle that Dirichlet data hold: all their dofs, or the direction."""
+        return self.obstacle_nodes[~self.free]
+
     @functools.cached_property
     def free_dofs(self) -> LocalIndices:
         """The owned dofs with an obstacle and without Dirichlet data, each of them once."""
