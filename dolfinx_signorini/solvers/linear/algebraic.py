@@ -41,7 +41,9 @@ GAMG: dict[str, Any] = {
 # space the times are the same up to 100,000 unknowns, and BoomerAMG's iterations grow. The
 # interpolation vectors of BoomerAMG (nodal coarsening 4, variant 2) left 26 to 43 iterations where
 # hypre did not fail with them. Symmetric Gauss-Seidel sweeps in place of Chebyshev's save a tenth
-# in space and a third in the plane; thresholds and more aggressive coarsening save nothing.
+# in space and a third in the plane; thresholds and more aggressive coarsening save nothing. On
+# several ranks sweeps leave out what couples these, and a cycle may be indefinite (a cube of degree
+# 2 on three ranks): Chebyshev's polynomials know the largest eigenvalue.
 VECTORS: dict[str, Any] = GAMG | {
     "mg_levels_ksp_type": "richardson",
     "mg_levels_ksp_max_it": 1,
@@ -51,7 +53,9 @@ AMG = HYPRE if PETSc.Sys.hasExternalPackage("hypre") else GAMG
 DEFAULT_OPTIONS: dict[str, Any] = {"ksp_type": "cg"} | AMG
 
 
-def amg_options(block: int, few: bool = False, coarsest: bool = False) -> dict[str, Any]:
+def amg_options(
+    block: int, few: bool = False, coarsest: bool = False, alone: bool = True
+) -> dict[str, Any]:
     """Return the options of the algebraic multigrid for a matrix.
 
     Args:
@@ -59,9 +63,10 @@ def amg_options(block: int, few: bool = False, coarsest: bool = False) -> dict[s
         few: Whether a factorization would cost less.
         coarsest: Whether one cycle stands for the solve on the coarsest level of a geometric
             multigrid, and is to be accurate.
+        alone: Whether one rank has the whole matrix.
     """
     if block > 1:
-        return VECTORS
+        return VECTORS if alone else GAMG
     if AMG is not HYPRE:
         return AMG
     if few:

@@ -60,11 +60,13 @@ class IterativeSolver(LinearSolver):
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
         self._ksp.setOptionsPrefix(prefix)
-        self._defaults = {"ksp_type": "cg"} | amg_options(self._block, has_few_dofs(system))
+        alone = system.comm.size == 1
+        amg = amg_options(self._block, has_few_dofs(system), alone=alone)
+        self._defaults = {"ksp_type": "cg"} | amg
         with options_set(prefix, self._options, self._defaults) as self._unread:
             self._ksp.setFromOptions()
         self._pc = self._ksp.getPC()
-        coarsest = amg_options(self._block, coarsest=True)
+        coarsest = amg_options(self._block, coarsest=True, alone=alone)
         self.multigrid = multigrid_for(system, prefix, self._options, coarsest)
         self._projected = Projected(system.A, self._pc)
         self._ksp.setPC(self._projected.preconditioner)
