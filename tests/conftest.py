@@ -76,11 +76,38 @@ def _is_pure(item: pytest.Item) -> bool:
     return item.get_closest_marker("pure") is not None and "comm" not in names
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add an option that runs everything on several ranks, too."""
+    text = "on several ranks all tests that have a communicator, with all parameters"
+    parser.addoption("--complete", action="store_true", help=text)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out on several ranks what has no communicator: one rank computes the same."""
-    if RANKS.size > 1:
-        config.hook.pytest_deselected(items=[item for item in items if _is_pure(item)])
-        items[:] = [item for item in items if not _is_pure(item)]
+    """Leave out on several ranks what one rank shows as well.
+
+    Tests without a communicator are left out. How ranks work together depends little on parameters,
+    so that without `--complete` few of them are run.
+    """
+    if RANKS.size == 1:
+        return
+    tests: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if not _is_pure(item):
+            tests.setdefault(item.nodeid.split("[")[0], []).append(item)
+    chosen = list(tests.values())
+    if not config.getoption("--complete"):
+        chosen = _dealt_out(chosen)
+    kept = {item for same in chosen for item in same}
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = [item for item in items if item in kept]
+
+
+def _dealt_out(tests: list[list[pytest.Item]]) -> list[list[pytest.Item]]:
+    """On two ranks two parameters of each test, on more ranks another one of every other test:
+    three ranks on two processors take three times as long as two."""
+    if RANKS.size == 2:
+        return [items[:: (len(items) + 1) // 2] for items in tests]
+    return [items[len(items) // 3 :][:1] for items in tests[::2]]
 
 
 @pytest.fixture(autouse=True)
