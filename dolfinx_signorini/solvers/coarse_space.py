@@ -10,7 +10,7 @@ The triangulation does not know the domain, and couples what a thin hole separat
 then worse, and the solution is the same.
 
 The coarsest space of all has the constants alone. Where an obstacle is so far below a constant that
-the load does not bend the solution down to the obstacle, no other space is made.
+the load does not bend the solution down to the obstacle, no other space is needed.
 
 Source: Chan, Smith and Zou, Numer. Math. 73 (1996) 149-167, for coarse spaces by interpolation
 between meshes that are not nested.
@@ -51,8 +51,6 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     if system.layout.block > 1:  # linear functions alone are too stiff for bodies that bend
         return None
-    if _out_of_reach(system, x):
-        return np.full(len(system.contact_dofs), False)
     places = control_points(system.space)[: x.getLocalSize(), : domain.geometry.dim]
     chosen, order = _vertices(system, places)
     vertices, lower, upper, start = (
@@ -72,18 +70,20 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
     x.array_w[:] = P @ solution
     system.project(x)
     contact: Mask = np.isfinite(lower) | np.isfinite(upper)
-    held = _predicted(system, x, P, contact, forces)
-    return held if system.layout.in_domain else settled(system, x, held)
+    return settled(system, x, _predicted(system, x, P, contact, forces))
 
 
-def _out_of_reach(system: System, x: PETSc.Vec) -> bool:
+def out_of_reach(system: System, x: PETSc.Vec) -> bool:
     """Return whether no contact is likely, with x then the constant that balances the load.
 
     With the residual r of the constant, a solution without contact differs from the constant by at
     most the largest r_i over the sum of row i, by the maximum principle. Where a row has hardly
     such a sum, the scale is the coupling to one of two neighbours along each axis, over the number
     of dofs: n dofs in a line that is held at an end give way up to n^2 times as far as one.
+    Vectors, and forms that vanish on constants, have no such principle: contact is likely then.
     """
+    if system.layout.block > 1 or system.singular:
+        return False
     free = np.ones(x.getLocalSize())
     free[system.fixed_dofs] = 0.0
     ones, sums = system.A.createVecs()

@@ -12,12 +12,12 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
-from dolfinx_signorini.solvers.coarse_space import coarse_start
+from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
 from dolfinx_signorini.solvers.patch import active_in_patch
-from dolfinx_signorini.solvers.prediction import predict
+from dolfinx_signorini.solvers.prediction import predict, settled
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
@@ -133,22 +133,26 @@ class ActiveSetSolver:
     ) -> Start:
         """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
 
-        With an obstacle in the domain the coarser meshes of multigrid tell more of its long ends
-        than a solution on another mesh. A problem without any of these starts with all contact dofs
-        held.
+        The coarser meshes of multigrid tell more of the contact set than solutions that are too far
+        away, and with an obstacle in the domain more of its long ends than a solution on another
+        mesh. A problem without any of these starts with all contact dofs held.
         """
         if held is not None:
             return Start(x, held)
-        multigrid = self.linear.multigrid if system.layout.in_domain else None
         guess = history.guess(system) if coarse is None else None
         if guess is not None:
             rough = system.layout.in_domain and not self.linear.exact
             held = _settled(system, measure, guess, x, rough)
-            if multigrid is None or measure.relative <= LOOSEST:
+            if measure.relative <= LOOSEST:
                 return Start(x, held)
-        if multigrid is not None and full_multigrid(system, multigrid, x, guess is not None):
-            self.linear.forget()
-            return Start(x, system.touching_once(x), predicted=True)
+        elif coarse is None and out_of_reach(system, x):
+            return Start(x, np.full(len(system.contact_dofs), False), predicted=True)
+        multigrid = self.linear.multigrid
+        if multigrid is not None and (coarse is None or system.layout.in_domain):
+            found = full_multigrid(system, multigrid, x, guess is not None)
+            if found is not None:
+                self.linear.forget()
+                return Start(x, settled(system, x, found), predicted=True)
         if held is not None:
             return Start(x, held)
         if coarse is not None:

@@ -20,10 +20,11 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
+from dolfinx_signorini.solvers.prediction import presses
 from dolfinx_signorini.solvers.system import System
 
 # On the finest level, and on each coarser one; with one more or less on either a solve takes
@@ -70,6 +71,29 @@ class Level:
             self._coarse.assemble()
             bounds.append(self._coarse.array_r.copy())
         return load, (bounds[0], bounds[1])
+
+    def restricted(self, values: PETSc.Vec) -> PETSc.Vec:
+        """Replace integrals over this level's functions by those over the next coarser one's."""
+        assert self.prolongation is not None
+        coarse = self._coarse.duplicate()
+        self.prolongation.multTranspose(values, coarse)
+        values.destroy()
+        return coarse
+
+    def densities(self, x: PETSc.Vec, weights: Array) -> Array:
+        """Return the force on each node of x that is at a bound over the integral of its function.
+
+        Args:
+            x: A vector within the bounds.
+            weights: The integrals, as far as there is an obstacle; 0 elsewhere.
+        """
+        self.matrix.mult(x, self._rest)
+        self._rest.axpy(-1.0, self.load)
+        (lower, upper), values = self.bounds, x.array_r
+        found = np.zeros(len(values))
+        pressed = ((values <= lower) | (values >= upper)) & (lower < upper) & (weights > 0.0)
+        np.divide(self._rest.array_r, weights, out=found, where=pressed)
+        return found
 
     def moved(self, x: PETSc.Vec) -> PETSc.Vec:
         """Move a vector to the bounds where it lies beyond, and return it."""
@@ -138,7 +162,9 @@ class Level:
         return np.asarray(self._more.array_r.copy())
 
 
-def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False) -> bool:
+def full_multigrid(
+    system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False
+) -> Mask | None:
     """Improve x by cycles over all coarser meshes of a multigrid cycle.
 
     Args:
@@ -148,20 +174,26 @@ def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bo
         begun: Whether to begin with this x; else the coarsest mesh begins.
 
     Returns:
-        Whether that was done: not where many nodes are left on the coarsest mesh.
+        The active set by the sign of pressure minus gap, one entry per contact dof of this rank;
+        None, with x as it was, where the unknowns are vectors, or where many nodes are left on the
+        coarsest mesh.
     """
     if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL:
-        return False
+        return None
+    if system.layout.block > 1:  # the directions of nodes turn the signs of prolongations
+        return None
     levels = _levels(system, multigrid)
     degrees = len(multigrid.prolongations) - len(multigrid.meshes)
-    if begun and not degrees:
-        for _ in range(CYCLES[False]):
+    if not begun:
+        density = _begin(system, levels, degrees, x)
+        held = presses(system, density, x.array_r[system.contact_dofs])
+    else:
+        for _ in range(0 if degrees else CYCLES[False]):
             levels[0].cycle(x, levels[1:])
-    elif not begun:
-        _begin(levels, degrees, x)
+        held = system.touching_once(x)
     for level in levels:
         level.free()
-    return True
+    return held
 
 
 def _levels(system: System, multigrid: Multigrid) -> list[Level]:
@@ -179,10 +211,14 @@ def _levels(system: System, multigrid: Multigrid) -> list[Level]:
     return levels
 
 
-def _begin(levels: Sequence[Level], degrees: int, x: PETSc.Vec) -> None:
+def _begin(system: System, levels: Sequence[Level], degrees: int, x: PETSc.Vec) -> Array:
     """Set x to a solution from the coarsest level on; lower degrees are passed without a cycle.
 
     The functions of lower degrees are no sums of functions with one sign each.
+
+    Returns:
+        The density of the contact force on u at the dof of each constraint, from the finest level
+        with cycles.
     """
     values = levels[-1].load.duplicate()
     values.set(0.0)
@@ -194,3 +230,31 @@ def _begin(levels: Sequence[Level], degrees: int, x: PETSc.Vec) -> None:
         level.moved(values)
         for _ in range(CYCLES[number == 0] if number >= degrees else 0):
             level.cycle(values, levels[number + 1 :])
+        if number == degrees:
+            density = _density(system, levels[: degrees + 1], values)
+    return density
+
+
+def _density(system: System, levels: Sequence[Level], values: PETSc.Vec) -> Array:
+    """The density of the force at the dof of each constraint, from the last one of some levels.
+
+    Args:
+        system: The system.
+        levels: The levels from the finest on.
+        values: The solution of the last level.
+    """
+    layout, density = system.layout, system.b.duplicate()
+    first = slice(len(layout.free_dofs))
+    density.set(0.0)
+    density.array_w[system.contact_dofs[first]] = layout.weights[first]
+    for level in levels[:-1]:
+        density = level.restricted(density)
+    density.array_w[:] = levels[-1].densities(values, density.array_r)
+    for level in reversed(levels[:-1]):
+        assert level.prolongation is not None
+        coarse, density = density, level.load.duplicate()
+        level.prolongation.mult(coarse, density)
+        coarse.destroy()
+    found: Array = density.array_r[system.contact_dofs]
+    density.destroy()
+    return found

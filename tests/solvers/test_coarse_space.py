@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy.spatial import Delaunay
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
-from dolfinx_signorini.solvers.coarse_space import _interpolation, _out_of_reach, coarse_start
+from dolfinx_signorini.solvers.coarse_space import _interpolation, coarse_start, out_of_reach
 
 
 def shaken(comm, dim, cells, seed=3):
@@ -155,7 +155,7 @@ def test_what_is_out_of_reach_is_not_touched(comm, dim, reaction, dirichlet):
         contact = np.setdiff1d(boundary_facets(domain), left) if bcs else boundary_facets(domain)
         problem = SignoriniProblem(form, load, contact=contact, obstacle=level, bcs=bcs)
         start = problem.system.start()
-        far = _out_of_reach(problem.system, start)
+        far = out_of_reach(problem.system, start)
         values = problem.solve(rtol=1e-8).x.array[problem.contact_dofs]
         lowest = comm.allreduce(float(values.min(initial=np.inf)), op=MPI.MIN)
         start.destroy()

@@ -1,4 +1,4 @@
-"""Obstacles in the domain: starts from all coarser meshes, and the rough steps that follow."""
+"""Starts from all coarser meshes, and the rough steps that follow in the domain."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import ObstacleProblem, bernstein_space
+from dolfinx_signorini import ObstacleProblem, SignoriniProblem, bernstein_space
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.dirichlet import dirichlet
@@ -70,7 +70,7 @@ def test_cycles_lower_the_energy_within_the_bounds(two_sided):
     x = system.start()
     residuals, energies = [measure(x)], [energy(system, x)]
     for step in range(12):
-        assert full_multigrid(system, solver.multigrid, x, begun=step > 0)
+        assert full_multigrid(system, solver.multigrid, x, begun=step > 0) is not None
         below, above = (
             np.sign(k) * (x.array_r - b) for k, b in zip((1, -1), system.bounds, strict=True)
         )
@@ -147,4 +147,25 @@ def test_the_next_step_of_a_loop_starts_from_the_last_ones():
     first = problem.result.linear_iterations
     problem.solve(rtol=RTOL)
     assert problem.result.linear_iterations == 0 < first
+    problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("basis", ["Lagrange", "Bernstein"])
+def test_contact_on_the_boundary_starts_near_its_set_in_every_degree(degree, basis):
+    """The set is that of Newton's method, which starts from nothing, and few dofs are wrong."""
+    domain = friedrichs_keller(COMM, 96 // degree + 24)
+    space = (
+        bernstein_space(domain, degree)
+        if basis == "Bernstein"
+        else fem.functionspace(domain, ("Lagrange", degree))
+    )
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    form = (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx
+    load = (50.0 * ufl.sin(20.0 * x[0]) * ufl.cos(17.0 * x[1]) - 1.0) * v * ufl.dx
+    problem = SignoriniProblem(form, load, contact=boundary_facets(domain), obstacle=0.0)
+    solution = problem.solve(rtol=RTOL).x.array.copy()
+    assert problem.result.linear_solves <= 4 and problem.result.linear_iterations <= 18
+    newton = problem.solve("bntr", rtol=RTOL, warm_start=False).x.array
+    assert solution == pytest.approx(newton, abs=1e-6 * abs(newton).max())
     problem.destroy()

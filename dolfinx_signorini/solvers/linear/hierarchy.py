@@ -66,7 +66,8 @@ def _degree_prolongation(coarse: fem.FunctionSpace, fine: fem.FunctionSpace) -> 
     """
     low, high = coarse.element.basix_element, fine.element.basix_element
     shares = high.interpolation_matrix @ low.tabulate(0, high.points)[0, :, :, 0]
-    shares[np.abs(shares) < SOLVED] = 0.0
+    for exact in (0.0, 1.0):  # a node that both spaces have is one for full multigrid, too
+        shares[np.abs(shares - exact) < SOLVED] = exact
     owned, dofs = fine.dofmap.index_map.size_local, fine.dofmap.list
     cells, local = np.divmod(first_places(dofs.ravel())[1][:owned], dofs.shape[1])
     entries, columns = shares[local], coarse.dofmap.list[cells]
