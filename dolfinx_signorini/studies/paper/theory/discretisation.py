@@ -17,6 +17,7 @@ from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -29,8 +30,13 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.linear.solver import set_residual
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, h1_product
-from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.studies.paper.theory.boundary import (
+    BoundaryCurve,
+    ContactSet,
+    contact_set_of_nodes,
+)
 from dolfinx_signorini.studies.paper.theory.examples import Example
 
 # On the cells near a singular point the gradient of u is like the root of the distance to the
@@ -110,7 +116,7 @@ class Discretisation(SignoriniProblem):
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
-        return energy_product(self, v, w)
+        return integral(ufl.action(ufl.action(self.forms[0], w), v))
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""
@@ -123,6 +129,25 @@ class Discretisation(SignoriniProblem):
         x.destroy()
         return value
 
+    @property
+    def multiplier(self) -> Array:
+        """The force of contact on each contact dof of this rank."""
+        x = self.system.vector_of(self.u_h)
+        forces = self.system.multiplier(x)
+        x.destroy()
+        return forces
+
+    @property
+    def contact_set(self) -> ContactSet:
+        """{u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
+
+        The pressure is the force on a node divided by the diagonal entry of A: in the unit of u.
+        """
+        pressure = fem.Function(self.space)
+        pressure.x.array[self.contact_dofs] = self.multiplier / self.system.contact_diagonal
+        gap, pressed = (self.curve.values(v) for v in (self.u_h, pressure))
+        return contact_set_of_nodes(self.curve, gap, pressed)
+
     def destroy(self) -> None:
         """Free the PETSc objects."""
         super().destroy()
@@ -134,27 +159,24 @@ class Discretisation(SignoriniProblem):
     ) -> fem.Function:
         """Solve A x = load, with the values of the start held at the boundary or with none held."""
         result = fem.Function(self.space) if start is None else start.copy()
-        x, residual = self.system.vector_of(result), load.duplicate()
+        x, rest = self.system.vector_of(result), load.duplicate()
         system = replace(self.system, b=load, obstacle=result.x.array[self.contact_dofs])
         mask = np.full(len(self.contact_dofs), held)
 
         def defect() -> float:
-            self.A.mult(x, residual)
-            residual.aypx(-1.0, load)
-            residual.array_w[self.contact_dofs[mask]] = 0.0
-            return float(residual.norm())
+            return set_residual(system, x, mask, None, rest) * float(rest.norm())
 
         scale = defect()
         solver = IterativeSolver(system, self._prefix)
         if scale > 0.0:
             solver.solve(system, x, mask, THEORY_RTOL * scale)
-        reached = defect() / scale if scale > 0.0 else 0.0
-        result.x.array[: x.getLocalSize()] = x.array_r
-        result.x.scatter_forward()
-        for item in (solver, x, residual):
+        reached = defect()
+        self.system.fill(result, x)
+        for item in (solver, x, rest):
             item.destroy()
-        if not reached <= 2.0 * THEORY_RTOL:
-            raise NotConvergedError("the linear solver did not converge", reached, "iterations")
+        if not reached <= 2.0 * THEORY_RTOL * scale:
+            message = "the linear solver did not converge"
+            raise NotConvergedError(message, reached / scale, "iterations")
         return result
 
     def _product(self, v: ufl.Argument) -> ufl.Form:
@@ -182,8 +204,8 @@ def assembled(form: ufl.Form) -> PETSc.Vec:
 def integrated(
     integrand: Expr,
     measure: str,
-    entities: np.ndarray,
-    near: np.ndarray,
+    entities: LocalIndices,
+    near: Mask,
     far_rule: QuadratureRule,
     near_rule: QuadratureRule,
 ) -> ufl.Form:
@@ -202,15 +224,10 @@ def integrated(
     return integrand * far + integrand * close
 
 
-def energy_product(problem: SignoriniProblem, v: fem.Function, w: fem.Function) -> float:
-    """Return the value of the bilinear form of a problem for two functions of its space."""
-    x, y = (problem.system.vector_of(function) for function in (v, w))
-    image = x.duplicate()
-    problem.A.mult(x, image)
-    value = float(image.dot(y))
-    for item in (x, y, image):
-        item.destroy()
-    return value
+def integral(form: ufl.Form) -> float:
+    """Return the value of a form without arguments, the same on all ranks."""
+    made = compiled.form(form)
+    return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
 
 
 def difference(v: fem.Function, w: fem.Function) -> fem.Function:
@@ -220,7 +237,7 @@ def difference(v: fem.Function, w: fem.Function) -> fem.Function:
     return result
 
 
-def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np.ndarray:
+def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> LocalIndices:
     """Return the owned cells within `NEAR` cell diameters of points."""
     radius = NEAR * cell_size(domain)
     parts = [cells_near_ball(domain, point, radius) for point in points]

@@ -22,7 +22,7 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.tables import read_data
-from dolfinx_signorini.studies.paper.theory import measures, parts, triangulations
+from dolfinx_signorini.studies.paper.theory import errors, measures, triangulations
 from dolfinx_signorini.studies.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import EPSILONS
 from dolfinx_signorini.studies.paper.theory.examples import EXAMPLES, Example
@@ -42,7 +42,7 @@ SETTINGS = {
     "rtol": THEORY_RTOL,
     "epsilons": EPSILONS,
     "samples": SAMPLES,
-    "reach": parts.REACH,
+    "reach": errors.REACH,
     "refinement": measures.REFINEMENT,
     "norms": measures.ERROR_NORMS,
     "second": measures.SECOND,

@@ -18,8 +18,9 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
-from dolfinx_signorini.norms.references import Reference, interpolant
+from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, h1_product, half_angle
 from dolfinx_signorini.studies.paper.theory.discretisation import (
@@ -27,6 +28,7 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     integrated,
     near_cells,
 )
+from dolfinx_signorini.studies.paper.theory.examples import times_powers
 
 
 def power_exponents(p: float) -> tuple[float, ...]:
@@ -55,7 +57,13 @@ class PowerProblem(SignoriniProblem):
 
     def __init__(self, domain: mesh.Mesh, p: float):
         space, self.p = fem.functionspace(domain, ("Lagrange", 1)), p
-        self.exact, load = _powers(domain, power_exponents(p))
+        x = ufl.SpatialCoordinate(domain)
+        _, c, s = half_angle(x[0] - DETACHMENT[0], x[1] - DETACHMENT[1])
+        w = s * (s * s - 3.0 * c * c)  # -r^{3/2} sin(3/2 theta), which is harmonic
+        pure = ManufacturedSolution(
+            domain, w, (-1.5 * s, -1.5 * c), 0.0 * x[0], singular=(DETACHMENT,)
+        )
+        self.exact = times_powers(pure, [b - DETACHMENT_EXPONENT for b in power_exponents(p)])
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         cells = owned_cells(domain)
         near = np.isin(cells, near_cells(domain, (DETACHMENT,)))
@@ -64,28 +72,10 @@ class PowerProblem(SignoriniProblem):
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
             ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
-            integrated(load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
+            integrated(self.exact.load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
             contact=bottom,
             bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
         )
-
-
-def _powers(
-    domain: mesh.Mesh, exponents: tuple[float, ...]
-) -> tuple[Reference, ufl.core.expr.Expr]:
-    """The solution and its load; the exponents are no part of the generated code."""
-    x = ufl.SpatialCoordinate(domain) - ufl.as_vector(DETACHMENT)
-    distance, c, s = half_angle(x[0], x[1])
-    r = ufl.max_value(distance, 1e-30)
-    w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
-    value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
-    for b in exponents:
-        power = fem.Constant(domain, np.float64(b - DETACHMENT_EXPONENT))
-        value -= r**power
-        slopes -= power * r ** (power - 2.0)
-        load += power * (power + 3.0) * r ** (power - 2.0)  # b^2 - 9/4
-    grad = tuple(value * 1.5 * part + slopes * x[i] * w for i, part in enumerate((s, c)))
-    return Reference(domain, value * w, grad, singular=(DETACHMENT,)), load * w
 
 
 class UnknownProblem(SignoriniProblem):
