@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dolfinx_signorini.studies.tradeoff.kinds import (
+from dolfinx_signorini.studies.tradeoff.family import (
     GRADED_P2,
     GRADED_P4,
     KINDS,

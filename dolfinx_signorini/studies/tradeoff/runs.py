@@ -29,9 +29,8 @@ from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.studies import TIGHT_RTOL
-from dolfinx_signorini.studies.tradeoff.family import Family, Posed
+from dolfinx_signorini.studies.tradeoff.family import Family, Kind, Posed
 from dolfinx_signorini.studies.tradeoff.grading import graded_mesh
-from dolfinx_signorini.studies.tradeoff.kinds import Kind
 
 COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
 
@@ -122,6 +121,12 @@ class Run:
     def unknowns(self) -> int:
         """The global number of dofs."""
         return self.posed.problem.unknowns
+
+    @property
+    def diagnostics(self) -> dict[str, Any]:
+        """Unknowns, iterations and the residual of the last solve, as rows of studies have them."""
+        names = ("iterations", "linear_solves", "linear_iterations", "natural_residual")
+        return {"unknowns": self.unknowns} | {name: getattr(self.result, name) for name in names}
 
     @property
     def total_seconds(self) -> float:
@@ -261,17 +266,14 @@ class _Ascent:
         """The problem with n cells across; a coarser problem tells where to grade the mesh."""
         if self.kind.mesh == "graded" and isinstance(coarser, SignoriniProblem):
             self.points = detachment_points(coarser)
-        self.phases = Phases(self.comm)
-        with self.phases("mesh"):
+        phases = Phases(self.comm)
+        with phases("mesh"):
             sided = self._mesh(n)
-        return self._posed(sided)
+        return self.on(sided, phases)
 
-    def on(self, sided: SidedMesh) -> BoundConstrainedProblem:
-        """The problem on a mesh."""
-        self.phases = Phases(self.comm)
-        return self._posed(sided)
-
-    def _posed(self, sided: SidedMesh) -> BoundConstrainedProblem:
+    def on(self, sided: SidedMesh, phases: Phases | None = None) -> BoundConstrainedProblem:
+        """The problem on a mesh, which took some seconds to make."""
+        self.phases = phases or Phases(self.comm)
         with self.phases("assembly"):
             self.posed = self.family.pose(sided, self.kind.degree)
         return self.posed.problem
