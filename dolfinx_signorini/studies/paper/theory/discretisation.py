@@ -10,9 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
-from dolfinx.fem import petsc as fem_petsc
-from petsc4py import PETSc
+from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
@@ -43,7 +41,7 @@ from dolfinx_signorini.studies.paper.theory.examples import Example
 # point. On other cells the rule is the paper's.
 NEAR_CELL_RULE = QuadratureRule("Gauss-Jacobi", 63)
 NEAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 127)
-FAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 15)
+FINE_RULE = QuadratureRule("Gauss-Jacobi", 15)  # of other facets, and of a load by itself
 NEAR = 3.0  # cells: how far "near" reaches
 # Of every solve of the theory; rounding keeps a mesh of 1001 cells per side above 1e-12.
 THEORY_RTOL = 1e-11
@@ -64,11 +62,10 @@ class Discretisation(SignoriniProblem):
         terms: The strong form.
         forms: The bilinear and the linear form of (S_h).
         curve: The boundary.
-        moments: (u, phi_i)_H1 for every basis function, a PETSc vector.
-        flux: <du/dn, phi_i>, a PETSc vector.
+        load: The values of the linear form for the basis functions, as coefficients.
+        flux: <du/dn, phi_i> for every basis function.
+        moments: (u, phi_i)_H1.
     """
-
-    _vectors: tuple[PETSc.Vec, ...] = ()  # none yet where the making of a problem fails
 
     def __init__(self, example: Example, domain: mesh.Mesh):
         self.example, self.exact = example, example.exact(domain)
@@ -79,10 +76,10 @@ class Discretisation(SignoriniProblem):
         self.forms = h1_product(space), self._product(v) - flux
         super().__init__(*self.forms, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
-        self.flux = assembled(flux)
-        self.moments = self.b.copy()
-        self.moments.axpy(1.0, self.flux)
-        self._vectors = self.flux, self.moments
+        self.flux, self.load = assembled(flux), fem.Function(space)
+        self.system.fill(self.load, self.b)
+        self.moments = self.load.copy()
+        self.moments.x.array[:] += self.flux.x.array
 
     @property
     def u_h(self) -> fem.Function:
@@ -94,13 +91,13 @@ class Discretisation(SignoriniProblem):
         """R_h(u), the Ritz projection of the solution (Definition 3.1)."""
         return self.riesz(self.moments)
 
-    def riesz(self, load: PETSc.Vec) -> fem.Function:
+    def riesz(self, load: fem.Function) -> fem.Function:
         """Return the function of V_h whose H^1 products with the basis are given.
 
         Raises:
             NotConvergedError: The linear solver did not reach its tolerance.
         """
-        return self._linear_solution(load, held=False)
+        return self._linear_solution(load, fem.Function(self.space), held=False)
 
     def harmonic(self, boundary_values: fem.Function) -> fem.Function:
         """Return the extension of boundary values with the smallest H^1 norm in V_h.
@@ -108,11 +105,7 @@ class Discretisation(SignoriniProblem):
         Raises:
             NotConvergedError: The linear solver did not reach its tolerance.
         """
-        zero = self.b.duplicate()
-        zero.set(0.0)
-        result = self._linear_solution(zero, held=True, start=boundary_values)
-        zero.destroy()
-        return result
+        return self._linear_solution(fem.Function(self.space), boundary_values, held=True)
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
@@ -124,10 +117,9 @@ class Discretisation(SignoriniProblem):
 
     def exact_product(self, w: fem.Function) -> float:
         """Return (u, w)_H1 for a function of V_h and the exact u."""
-        x = self.system.vector_of(w)
-        value = float(self.moments.dot(x))
-        x.destroy()
-        return value
+        owned = slice(self.space.dofmap.index_map.size_local)
+        product = self.moments.x.array[owned] @ w.x.array[owned]
+        return float(self.comm.allreduce(float(product)))
 
     @property
     def multiplier(self) -> Array:
@@ -148,19 +140,10 @@ class Discretisation(SignoriniProblem):
         gap, pressed = (self.curve.values(v) for v in (self.u_h, pressure))
         return contact_set_of_nodes(self.curve, gap, pressed)
 
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
-        super().destroy()
-        for vector in self._vectors:
-            vector.destroy()
-
-    def _linear_solution(
-        self, load: PETSc.Vec, held: bool, start: fem.Function | None = None
-    ) -> fem.Function:
+    def _linear_solution(self, load: fem.Function, start: fem.Function, held: bool) -> fem.Function:
         """Solve A x = load, with the values of the start held at the boundary or with none held."""
-        result = fem.Function(self.space) if start is None else start.copy()
-        x, rest = self.system.vector_of(result), load.duplicate()
-        system = replace(self.system, b=load, obstacle=result.x.array[self.contact_dofs])
+        b, x, rest = map(self.system.vector_of, (load, start, start))
+        system = replace(self.system, b=b, obstacle=start.x.array[self.contact_dofs])
         mask = np.full(len(self.contact_dofs), held)
 
         def defect() -> float:
@@ -170,9 +153,9 @@ class Discretisation(SignoriniProblem):
         solver = IterativeSolver(system, self._prefix)
         if scale > 0.0:
             solver.solve(system, x, mask, THEORY_RTOL * scale)
-        reached = defect()
+        reached, result = defect(), fem.Function(self.space)
         self.system.fill(result, x)
-        for item in (solver, x, rest):
+        for item in (solver, b, x, rest):
             item.destroy()
         if not reached <= 2.0 * THEORY_RTOL * scale:
             message = "the linear solver did not converge"
@@ -191,14 +174,16 @@ class Discretisation(SignoriniProblem):
         integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
         facets = facet_cells(domain, boundary_facets(domain))
         near = np.isin(facets[:, 0], near_cells(domain, self.example.singular))
-        return integrated(integrand, "ds", facets, near, FAR_FACET_RULE, NEAR_FACET_RULE)
+        return integrated(integrand, "ds", facets, near, FINE_RULE, NEAR_FACET_RULE)
 
 
-def assembled(form: ufl.Form) -> PETSc.Vec:
-    """Return the vector of a linear form."""
-    vector = fem_petsc.assemble_vector(compiled.form(form))
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    return vector
+def assembled(form: ufl.Form) -> fem.Function:
+    """Return the values of a linear form for the basis functions of its space, as coefficients."""
+    result = fem.Function(form.arguments()[0].ufl_function_space())
+    fem.assemble_vector(result.x.array, compiled.form(form))
+    result.x.scatter_reverse(la.InsertMode.add)
+    result.x.scatter_forward()
+    return result
 
 
 def integrated(

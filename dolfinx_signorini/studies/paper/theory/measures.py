@@ -131,7 +131,7 @@ def _bounds(d: Discretisation) -> Row:
     return {
         "enclosure": asdict(found) | {"outer_width": width},
         "force": {
-            "error": abs(float(d.flux.sum()) - float(total)),
+            "error": abs(float(d.curve.values(d.flux).sum()) - float(total)),
             "bound": bound,
             "dual": dual_force_bound(d, sup["Linf"], bound),
         },
