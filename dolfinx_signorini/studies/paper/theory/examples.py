@@ -22,6 +22,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.studies.paper.solution import (
     AMPLITUDE,
     DETACHMENT,
@@ -29,6 +30,7 @@ from dolfinx_signorini.studies.paper.solution import (
     christof_haubner,
     local_piece,
 )
+from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 Point = tuple[float, float]
 
@@ -113,26 +115,24 @@ def rough_example(p: float) -> Example:
         raise ValueError(f"p: must lie between 2 and 4 or above 4, not {p}")
     return replace(
         paper_example(),
-        exact=lambda domain: times_powers(
-            christof_haubner(domain), (*((0.0,) if p > 4.0 else ()), 0.5 - 2.0 / p)
-        ),
+        exact=lambda domain: times_powers(christof_haubner(domain), p),
     )
 
 
-def times_powers(w: ManufacturedSolution, powers: Sequence[float]) -> ManufacturedSolution:
-    """Return a solution times a sum of powers of the distance r from the detachment point.
+def times_powers(w: ManufacturedSolution, p: float) -> ManufacturedSolution:
+    """Return a solution like r^{3/2} times powers of r: like r^b for all b of a regularity.
 
     Args:
-        w: The solution.
-        powers: The powers, which are no part of the generated code.
+        w: The solution; r is the distance from the paper's detachment point.
+        p: The exponent, see `power_exponents`; the powers are no part of the generated code.
     """
     x = ufl.SpatialCoordinate(w.mesh) - ufl.as_vector(DETACHMENT)
     # No quadrature point is the detachment point; negative powers stay finite there all the same.
     r = ufl.max_value(ufl.sqrt(ufl.dot(x, x)), 1e-30)
     # The factor, whose gradient is slope * x, and its Laplacian.
     factor, slope, laplacian = ufl.as_ufl(0.0), ufl.as_ufl(0.0), ufl.as_ufl(0.0)
-    for power in powers:
-        g = fem.Constant(w.mesh, np.float64(power))
+    for exponent in power_exponents(p):
+        g = fem.Constant(w.mesh, np.float64(exponent - DETACHMENT_EXPONENT))
         factor += r**g
         slope += g * r ** (g - 2.0)
         laplacian += g * g * r ** (g - 2.0)

@@ -29,17 +29,13 @@ from dolfinx_signorini.studies.paper.theory.boundary import (
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 from dolfinx_signorini.studies.paper.theory.dual import dual_chains
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
-from dolfinx_signorini.studies.paper.theory.mixed import (
-    PowerProblem,
-    UnknownProblem,
-    critical_exponent,
-)
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, UnknownProblem
 from dolfinx_signorini.studies.paper.theory.one_sided import (
     edge_data,
     one_sided_approximation,
     smallest_one_sided,
 )
-from dolfinx_signorini.studies.paper.theory.proven import TRACE
+from dolfinx_signorini.studies.paper.theory.proven import TRACE, critical_exponent
 
 Row = dict[str, Any]
 

@@ -9,8 +9,6 @@ b = 2 - 2/p. Second derivatives like r^{b-2} are in L^q for q < p only. For b = 
 Without a cut-off function the singularity rules the error from coarse meshes on.
 """
 
-import math
-
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
@@ -19,7 +17,6 @@ from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
-from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, h1_product, half_angle
@@ -29,19 +26,6 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     near_cells,
 )
 from dolfinx_signorini.studies.paper.theory.examples import times_powers
-
-
-def power_exponents(p: float) -> tuple[float, ...]:
-    """Return the exponents of r in the solution for a regularity p; infinity for 3/2 alone."""
-    if math.isinf(p):
-        return (DETACHMENT_EXPONENT,)
-    b = 2.0 - 2.0 / p
-    return (b,) if p < 4.0 else (DETACHMENT_EXPONENT, b)
-
-
-def critical_exponent(p: float) -> float:
-    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1, p finite."""
-    return 4.0 * p / (p + (2.0 if p < 4.0 else 4.0))
 
 
 class PowerProblem(SignoriniProblem):
@@ -63,7 +47,7 @@ class PowerProblem(SignoriniProblem):
         pure = ManufacturedSolution(
             domain, w, (-1.5 * s, -1.5 * c), 0.0 * x[0], singular=(DETACHMENT,)
         )
-        self.exact = times_powers(pure, [b - DETACHMENT_EXPONENT for b in power_exponents(p)])
+        self.exact = times_powers(pure, p)
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         cells = owned_cells(domain)
         near = np.isin(cells, near_cells(domain, (DETACHMENT,)))

@@ -19,7 +19,8 @@ from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, 
 from dolfinx_signorini.studies.paper.theory.errors import second_seminorms
 from dolfinx_signorini.studies.paper.theory.examples import levels_of_bumps
 from dolfinx_signorini.studies.paper.theory.families import solved
-from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, power_exponents
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem
+from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 COMM = MPI.COMM_WORLD
 
