@@ -12,10 +12,9 @@ import numpy as np
 import ufl
 from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
-from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -35,7 +34,7 @@ from dolfinx_signorini.studies.paper.theory.boundary import (
     ContactSet,
     contact_set_of_nodes,
 )
-from dolfinx_signorini.studies.paper.theory.examples import Example
+from dolfinx_signorini.studies.paper.theory.examples import Example, Point
 
 # On the cells near a singular point the gradient of u is like the root of the distance to the
 # point. On other cells the rule is the paper's.
@@ -165,16 +164,17 @@ class Discretisation(SignoriniProblem):
     def _product(self, v: ufl.Argument) -> ufl.Form:
         """(u, v)_H1 with the exact u and its gradient."""
         integrand = ufl.inner(ufl.as_vector(self.exact.grad), ufl.grad(v)) + self.exact.u * v
-        cells, near = self.exact.support_cells(), near_cells(self.exact.mesh, self.example.singular)
-        return integrated(integrand, "dx", cells, np.isin(cells, near), PAPER_RULE, NEAR_CELL_RULE)
+        cells, points = self.exact.support_cells(), self.example.singular
+        domain = self.exact.mesh
+        return integrated(integrand, domain, "dx", cells, points, PAPER_RULE, NEAR_CELL_RULE)
 
     def _flux(self, v: ufl.Argument) -> ufl.Form:
         """<du/dn, v> on the boundary."""
         domain = self.exact.mesh
         integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
         facets = facet_cells(domain, boundary_facets(domain))
-        near = np.isin(facets[:, 0], near_cells(domain, self.example.singular))
-        return integrated(integrand, "ds", facets, near, FINE_RULE, NEAR_FACET_RULE)
+        points = self.example.singular
+        return integrated(integrand, domain, "ds", facets, points, FINE_RULE, NEAR_FACET_RULE)
 
 
 def assembled(form: ufl.Form) -> fem.Function:
@@ -188,23 +188,27 @@ def assembled(form: ufl.Form) -> fem.Function:
 
 def integrated(
     integrand: Expr,
+    domain: mesh.Mesh,
     measure: str,
     entities: LocalIndices,
-    near: Mask,
+    points: tuple[Point, ...],
     far_rule: QuadratureRule,
     near_rule: QuadratureRule,
 ) -> ufl.Form:
-    """Return an integral over entities by two rules, one of which is for those that are near.
+    """Return an integral over entities by two rules, one of which is for those near some points.
 
     Args:
-        integrand: The integrand, which knows its mesh.
+        integrand: The integrand.
+        domain: The mesh.
         measure: dx for cells, or ds for facets as pairs of a cell and a local facet.
         entities: The cells or facets.
-        near: Which of them are near points that are singular.
+        points: Where the integrand is singular.
         far_rule, near_rule: The rules.
     """
+    cells = entities if entities.ndim == 1 else entities[:, 0]
+    near = np.isin(cells, near_cells(domain, points))
     parts = [(1, entities[~near].flatten()), (2, entities[near].flatten())]
-    dx = ufl.Measure(measure, extract_unique_domain(integrand), subdomain_data=parts)
+    dx = ufl.Measure(measure, domain, subdomain_data=parts)
     far, close = dx(1, metadata=far_rule.metadata), dx(2, metadata=near_rule.metadata)
     return integrand * far + integrand * close
 
@@ -222,7 +226,7 @@ def difference(v: fem.Function, w: fem.Function) -> fem.Function:
     return result
 
 
-def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> LocalIndices:
+def near_cells(domain: mesh.Mesh, points: tuple[Point, ...]) -> LocalIndices:
     """Return the owned cells within `NEAR` cell diameters of points."""
     radius = NEAR * cell_size(domain)
     parts = [cells_near_ball(domain, point, radius) for point in points]

@@ -20,11 +20,7 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, h1_product, half_angle
-from dolfinx_signorini.studies.paper.theory.discretisation import (
-    NEAR_CELL_RULE,
-    integrated,
-    near_cells,
-)
+from dolfinx_signorini.studies.paper.theory.discretisation import NEAR_CELL_RULE, integrated
 from dolfinx_signorini.studies.paper.theory.examples import times_powers
 
 
@@ -49,14 +45,13 @@ class PowerProblem(SignoriniProblem):
         )
         self.exact = times_powers(pure, p)
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        cells = owned_cells(domain)
-        near = np.isin(cells, near_cells(domain, (DETACHMENT,)))
+        cells, load, point = owned_cells(domain), self.exact.load * v, (DETACHMENT,)
         bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
         others = np.setdiff1d(boundary_facets(domain), bottom)
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
             ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
-            integrated(self.exact.load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
+            integrated(load, domain, "dx", cells, point, CELL_RULE, NEAR_CELL_RULE),
             contact=bottom,
             bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
         )
