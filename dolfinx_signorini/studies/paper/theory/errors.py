@@ -117,9 +117,10 @@ def near_and_far(
         v: A function of V_h; None for u - u_h.
     """
     exact, u_h, domain = discretisation.exact, discretisation.u_h, discretisation.space.mesh
-    value, grad = v, None if v is None else ufl.grad(v)
     if v is None:
         value, grad = exact.u - u_h, ufl.as_vector(exact.grad) - ufl.grad(u_h)
+    else:
+        value, grad = v, ufl.grad(v)
     radius = fem.Constant(domain, np.float64(REACH * cell_size(domain)))
     x, near = ufl.SpatialCoordinate(domain), ufl.as_ufl(0.0)
     for point in discretisation.example.singular:
