@@ -28,8 +28,7 @@ from mpi4py import MPI
 from dolfinx_signorini import EnergyTerms, ManufacturedSolution, energy_bound, error_norms
 from dolfinx_signorini.scenes import load_scene
 from dolfinx_signorini.studies.paper.solution import paper_family
-from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
-from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1, Kind
+from dolfinx_signorini.studies.tradeoff.family import UNIFORM_P1, Family, Kind, scene_family
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run, solve_configuration
 
 ROOT = Path(__file__).resolve().parents[1]

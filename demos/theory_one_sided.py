@@ -14,11 +14,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.tables import markdown_table
 from dolfinx_signorini.studies.paper.theory.checks import number
+from dolfinx_signorini.studies.paper.theory.errors import supercloseness
 from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import discretise
 from dolfinx_signorini.studies.paper.theory.figures import draw_one_sided
 from dolfinx_signorini.studies.paper.theory.one_sided import one_sided_approximation
-from dolfinx_signorini.studies.paper.theory.ritz import supercloseness
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

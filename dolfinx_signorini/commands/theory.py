@@ -108,7 +108,7 @@ def _statements(args: argparse.Namespace) -> list[Statement]:
 
 def _largest() -> int:
     """The cells per side of the finest mesh of all experiments."""
-    return max(max(experiment.cells) for experiment in experiments().values())
+    return max(max(experiment["cells"]) for experiment in experiments().values())
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -23,8 +23,7 @@ from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import masks
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
-from dolfinx_signorini.studies.tradeoff.family import scene_family
-from dolfinx_signorini.studies.tradeoff.kinds import Kind
+from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 
 COMM = MPI.COMM_WORLD

@@ -10,7 +10,6 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms.orders import expected_order
@@ -25,6 +24,7 @@ from dolfinx_signorini.studies.paper.solution import (
     christof_haubner,
     paper_problem,
 )
+from dolfinx_signorini.studies.paper.theory.boundary import BoundaryCurve
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def paper_picture(comm: MPI.Comm, n: int) -> PaperPicture | None:
     fields = [interpolant(problem.space, expression) for expression in (exact.u, exact.load)]
     fields += [problem.solve(), problem.pressure]
     problem.destroy()
-    grids, edge = [_grid(field, n) for field in fields], _exact_on_edge(exact)
+    grids, edge = [_grid(field, n) for field in fields], _exact_on_edge(exact, problem.space, n)
     if comm.rank:
         return None
     u, load, u_h, density = grids
@@ -133,16 +133,12 @@ def draw_bottom_edge(picture: PaperPicture) -> Picture:
     return figure
 
 
-def _exact_on_edge(exact: ManufacturedSolution) -> Array:
+def _exact_on_edge(exact: ManufacturedSolution, space: fem.FunctionSpace, n: int) -> Array:
     """Return x, u and du/dn of the exact solution on the bottom edge, at the points of a rule."""
-    edges = BoundaryEdges(exact.mesh)
-    t, _ = PAPER_RULE.points(basix.CellType.interval)
-    values = edges.samples([exact.u, -exact.grad[1]], t[:, 0])
-    x, dx = edges.x[:, 0, 0], edges.x[:, 1, 0] - edges.x[:, 0, 0]
-    bottom = (edges.x[:, :, 1] == 0.0).all(axis=1)
-    places = x[bottom, None] + dx[bottom, None] * t[:, 0]
-    table = np.concatenate([places[:, :, None], values[bottom]], axis=2).reshape(-1, 3)
-    return np.asarray(table[np.argsort(table[:, 0])].T)
+    curve, (t, _) = BoundaryCurve(space), PAPER_RULE.points(basix.CellType.interval)
+    values = curve.samples([exact.u, -exact.grad[1]], t[:, 0])[:n]
+    x = curve.s[:n, None] + curve.widths[:n, None] * t[:, 0]
+    return np.asarray(np.concatenate([x[:, :, None], values], axis=2).reshape(-1, 3).T)
 
 
 def _grid(function: fem.Function, n: int) -> Array:

@@ -15,7 +15,7 @@ from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.sampling import H1_2, LINF, W1_INF, paper_errors
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
-from dolfinx_signorini.studies.tradeoff.kinds import UNIFORM_P1
+from dolfinx_signorini.studies.tradeoff.family import UNIFORM_P1
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 
 PAPER_NORMS = ("L4", "L16", LINF, "W1_4", "W1_16", W1_INF, H1_2)
@@ -79,25 +79,19 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
         rtol = TIGHT_RTOL
     wanted = Configuration(UNIFORM_P1, n, method=method, rtol=rtol)
     run, phases = solve_configuration(comm, paper_family(), wanted), Phases(comm)
-    problem, result = run.posed.problem, run.result
     with phases("errors"):
         errors = paper_errors(run.u, run.posed.exact, settings.norms, PAPER_RULE)
     seconds = run.seconds | phases.seconds
     measured = Cost("phase", "errors against the exact solution", 1, 0, seconds["errors"])
     told = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
     log.info("N = %d: %s", n, told)
-    row = {
-        "unknowns": run.unknowns,
+    row = run.diagnostics | {
         "errors": errors,
-        "active_dofs": result.active_dofs,
-        "natural_residual": result.natural_residual,
-        "reason": result.reason,
-        "iterations": result.iterations,
-        "linear_solves": result.linear_solves,
-        "linear_iterations": result.linear_iterations,
+        "active_dofs": run.result.active_dofs,
+        "reason": run.result.reason,
         "ranks": comm.size,
         "seconds": seconds,
-        "costs": [asdict(cost) for cost in (*problem.costs(), measured)],
+        "costs": [asdict(cost) for cost in (*run.posed.problem.costs(), measured)],
     }
     run.destroy()
     return row

@@ -127,13 +127,8 @@ def error_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
         rows: Rows with "n" (cells per side) and "errors" (by norm), in the order of n.
         norms: The norms, in the order of the columns; see `sampling.paper_errors`.
     """
-    paper, body = paper_table(1), []
-    for row in rows:
-        known = paper.get(str(row["n"]), {})
-        cells = tuple(Cell(row["errors"][norm], known.get(column(norm))) for norm in norms)
-        body.append((str(row["n"]), cells))
-    title = f"Table 1: error u - u_h on N x N squares;\n{NOTES}"
-    return PaperTable(_titled(title, norms), _columns(norms), tuple(body), ".4e")
+    errors = {str(row["n"]): row["errors"] for row in rows}
+    return _beside(paper_table(1), errors, norms, "Table 1: error u - u_h on N x N squares", ".4e")
 
 
 def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> PaperTable:
@@ -143,27 +138,39 @@ def order_table(rows: Sequence[Mapping[str, Any]], norms: Sequence[str]) -> Pape
         rows: At least two rows with "n" and "errors", in the order of n.
         norms: The norms, in the order of the columns; see `sampling.paper_errors`.
     """
-    paper = paper_table(2)
-    widths = [1.0 / row["n"] for row in rows]
+    paper, widths = paper_table(2), [1.0 / row["n"] for row in rows]
     errors = {norm: [row["errors"][norm] for row in rows] for norm in norms}
     orders = {norm: eoc(widths, errors[norm]) for norm in norms}
-    body = []
-    for i, row in enumerate(rows[1:]):
-        known = paper.get(str(row["n"]), {})
-        cells = tuple(Cell(orders[m][i], known.get(column(m))) for m in norms)
-        body.append((str(row["n"]), cells))
+    found: dict[str, Mapping[str, float | None]] = {
+        str(row["n"]): {norm: orders[norm][i] for norm in norms} for i, row in enumerate(rows[1:])
+    }
+    found["regression"] = {norm: regression(widths, errors[norm]) for norm in norms}
+    found["theory"] = {norm: expected_order(PAPER_NAMES.get(norm, norm)) for norm in norms}
     # The paper's regression is over its ten widths; another range has another slope.
-    complete = [row["n"] for row in rows] == [int(n) for n in paper_table(1)]
-    known = paper["regression"] if complete else {}
-    slopes = tuple(Cell(regression(widths, errors[m]), known.get(column(m))) for m in norms)
-    expected = {m: expected_order(PAPER_NAMES.get(m, m)) for m in norms}
-    theory = tuple(Cell(expected[m], paper["theory"].get(column(m))) for m in norms)
+    if [row["n"] for row in rows] != [int(n) for n in paper_table(1)]:
+        paper["regression"] = {}
     title = (
         "Table 2: experimental orders of convergence (EOC), their regression, and the theory's "
-        f"orders (less any epsilon);\n{NOTES}"
+        "orders (less any epsilon)"
     )
-    lines = (*body, ("regression", slopes), ("theory", theory))
-    return PaperTable(_titled(title, norms), _columns(norms), lines, ".5f")
+    return _beside(paper, found, norms, title, ".5f")
+
+
+def _beside(
+    paper: Mapping[str, Mapping[str, Decimal]],
+    figures: Mapping[str, Mapping[str, float | None]],
+    norms: Sequence[str],
+    title: str,
+    style: str,
+) -> PaperTable:
+    """Figures by row label and norm beside the paper's; the title names the points of norms."""
+    body = tuple(
+        (label, tuple(Cell(own[m], paper.get(label, {}).get(column(m))) for m in norms))
+        for label, own in figures.items()
+    )
+    points = [f"{PAPER_NAMES[norm]}: {SAMPLING[norm]}" for norm in norms if norm in SAMPLING]
+    whole = ";\n".join([title, NOTES, *points])
+    return PaperTable(whole, tuple(column(norm) for norm in norms), body, style)
 
 
 def paper_table(number: int) -> dict[str, dict[str, Decimal]]:
@@ -187,16 +194,6 @@ def read_data(name: str) -> dict[str, Any]:
     """
     file = resources.files(__package__).joinpath(f"data/{name}.toml")
     return tomllib.loads(file.read_text(encoding="utf-8"))
-
-
-def _columns(norms: Sequence[str]) -> tuple[str, ...]:
-    return tuple(column(norm) for norm in norms)
-
-
-def _titled(title: str, norms: Sequence[str]) -> str:
-    """A title that says by which points the norms are computed that have the paper's own."""
-    own = [f"{PAPER_NAMES[norm]}: {SAMPLING[norm]}" for norm in norms if norm in SAMPLING]
-    return ";\n".join([title, *own])
 
 
 def _text(figure: float | Decimal | None, style: str) -> str:

@@ -14,7 +14,7 @@ from dolfinx_signorini.norms.orders import (
     approximation_order,
     regression,
 )
-from dolfinx_signorini.studies.tradeoff.kinds import KINDS, UNIFORM_P1, Kind
+from dolfinx_signorini.studies.tradeoff.family import KINDS, UNIFORM_P1, Kind
 from dolfinx_signorini.studies.tradeoff.runs import Configuration
 
 Row = Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""One problem on many meshes, for a search for the right mesh.
+"""One problem on many meshes, for a search for the right mesh, and the kinds of these meshes.
 
 A family makes, for every number n, a quasi-uniform mesh with about n cells across the domain, and
 poses its problem on any mesh of the domain.
@@ -10,12 +10,38 @@ from typing import NamedTuple
 
 from mpi4py import MPI
 
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import pose
-from dolfinx_signorini.studies.tradeoff.kinds import Kind
+
+MESHES = ("uniform", "graded", "adapted")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of mesh together with the degree of the elements:
+
+        print(Kind("graded", 2))  # graded P2
+
+    Attributes:
+        mesh: "uniform"; "graded", with small cells at the detachment points, which solutions on
+            coarser meshes find; or "adapted" by the adaptive loop.
+        degree: Polynomial degree of the elements.
+    """
+
+    mesh: str
+    degree: int
+
+    def __str__(self) -> str:
+        return f"{self.mesh} P{self.degree}"
+
+
+KINDS = tuple(Kind(mesh, degree) for mesh in MESHES for degree in range(1, HIGHEST_DEGREE + 1))
+UNIFORM_P1, UNIFORM_P2 = Kind("uniform", 1), Kind("uniform", 2)
+GRADED_P2, GRADED_P4 = Kind("graded", 2), Kind("graded", 4)
 
 
 class Posed(NamedTuple):
@@ -48,8 +74,8 @@ class Family:
     has_ends: bool = True
 
     def has_kind(self, kind: Kind) -> bool:
-        """Return whether meshes of a kind exist."""
-        return kind.suits(self.dimension) and (self.has_ends or kind.mesh != "graded")
+        """Return whether meshes of a kind exist: graded ones in the plane, where contact ends."""
+        return kind.mesh != "graded" or (self.has_ends and self.dimension == 2)
 
 
 def scene_family(scene: Scene) -> Family:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dolfinx_signorini.studies.tradeoff.kinds import (
+from dolfinx_signorini.studies.tradeoff.family import (
     GRADED_P2,
     GRADED_P4,
     KINDS,
@@ -35,9 +35,6 @@ CELLS: dict[int, dict[Kind, tuple[int, ...]]] = {
 FIRST = {dim: min(map(min, kinds.values())) for dim, kinds in CELLS.items()}
 ADAPTED = 30_000  # limit on the unknowns of adapted meshes
 REFERENCE = 4  # unknowns of a reference solution over this limit
-SWEEP_RTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-SWEEP_RULE = (1, 2, 3, 4, 5, 7, 9, 11)
-SWEEP_METHOD = ("cascade", "bqnls", "bncg", "bntr")
 
 
 def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Configuration]:
@@ -88,12 +85,12 @@ def finer_configuration(max_unknowns: int, dimension: int) -> Configuration:
 
 def _sweeps() -> list[Configuration]:
     """Two configurations with varied tolerance and quadrature, and two with varied method."""
+    tolerances, rules = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (1, 2, 3, 4, 5, 7, 9, 11)
     found = []
     for c in (Configuration(UNIFORM_P1, 101), Configuration(GRADED_P4, 24)):
-        found += [replace(c, rtol=rtol, purpose="tolerance") for rtol in SWEEP_RTOL]
-        found += [replace(c, rule=rule, purpose="rule") for rule in SWEEP_RULE]
+        found += [replace(c, rtol=rtol, purpose="tolerance") for rtol in tolerances]
+        found += [replace(c, rule=rule, purpose="rule") for rule in rules]
     for n in (51, 101):
-        for method in SWEEP_METHOD:
-            c = Configuration(UNIFORM_P1, n, method=method, rtol=1e-6, purpose="method")
-            found.append(c)
+        c = Configuration(UNIFORM_P1, n, rtol=1e-6, purpose="method")
+        found += [replace(c, method=name) for name in ("cascade", "bqnls", "bncg", "bntr")]
     return found

@@ -128,13 +128,7 @@ class Meter:
             samples.append(run.seconds)
             totals.append(run.total_seconds)
         assert run is not None
-        result = run.result
-        row = {
-            "unknowns": run.unknowns,
-            "iterations": result.iterations,
-            "linear_solves": result.linear_solves,
-            "linear_iterations": result.linear_iterations,
-            "natural_residual": result.natural_residual,
+        row = run.diagnostics | {
             "seconds": {p: statistics.median(s[p] for s in samples) for p in run.seconds},
             "total": statistics.median(totals),
             "fastest": min(totals),

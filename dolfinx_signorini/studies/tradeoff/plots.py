@@ -9,7 +9,7 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.studies.tradeoff.comparing import Row, describe, of_kind, pareto_front, slope
-from dolfinx_signorini.studies.tradeoff.kinds import KINDS, MESHES, Kind
+from dolfinx_signorini.studies.tradeoff.family import KINDS, MESHES, Kind
 
 LINES = dict(zip(MESHES, (("o", "-"), ("s", "--"), ("^", ":")), strict=True))
 FRONT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 12}

@@ -29,9 +29,8 @@ from dolfinx_signorini.solvers import METHODS
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.studies import TIGHT_RTOL
-from dolfinx_signorini.studies.tradeoff.family import Family, Posed
+from dolfinx_signorini.studies.tradeoff.family import Family, Kind, Posed
 from dolfinx_signorini.studies.tradeoff.grading import graded_mesh
-from dolfinx_signorini.studies.tradeoff.kinds import Kind
 
 COARSEST = 6  # cells across on the coarsest level of a graded mesh, at least
 
@@ -84,28 +83,54 @@ class Configuration:
         return f"{self.kind} for {self.norm} = {self.accuracy:.2g}"
 
 
-@dataclass(frozen=True)
 class Run:
-    """A solution computed as a configuration says:
+    """A solution computed from nothing as a configuration says, see `solve_configuration`:
 
         run = solve_configuration(comm, family, Configuration(GRADED_P2, 48))
         print(run.unknowns, run.total_seconds, run.points)
+
+    Args:
+        comm: The communicator that shares the mesh.
+        family: The problem.
+        configuration: Mesh, elements, method and tolerance.
 
     Attributes:
         configuration: The configuration.
         posed: The problem on the mesh, solved.
         points: The detachment points that the mesh is graded towards.
+        found: What the adaptive loop did; None on other meshes.
         seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (to
             look up the compiled forms and to find the contact dofs), "assembly" and "solve". The
             adaptive loop has no "mesh": its meshes and estimates belong to "coarse".
-        found: What the adaptive loop did; None on other meshes.
     """
 
-    configuration: Configuration
     posed: Posed
-    points: tuple[DetachmentPoint, ...]
-    seconds: dict[str, float]
     found: AdaptiveSolution | None = None
+
+    def __init__(self, comm: MPI.Comm, family: Family, configuration: Configuration):
+        self.configuration = c = configuration
+        self._comm, self._family = comm, family
+        self.points: list[DetachmentPoint] = []
+        clock = Phases(comm)
+        with clock("all"):
+            if c.kind.mesh == "adapted":
+                assert c.norm is not None
+                self.found = solve_adaptively(
+                    self._on,
+                    family.make(comm, c.n),
+                    norm=c.norm,
+                    accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
+                    max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
+                )
+            else:
+                solve_cascade(
+                    self._problem,
+                    [*levels(c, family.dimension), c.n],
+                    method=c.method,
+                    rtol=c.rtol,
+                    coarse_rtol=DEFAULT_RTOL,  # after 1e-5, degree 4 misplaces detachment points
+                )
+        self.seconds = self._seconds(clock.total)
 
     @property
     def u(self) -> fem.Function:
@@ -124,6 +149,12 @@ class Run:
         return self.posed.problem.unknowns
 
     @property
+    def diagnostics(self) -> dict[str, Any]:
+        """Unknowns, iterations and the residual of the last solve, as rows of studies have them."""
+        names = ("iterations", "linear_solves", "linear_iterations", "natural_residual")
+        return {"unknowns": self.unknowns} | {name: getattr(self.result, name) for name in names}
+
+    @property
     def total_seconds(self) -> float:
         """The seconds of all phases together."""
         return sum(self.seconds.values())
@@ -131,6 +162,45 @@ class Run:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.posed.problem.destroy()
+
+    def _problem(self, n: int, coarser: BoundConstrainedProblem | None) -> BoundConstrainedProblem:
+        """The problem with n cells across; a coarser problem tells where to grade the mesh."""
+        if self.configuration.kind.mesh == "graded" and isinstance(coarser, SignoriniProblem):
+            self.points = detachment_points(coarser)
+        phases = Phases(self._comm)
+        with phases("mesh"):
+            sided = self._mesh(n)
+        return self._on(sided, phases)
+
+    def _on(self, sided: SidedMesh, phases: Phases | None = None) -> BoundConstrainedProblem:
+        """The problem on a mesh, which took some seconds to make."""
+        self._last = phases or Phases(self._comm)
+        with self._last("assembly"):
+            self.posed = self._family.pose(sided, self.configuration.kind.degree)
+        return self.posed.problem
+
+    def _mesh(self, n: int) -> SidedMesh:
+        """The mesh with n cells across, graded towards the points known so far."""
+        halvings, degree = 0, self.configuration.kind.degree
+        while self.points and n % 2 == 0 and n >= 2 * COARSEST:
+            n, halvings = n // 2, halvings + 1
+        sided = self._family.make(self._comm, n)
+        if not self.points:
+            return sided
+        width = self._family.width / (n * 2**halvings)
+        return graded_mesh(sided, self.points, width, grading_exponent(degree), halvings)
+
+    def _seconds(self, total: float) -> dict[str, float]:
+        """The seconds of the phases; those of the problem before the last are "coarse"."""
+        last, forms = self._last, self.posed.problem.seconds["forms"]
+        solve = self._comm.allreduce(sum(self.result.seconds.values()), op=MPI.MAX)
+        return {
+            "coarse": total - last.total - solve,
+            "mesh": last.seconds.get("mesh", 0.0),
+            "forms": forms,
+            "assembly": last.seconds["assembly"] - forms,
+            "solve": solve,
+        }
 
 
 def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
@@ -159,30 +229,18 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
         InputError: The configuration makes no sense for the problem.
         NotConvergedError: The solver failed.
     """
-    _check(family, configuration)
     c = configuration
-    clock, ascent = Phases(comm), _Ascent(comm, family, c.kind)
-    found: AdaptiveSolution | None = None
-    with clock("all"):
-        if c.kind.mesh == "adapted":
-            assert c.norm is not None
-            found = solve_adaptively(
-                ascent.on,
-                family.make(comm, c.n),
-                norm=c.norm,
-                accuracy=sys.float_info.min if c.accuracy is None else c.accuracy,
-                max_unknowns=MAX_UNKNOWNS if c.max_unknowns is None else c.max_unknowns,
-            )
-        else:
-            solve_cascade(
-                ascent.problem,
-                [*levels(c, family.dimension), c.n],
-                method=c.method,
-                rtol=c.rtol,
-                coarse_rtol=DEFAULT_RTOL,  # after 1e-5, degree 4 misplaces detachment points
-            )
-    seconds = _phases(clock.total, ascent)
-    return Run(c, ascent.posed, tuple(ascent.points), seconds, found)
+    if c.n < 1:
+        raise InputError(f"a mesh needs at least one cell across, not {c.n}", "n")
+    if not 1 <= c.kind.degree <= HIGHEST_DEGREE:
+        raise InputError(f"1 to {HIGHEST_DEGREE}, not {c.kind.degree}", "degree")
+    if c.method not in METHODS:
+        raise InputError(f"unknown {c.method!r}", "method")
+    if not family.has_kind(c.kind):
+        raise InputError("only in the plane, with the obstacle on the boundary", "graded")
+    if (c.kind.mesh == "adapted") != (c.norm is not None):
+        raise InputError("for adapted meshes, and only for these", "norm")
+    return Run(comm, family, c)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:
@@ -217,73 +275,3 @@ def algebraic_errors(run: Run, norms: Sequence[str]) -> dict[str, float]:
     difference = fem.Function(tight.function_space)
     difference.x.array[:] = tight.x.array - loose
     return error_norms(difference, None, norms)
-
-
-def _check(family: Family, configuration: Configuration) -> None:
-    if configuration.n < 1:
-        raise InputError(f"a mesh needs at least one cell across, not {configuration.n}", "n")
-    if not 1 <= configuration.kind.degree <= HIGHEST_DEGREE:
-        raise InputError(f"1 to {HIGHEST_DEGREE}, not {configuration.kind.degree}", "degree")
-    if configuration.method not in METHODS:
-        raise InputError(f"unknown {configuration.method!r}", "method")
-    if not family.has_kind(configuration.kind):
-        raise InputError("only in the plane, with the obstacle on the boundary", "graded")
-    if (configuration.kind.mesh == "adapted") != (configuration.norm is not None):
-        raise InputError("for adapted meshes, and only for these", "norm")
-
-
-def _phases(total: float, ascent: "_Ascent") -> dict[str, float]:
-    """The seconds of a run by phase."""
-    problem, last = ascent.posed.problem, ascent.phases
-    assert problem.result is not None
-    own = sum(problem.result.seconds.values())
-    solve, forms = ascent.comm.allreduce(own, op=MPI.MAX), problem.seconds["forms"]
-    return {
-        "coarse": total - last.total - solve,
-        "mesh": last.seconds.get("mesh", 0.0),
-        "forms": forms,
-        "assembly": last.seconds["assembly"] - forms,
-        "solve": solve,
-    }
-
-
-class _Ascent:
-    """Poses the problem of each level; keeps the last posed one and the seconds of its phases."""
-
-    posed: Posed
-    phases: Phases
-
-    def __init__(self, comm: MPI.Comm, family: Family, kind: Kind):
-        self.comm, self.family, self.kind = comm, family, kind
-        self.points: list[DetachmentPoint] = []
-
-    def problem(self, n: int, coarser: BoundConstrainedProblem | None) -> BoundConstrainedProblem:
-        """The problem with n cells across; a coarser problem tells where to grade the mesh."""
-        if self.kind.mesh == "graded" and isinstance(coarser, SignoriniProblem):
-            self.points = detachment_points(coarser)
-        self.phases = Phases(self.comm)
-        with self.phases("mesh"):
-            sided = self._mesh(n)
-        return self._posed(sided)
-
-    def on(self, sided: SidedMesh) -> BoundConstrainedProblem:
-        """The problem on a mesh."""
-        self.phases = Phases(self.comm)
-        return self._posed(sided)
-
-    def _posed(self, sided: SidedMesh) -> BoundConstrainedProblem:
-        with self.phases("assembly"):
-            self.posed = self.family.pose(sided, self.kind.degree)
-        return self.posed.problem
-
-    def _mesh(self, n: int) -> SidedMesh:
-        """The mesh with n cells across, graded towards the points known so far."""
-        halvings = 0
-        while self.points and n % 2 == 0 and n >= 2 * COARSEST:
-            n, halvings = n // 2, halvings + 1
-        sided = self.family.make(self.comm, n)
-        if not self.points:
-            return sided
-        width = self.family.width / (n * 2**halvings)
-        exponent = grading_exponent(self.kind.degree)
-        return graded_mesh(sided, self.points, width, exponent, halvings)

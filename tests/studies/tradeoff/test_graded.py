@@ -26,8 +26,8 @@ from dolfinx_signorini.norms.orders import (
 )
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.studies.paper.solution import paper_family, paper_problem
+from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.grading import RADIUS, graded_mesh
-from dolfinx_signorini.studies.tradeoff.kinds import GRADED_P2, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 
 

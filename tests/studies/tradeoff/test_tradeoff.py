@@ -30,8 +30,8 @@ from dolfinx_signorini.studies.tradeoff.comparing import (
     target_table,
     targets,
 )
+from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.grid import FIRST, adapted_kinds, grid, ladder
-from dolfinx_signorini.studies.tradeoff.kinds import GRADED_P2, UNIFORM_P1, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.measuring import Meter
 from dolfinx_signorini.studies.tradeoff.results import result_files
 from dolfinx_signorini.studies.tradeoff.runs import (

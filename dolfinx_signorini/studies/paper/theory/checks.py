@@ -5,10 +5,9 @@ that a wrong input crosses: `test_wrong_input.py` feeds every check such an inpu
 """
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from dolfinx_signorini.norms.orders import eoc
 
@@ -20,11 +19,8 @@ Value = Callable[[Any], Any]
 Figures = Sequence[tuple[int, float]]  # cells per side and value, mesh by mesh
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a rule says:
-
-        print(verdict.measured, "yes" if verdict.holds else "NO")
+class Verdict(NamedTuple):
+    """What a rule says.
 
     Attributes:
         measured: The figure, in words.
@@ -35,16 +31,8 @@ class Verdict:
     holds: bool
 
 
-class Rule(ABC):
-    """What figures must do for a measurement to hold."""
-
-    @abstractmethod
-    def judge(self, figures: Figures) -> Verdict:
-        """Return the verdict on figures by increasing number of cells."""
-
-
 @dataclass(frozen=True)
-class Order(Rule):
+class Order:
     """The order of convergence between the two finest meshes lies between two limits.
 
         assert Order(1.5, 1.5).judge([(50, 1.0), (100, 0.5**1.5)]).holds
@@ -59,13 +47,14 @@ class Order(Rule):
     tolerance: float = 0.05
 
     def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
         order = last_order(figures)
         holds = self.low - self.tolerance <= order <= self.high + self.tolerance
         return Verdict(f"order {order + 0.0:.3f}", holds)
 
 
 @dataclass(frozen=True)
-class Within(Rule):
+class Within:
     """All figures lie between two limits.
 
     assert not Within(high=1.0).judge([(50, 0.9), (100, 1.1)]).holds
@@ -75,13 +64,14 @@ class Within(Rule):
     high: float = math.inf
 
     def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
         values = [value for _, value in figures]
         holds = all(self.low <= value <= self.high for value in values)
         return Verdict(_from_to(min(values), max(values)), holds)
 
 
 @dataclass(frozen=True)
-class Slope(Rule):
+class Slope:
     """The figures grow like a known constant times ln N, to a relative tolerance.
 
     assert Slope(2.0).judge([(50, 1.0), (100, 1.0 + 2.0 * math.log(2.0))]).holds
@@ -91,13 +81,14 @@ class Slope(Rule):
     tolerance: float = 0.1
 
     def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
         (n, a), (m, b) = figures[-2:]
         ratio = (b - a) / math.log(m / n) / self.constant
         return Verdict(f"{ratio:.3f} of it", abs(ratio - 1.0) <= self.tolerance)
 
 
 @dataclass(frozen=True)
-class Limit(Rule):
+class Limit:
     """The figures tend to a known limit: the last one is off by a relative tolerance at most.
 
     assert Limit(10.0, 0.01).judge([(50, 10.2), (100, 10.05)]).holds
@@ -107,13 +98,14 @@ class Limit(Rule):
     tolerance: float
 
     def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
         found = figures[-1][1]
         holds = abs(found - self.value) <= self.tolerance * abs(self.value)
         return Verdict(f"{found:.5g}", holds)
 
 
 @dataclass(frozen=True)
-class Settles(Rule):
+class Settles:
     """The figures settle at a positive number: the last two agree to a relative tolerance.
 
     assert Settles(0.01).judge([(50, 3.00), (100, 3.01)]).holds
@@ -122,10 +114,12 @@ class Settles(Rule):
     tolerance: float
 
     def judge(self, figures: Figures) -> Verdict:
+        """Return the verdict on figures by increasing number of cells."""
         (_, a), (_, b) = figures[-2:]
         return Verdict(_from_to(a, b), b > 0.0 and abs(b - a) <= self.tolerance * b)
 
 
+Rule = Order | Within | Slope | Limit | Settles
 RULES: Mapping[str, Callable[..., Rule]] = {
     rule.__name__.lower(): rule for rule in (Order, Within, Slope, Limit, Settles)
 }

@@ -10,13 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
-from dolfinx.fem import petsc as fem_petsc
-from petsc4py import PETSc
+from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
-from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -29,15 +27,20 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
+from dolfinx_signorini.solvers.linear.solver import set_residual
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, h1_product
-from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
-from dolfinx_signorini.studies.paper.theory.examples import Example
+from dolfinx_signorini.studies.paper.theory.boundary import (
+    BoundaryCurve,
+    ContactSet,
+    contact_set_of_nodes,
+)
+from dolfinx_signorini.studies.paper.theory.examples import Example, Point
 
 # On the cells near a singular point the gradient of u is like the root of the distance to the
 # point. On other cells the rule is the paper's.
 NEAR_CELL_RULE = QuadratureRule("Gauss-Jacobi", 63)
 NEAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 127)
-FAR_FACET_RULE = QuadratureRule("Gauss-Jacobi", 15)
+FINE_RULE = QuadratureRule("Gauss-Jacobi", 15)  # of other facets, and of a load by itself
 NEAR = 3.0  # cells: how far "near" reaches
 # Of every solve of the theory; rounding keeps a mesh of 1001 cells per side above 1e-12.
 THEORY_RTOL = 1e-11
@@ -58,11 +61,10 @@ class Discretisation(SignoriniProblem):
         terms: The strong form.
         forms: The bilinear and the linear form of (S_h).
         curve: The boundary.
-        moments: (u, phi_i)_H1 for every basis function, a PETSc vector.
-        flux: <du/dn, phi_i>, a PETSc vector.
+        load: The values of the linear form for the basis functions, as coefficients.
+        flux: <du/dn, phi_i> for every basis function.
+        moments: (u, phi_i)_H1.
     """
-
-    _vectors: tuple[PETSc.Vec, ...] = ()  # none yet where the making of a problem fails
 
     def __init__(self, example: Example, domain: mesh.Mesh):
         self.example, self.exact = example, example.exact(domain)
@@ -73,10 +75,10 @@ class Discretisation(SignoriniProblem):
         self.forms = h1_product(space), self._product(v) - flux
         super().__init__(*self.forms, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
-        self.flux = assembled(flux)
-        self.moments = self.b.copy()
-        self.moments.axpy(1.0, self.flux)
-        self._vectors = self.flux, self.moments
+        self.flux, self.load = assembled(flux), fem.Function(space)
+        self.system.fill(self.load, self.b)
+        self.moments = self.load.copy()
+        self.moments.x.array[:] += self.flux.x.array
 
     @property
     def u_h(self) -> fem.Function:
@@ -88,13 +90,13 @@ class Discretisation(SignoriniProblem):
         """R_h(u), the Ritz projection of the solution (Definition 3.1)."""
         return self.riesz(self.moments)
 
-    def riesz(self, load: PETSc.Vec) -> fem.Function:
+    def riesz(self, load: fem.Function) -> fem.Function:
         """Return the function of V_h whose H^1 products with the basis are given.
 
         Raises:
             NotConvergedError: The linear solver did not reach its tolerance.
         """
-        return self._linear_solution(load, held=False)
+        return self._linear_solution(load, fem.Function(self.space), held=False)
 
     def harmonic(self, boundary_values: fem.Function) -> fem.Function:
         """Return the extension of boundary values with the smallest H^1 norm in V_h.
@@ -102,15 +104,11 @@ class Discretisation(SignoriniProblem):
         Raises:
             NotConvergedError: The linear solver did not reach its tolerance.
         """
-        zero = self.b.duplicate()
-        zero.set(0.0)
-        result = self._linear_solution(zero, held=True, start=boundary_values)
-        zero.destroy()
-        return result
+        return self._linear_solution(fem.Function(self.space), boundary_values, held=True)
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
-        return energy_product(self, v, w)
+        return integral(ufl.action(ufl.action(self.forms[0], w), v))
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""
@@ -118,99 +116,107 @@ class Discretisation(SignoriniProblem):
 
     def exact_product(self, w: fem.Function) -> float:
         """Return (u, w)_H1 for a function of V_h and the exact u."""
-        x = self.system.vector_of(w)
-        value = float(self.moments.dot(x))
+        owned = slice(self.space.dofmap.index_map.size_local)
+        product = self.moments.x.array[owned] @ w.x.array[owned]
+        return float(self.comm.allreduce(float(product)))
+
+    @property
+    def multiplier(self) -> Array:
+        """The force of contact on each contact dof of this rank."""
+        x = self.system.vector_of(self.u_h)
+        forces = self.system.multiplier(x)
         x.destroy()
-        return value
+        return forces
 
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
-        super().destroy()
-        for vector in self._vectors:
-            vector.destroy()
+    @property
+    def contact_set(self) -> ContactSet:
+        """{u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
 
-    def _linear_solution(
-        self, load: PETSc.Vec, held: bool, start: fem.Function | None = None
-    ) -> fem.Function:
+        The pressure is the force on a node divided by the diagonal entry of A: in the unit of u.
+        """
+        pressure = fem.Function(self.space)
+        pressure.x.array[self.contact_dofs] = self.multiplier / self.system.contact_diagonal
+        gap, pressed = (self.curve.values(v) for v in (self.u_h, pressure))
+        return contact_set_of_nodes(self.curve, gap, pressed)
+
+    def _linear_solution(self, load: fem.Function, start: fem.Function, held: bool) -> fem.Function:
         """Solve A x = load, with the values of the start held at the boundary or with none held."""
-        result = fem.Function(self.space) if start is None else start.copy()
-        x, residual = self.system.vector_of(result), load.duplicate()
-        system = replace(self.system, b=load, obstacle=result.x.array[self.contact_dofs])
+        b, x, rest = map(self.system.vector_of, (load, start, start))
+        system = replace(self.system, b=b, obstacle=start.x.array[self.contact_dofs])
         mask = np.full(len(self.contact_dofs), held)
 
         def defect() -> float:
-            self.A.mult(x, residual)
-            residual.aypx(-1.0, load)
-            residual.array_w[self.contact_dofs[mask]] = 0.0
-            return float(residual.norm())
+            return set_residual(system, x, mask, None, rest) * float(rest.norm())
 
         scale = defect()
         solver = IterativeSolver(system, self._prefix)
         if scale > 0.0:
             solver.solve(system, x, mask, THEORY_RTOL * scale)
-        reached = defect() / scale if scale > 0.0 else 0.0
-        result.x.array[: x.getLocalSize()] = x.array_r
-        result.x.scatter_forward()
-        for item in (solver, x, residual):
+        reached, result = defect(), fem.Function(self.space)
+        self.system.fill(result, x)
+        for item in (solver, b, x, rest):
             item.destroy()
-        if not reached <= 2.0 * THEORY_RTOL:
-            raise NotConvergedError("the linear solver did not converge", reached, "iterations")
+        if not reached <= 2.0 * THEORY_RTOL * scale:
+            message = "the linear solver did not converge"
+            raise NotConvergedError(message, reached / scale, "iterations")
         return result
 
     def _product(self, v: ufl.Argument) -> ufl.Form:
         """(u, v)_H1 with the exact u and its gradient."""
         integrand = ufl.inner(ufl.as_vector(self.exact.grad), ufl.grad(v)) + self.exact.u * v
-        cells, near = self.exact.support_cells(), near_cells(self.exact.mesh, self.example.singular)
-        return integrated(integrand, "dx", cells, np.isin(cells, near), PAPER_RULE, NEAR_CELL_RULE)
+        cells, points = self.exact.support_cells(), self.example.singular
+        domain = self.exact.mesh
+        return integrated(integrand, domain, "dx", cells, points, PAPER_RULE, NEAR_CELL_RULE)
 
     def _flux(self, v: ufl.Argument) -> ufl.Form:
         """<du/dn, v> on the boundary."""
         domain = self.exact.mesh
         integrand = ufl.dot(ufl.as_vector(self.exact.grad), ufl.FacetNormal(domain)) * v
         facets = facet_cells(domain, boundary_facets(domain))
-        near = np.isin(facets[:, 0], near_cells(domain, self.example.singular))
-        return integrated(integrand, "ds", facets, near, FAR_FACET_RULE, NEAR_FACET_RULE)
+        points = self.example.singular
+        return integrated(integrand, domain, "ds", facets, points, FINE_RULE, NEAR_FACET_RULE)
 
 
-def assembled(form: ufl.Form) -> PETSc.Vec:
-    """Return the vector of a linear form."""
-    vector = fem_petsc.assemble_vector(compiled.form(form))
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    return vector
+def assembled(form: ufl.Form) -> fem.Function:
+    """Return the values of a linear form for the basis functions of its space, as coefficients."""
+    result = fem.Function(form.arguments()[0].ufl_function_space())
+    fem.assemble_vector(result.x.array, compiled.form(form))
+    result.x.scatter_reverse(la.InsertMode.add)
+    result.x.scatter_forward()
+    return result
 
 
 def integrated(
     integrand: Expr,
+    domain: mesh.Mesh,
     measure: str,
-    entities: np.ndarray,
-    near: np.ndarray,
+    entities: LocalIndices,
+    points: tuple[Point, ...],
     far_rule: QuadratureRule,
     near_rule: QuadratureRule,
 ) -> ufl.Form:
-    """Return an integral over entities by two rules, one of which is for those that are near.
+    """Return an integral over entities by two rules, one of which is for those near some points.
 
     Args:
-        integrand: The integrand, which knows its mesh.
+        integrand: The integrand.
+        domain: The mesh.
         measure: dx for cells, or ds for facets as pairs of a cell and a local facet.
         entities: The cells or facets.
-        near: Which of them are near points that are singular.
+        points: Where the integrand is singular.
         far_rule, near_rule: The rules.
     """
+    cells = entities if entities.ndim == 1 else entities[:, 0]
+    near = np.isin(cells, near_cells(domain, points))
     parts = [(1, entities[~near].flatten()), (2, entities[near].flatten())]
-    dx = ufl.Measure(measure, extract_unique_domain(integrand), subdomain_data=parts)
+    dx = ufl.Measure(measure, domain, subdomain_data=parts)
     far, close = dx(1, metadata=far_rule.metadata), dx(2, metadata=near_rule.metadata)
     return integrand * far + integrand * close
 
 
-def energy_product(problem: SignoriniProblem, v: fem.Function, w: fem.Function) -> float:
-    """Return the value of the bilinear form of a problem for two functions of its space."""
-    x, y = (problem.system.vector_of(function) for function in (v, w))
-    image = x.duplicate()
-    problem.A.mult(x, image)
-    value = float(image.dot(y))
-    for item in (x, y, image):
-        item.destroy()
-    return value
+def integral(form: ufl.Form) -> float:
+    """Return the value of a form without arguments, the same on all ranks."""
+    made = compiled.form(form)
+    return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
 
 
 def difference(v: fem.Function, w: fem.Function) -> fem.Function:
@@ -220,7 +226,7 @@ def difference(v: fem.Function, w: fem.Function) -> fem.Function:
     return result
 
 
-def near_cells(domain: mesh.Mesh, points: tuple[tuple[float, float], ...]) -> np.ndarray:
+def near_cells(domain: mesh.Mesh, points: tuple[Point, ...]) -> LocalIndices:
     """Return the owned cells within `NEAR` cell diameters of points."""
     radius = NEAR * cell_size(domain)
     parts = [cells_near_ball(domain, point, radius) for point in points]

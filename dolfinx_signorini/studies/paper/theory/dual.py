@@ -14,25 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
-from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.transfer import interpolate_between
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
-from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.studies.paper.theory.boundary import edges_that_meet, ends_of
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     THEORY_RTOL,
     Discretisation,
     cell_size,
     difference,
+    integral,
 )
-from dolfinx_signorini.studies.paper.theory.parts import expression_norms, second_seminorms
+from dolfinx_signorini.studies.paper.theory.errors import expression_norms, second_seminorms
 
 EPSILONS = (0.1, 0.25, 0.45)  # of the exponents (4 - eps)/3 and their like
 TOO_HIGH = 2.0  # an exponent above 4/3: second derivatives of z are not in this L^q
@@ -88,17 +87,6 @@ class DualChain:
         return (right - self.error) / self.error
 
 
-def exact_contact_cells(curve: BoundaryCurve, contact: tuple[tuple[float, float], ...]) -> Mask:
-    """Return whether an edge meets open intervals (start, end) of the arc length (5.1)."""
-    marked = np.zeros(len(curve.s), dtype=bool)
-    tolerance = 1e-9 * curve.widths
-    for a, b in contact:
-        for turn in (-curve.length, 0.0, curve.length):
-            start, end = curve.s + turn, curve.s + curve.widths + turn
-            marked |= (end > a + tolerance) & (start < b - tolerance)
-    return marked
-
-
 def discrete_contact_cells(discretisation: Discretisation) -> Mask:
     """Return whether u_h vanishes on an edge."""
     active = discretisation.curve.values(discretisation.u_h) <= 0.0
@@ -115,7 +103,7 @@ def dual_chains(coarse: Discretisation, fine: Discretisation) -> tuple[DualChain
     Raises:
         NotConvergedError: A solver did not reach its tolerance.
     """
-    contact = exact_contact_cells(coarse.curve, coarse.example.contact)
+    contact = edges_that_meet(coarse.curve, coarse.example.contact)
     positive = _Dual(coarse, fine, contact, 1.0)
     negative = _Dual(coarse, fine, discrete_contact_cells(coarse), -1.0)
     return positive.chain(), negative.chain()
@@ -126,15 +114,16 @@ class _Dual:
 
     def __init__(self, coarse: Discretisation, fine: Discretisation, cells: Mask, sign: float):
         self.coarse, self.fine, self.sign, self.cells = coarse, fine, sign, cells
-        self.u_h = transfer(coarse.u_h, fine.space)
+        self.u_h, self.dx = transfer(coarse.u_h, fine.space), ufl.dx(metadata=PAPER_RULE.metadata)
         part = ufl.max_value(sign * (fine.exact.u - self.u_h), 0.0)
         # By the same points as the load: error_norms turns the rule on half of the cells.
-        self.error = self._integral(part**4) ** 0.25
+        self.error = integral(part**4 * self.dx) ** 0.25
         self.load = -((part / fem.Constant(fine.space.mesh, np.float64(self.error))) ** 3)
         middle = fine.curve.s + 0.5 * fine.curve.widths
-        self.fine_cells = cells[np.searchsorted(coarse.curve.s, middle, side="right") - 1]
-        form = self.load * ufl.TestFunction(fine.space) * ufl.dx(metadata=PAPER_RULE.metadata)
-        contact = fine.curve.facets_between(self.fine_cells)
+        fine_cells = cells[np.searchsorted(coarse.curve.s, middle, side="right") - 1]
+        self.held = ends_of(fine_cells)  # nodes
+        form = self.load * ufl.TestFunction(fine.space) * self.dx
+        contact = fine.curve.facets_between(fine_cells)
         problem = SignoriniProblem(fine.forms[0], form, contact=contact)
         self.z = problem.solve(rtol=THEORY_RTOL)
         problem.destroy()
@@ -148,24 +137,25 @@ class _Dual:
         rough = difference(z, transfer(z_h, fine.space))
         duality = sign * (fine.product(z, self.u_h) - fine.exact_product(z))
         orthogonality = sign * (coarse.product(z_h, coarse.u_h) - coarse.exact_product(z_h))
-        curve_z, size = fine.curve.values(z), _largest(z, -1.0)
-        held = self.fine_cells | np.roll(self.fine_cells, 1)
+        size = highest(fine.comm, -z.x.array)
         interpolated = interpolant(fine.space, fine.exact.u)
         test = difference(self.u_h, interpolated)  # the interpolant of w + Sigma
         test.x.array[:] = sign * test.x.array + bumps.x.array
         values = fine.curve.values(test)
+        # The load on w less that on the interpolant of w.
+        rest = -sign * integral(self.load * (fine.exact.u - interpolated) * self.dx)
         return DualChain(
             error=self.error,
             duality=duality,
             bumps=fine.product(z, bumps),
-            bump_load=-self._integral(self.load * bumps),
-            remainder=self._remainder(interpolated),
+            bump_load=-integral(self.load * bumps * self.dx),
+            remainder=rest + sign * (fine.exact_product(z) - fine.product(z, interpolated)),
             interpolation=duality - orthogonality,
             sign=orthogonality,
             **self._by_epsilon(rough, strong),
-            largest=_largest(z, 1.0) / size,
-            contact=float(np.abs(curve_z[held]).max(initial=0.0)) / size,
-            admissible=float(values[held].min(initial=0.0) / np.abs(values).max()),
+            largest=highest(fine.comm, z.x.array) / size,
+            contact=float(np.abs(fine.curve.values(z)[self.held]).max(initial=0.0)) / size,
+            admissible=float(values[self.held].min(initial=0.0) / np.abs(values).max()),
         )
 
     def _by_epsilon(self, rough: fem.Function, strong: float) -> dict[str, dict[str, float]]:
@@ -192,21 +182,9 @@ class _Dual:
 
     def _bumps(self, slope: float) -> fem.Function:
         """The sum of C h ||u - u_h||_{W^{1,inf}} phi_i over the ends of the contact cells."""
-        curve = self.coarse.curve
-        values = np.zeros(len(curve.s))
-        if self.sign > 0.0:
-            ends = self.cells != np.roll(self.cells, 1)
-            values[ends] = cell_size(self.coarse.space.mesh) * slope
-        return transfer(curve.function(values), self.fine.space)
-
-    def _remainder(self, interpolated: fem.Function) -> float:
-        fine, z, sign = self.fine, self.z, self.sign
-        work = -sign * self._integral(self.load * (fine.exact.u - interpolated))
-        return work + sign * (fine.exact_product(z) - fine.product(z, interpolated))
-
-    def _integral(self, integrand: Expr) -> float:
-        form = compiled.form(integrand * ufl.dx(metadata=PAPER_RULE.metadata))
-        return float(self.fine.comm.allreduce(fem.assemble_scalar(form)))
+        ends = (self.cells != np.roll(self.cells, 1)) & (self.sign > 0.0)
+        values = np.where(ends, cell_size(self.coarse.space.mesh) * slope, 0.0)
+        return transfer(self.coarse.curve.function(values), self.fine.space)
 
 
 def transfer(source: fem.Function, space: fem.FunctionSpace) -> fem.Function:
@@ -214,10 +192,3 @@ def transfer(source: fem.Function, space: fem.FunctionSpace) -> fem.Function:
     target = fem.Function(space)
     interpolate_between([(source, target)], owned_cells(space.mesh))
     return target
-
-
-def _largest(function: fem.Function, sign: float) -> float:
-    """The largest nodal value of sign * function."""
-    owned = function.x.array[: function.function_space.dofmap.index_map.size_local]
-    largest = float((sign * owned).max(initial=-np.inf))
-    return float(function.function_space.mesh.comm.allreduce(largest, op=MPI.MAX))

@@ -18,11 +18,14 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.base import compiled
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.studies.paper.theory.discretisation import THEORY_RTOL, Discretisation
+from dolfinx_signorini.studies.paper.theory.discretisation import (
+    THEORY_RTOL,
+    Discretisation,
+    integral,
+)
 
 
 @dataclass(frozen=True)
@@ -49,19 +52,21 @@ def enclosures(discretisation: Discretisation, value: float, slope: float) -> En
         value: A bound of the sup error.
         slope: A bound of the components of the error of the gradient.
     """
-    curve, u = discretisation.curve, discretisation.curve.values(discretisation.u_h)
-    nodes = np.flatnonzero(curve.s <= 1.0 + 1e-12)
-    top = int(np.argmax(u[nodes]))
-    above = u[nodes] > value
-    last = top + int(np.argmin(np.append(above[top:], False))) - 1  # the last node above the bound
-    a, b = nodes[last], nodes[min(last + 1, len(nodes) - 1)]
-    part = (u[a] - value) / (u[a] - u[b]) if u[a] > u[b] else 0.0
-    outer = curve.s[a] + part * (curve.s[b] - curve.s[a]) if above[top] else 0.0
-    flux = curve.gradients(discretisation.u_h)[nodes[:-1], 1]
-    pressed = np.flatnonzero(-flux > slope)
-    pressed = pressed[pressed >= top]
-    inner = curve.s[nodes[pressed[0]]] if len(pressed) else 1.0
-    return Enclosure(float(outer), float(inner))
+    d, curve = discretisation, discretisation.curve
+    count = int(np.count_nonzero(curve.s <= 1.0 + 1e-12))  # of nodes on the bottom side
+    s, u = curve.s[:count], curve.values(d.u_h)[:count]
+    top, outer, inner = int(np.argmax(u)), 0.0, 1.0
+    if u[top] > value:
+        after = np.flatnonzero(u[top:] <= value) + top
+        outer = float(s[-1])
+        if len(after):
+            a, b = after[0] - 1, after[0]
+            outer = float(s[a] + (u[a] - value) / (u[a] - u[b]) * (s[b] - s[a]))
+    flux = -curve.samples([ufl.grad(d.u_h)[1]], np.array([0.5]))[: count - 1, 0, 0]
+    pressed = np.flatnonzero((flux > slope) & (np.arange(count - 1) >= top))
+    if len(pressed):
+        inner = float(s[pressed[0]])
+    return Enclosure(outer, inner)
 
 
 def dual_force_bound(discretisation: Discretisation, value: float, energy: float) -> float:
@@ -74,12 +79,12 @@ def dual_force_bound(discretisation: Discretisation, value: float, energy: float
     """
     d, space = discretisation, discretisation.space
     low = d.curve.values(d.u_h) <= value
-    facets = d.curve.facets_between(low | np.roll(low, -1))
+    facets = d.curve.facets_between(low | np.roll(low, -1))  # the edges with such a node
     nothing = fem.Constant(space.mesh, np.float64(0.0)) * ufl.TestFunction(space) * ufl.dx
     # psi solves a Signorini problem, too: the flux of psi pushes wherever psi = 1.
     dual = SignoriniProblem(d.forms[0], nothing, contact=facets, obstacle=1.0)
     psi = dual.solve(rtol=THEORY_RTOL)
     missed = energy_bound(dual, EnergyTerms(reaction=1.0)).total
-    integral = d.comm.allreduce(float(fem.assemble_scalar(compiled.form(psi * ufl.dx))))
+    whole = integral(psi * ufl.dx)
     dual.destroy()
-    return energy * missed + value * (float(integral) + missed)
+    return energy * missed + value * (whole + missed)

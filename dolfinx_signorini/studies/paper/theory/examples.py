@@ -22,6 +22,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.studies.paper.solution import (
     AMPLITUDE,
     DETACHMENT,
@@ -29,6 +30,7 @@ from dolfinx_signorini.studies.paper.solution import (
     christof_haubner,
     local_piece,
 )
+from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 Point = tuple[float, float]
 
@@ -113,7 +115,33 @@ def rough_example(p: float) -> Example:
         raise ValueError(f"p: must lie between 2 and 4 or above 4, not {p}")
     return replace(
         paper_example(),
-        exact=lambda domain: _times_power(christof_haubner(domain), 0.5 - 2.0 / p, p > 4.0),
+        exact=lambda domain: times_powers(christof_haubner(domain), p),
+    )
+
+
+def times_powers(w: ManufacturedSolution, p: float) -> ManufacturedSolution:
+    """Return a solution like r^{3/2} times powers of r: like r^b for all b of a regularity.
+
+    Args:
+        w: The solution; r is the distance from the paper's detachment point.
+        p: The exponent, see `power_exponents`; the powers are no part of the generated code.
+    """
+    x = ufl.SpatialCoordinate(w.mesh) - ufl.as_vector(DETACHMENT)
+    # No quadrature point is the detachment point; negative powers stay finite there all the same.
+    r = ufl.max_value(ufl.sqrt(ufl.dot(x, x)), 1e-30)
+    # The factor, whose gradient is slope * x, and its Laplacian.
+    factor, slope, laplacian = ufl.as_ufl(0.0), ufl.as_ufl(0.0), ufl.as_ufl(0.0)
+    for exponent in power_exponents(p):
+        g = fem.Constant(w.mesh, np.float64(exponent - DETACHMENT_EXPONENT))
+        factor += r**g
+        slope += g * r ** (g - 2.0)
+        laplacian += g * g * r ** (g - 2.0)
+    derivative = sum(w.grad[i] * x[i] for i in range(2))
+    return replace(
+        w,
+        u=factor * w.u,
+        grad=tuple(factor * w.grad[i] + slope * x[i] * w.u for i in range(2)),
+        load=factor * w.load - 2.0 * slope * derivative - laplacian * w.u,
     )
 
 
@@ -231,23 +259,6 @@ EXAMPLES: Mapping[str, Callable[..., Example]] = {
 def _given(domain: mesh.Mesh, u: Callable[[Expr, Expr], Expr]) -> ManufacturedSolution:
     x = ufl.SpatialCoordinate(domain)
     return manufacture(domain, u(x[0], x[1]), reaction=1.0)
-
-
-def _times_power(w: ManufacturedSolution, power: float, plus_one: bool) -> ManufacturedSolution:
-    """r^power w, or (1 + r^power) w; the power is no part of the generated code."""
-    g = fem.Constant(w.mesh, np.float64(power))
-    x = ufl.SpatialCoordinate(w.mesh) - ufl.as_vector(DETACHMENT)
-    # No quadrature point is the detachment point; negative powers stay finite there all the same.
-    r = ufl.max_value(ufl.sqrt(ufl.dot(x, x)), 1e-30)
-    factor = r**g + (1.0 if plus_one else 0.0)
-    slope = g * r ** (g - 2.0)  # the gradient of the factor is slope * x, its Laplacian g * slope
-    derivative = sum(w.grad[i] * x[i] for i in range(2))
-    return replace(
-        w,
-        u=factor * w.u,
-        grad=tuple(factor * w.grad[i] + slope * x[i] * w.u for i in range(2)),
-        load=factor * w.load - 2.0 * slope * derivative - g * slope * w.u,
-    )
 
 
 def _composed(

@@ -6,7 +6,6 @@ are not computed again.
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,7 +21,7 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.tables import read_data
-from dolfinx_signorini.studies.paper.theory import measures, parts, triangulations
+from dolfinx_signorini.studies.paper.theory import errors, measures, triangulations
 from dolfinx_signorini.studies.paper.theory.discretisation import THEORY_RTOL, Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import EPSILONS
 from dolfinx_signorini.studies.paper.theory.examples import EXAMPLES, Example
@@ -42,7 +41,7 @@ SETTINGS = {
     "rtol": THEORY_RTOL,
     "epsilons": EPSILONS,
     "samples": SAMPLES,
-    "reach": parts.REACH,
+    "reach": errors.REACH,
     "refinement": measures.REFINEMENT,
     "norms": measures.ERROR_NORMS,
     "second": measures.SECOND,
@@ -51,33 +50,9 @@ SETTINGS = {
 }
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """A family of meshes, and what is measured on each:
-
-        Experiment("rough 2.5", (25, 51), ("errors", "supercloseness"))
-
-    Attributes:
-        example: The name of an example with its numbers, see `data/experiments.toml`.
-        cells: Cells per side of the meshes, increasing.
-        measure: Names in `measures.MEASURES`.
-        mesh: The name of a function of `triangulations`; empty for Friedrichs-Keller meshes.
-    """
-
-    example: str
-    cells: tuple[int, ...]
-    measure: tuple[str, ...] = ()
-    mesh: str = ""
-
-    @property
-    def finest(self) -> int:
-        """Cells per side of the finest mesh that a row needs, as a multiple of its own."""
-        return measures.REFINEMENT if "dual" in self.measure else 1
-
-
-def experiments() -> dict[str, Experiment]:
-    """Return all experiments by name."""
-    return {name: Experiment(**given) for name, given in read_data("experiments").items()}
+def experiments() -> dict[str, Mapping[str, Any]]:
+    """Return all experiments by name; `data/experiments.toml` says what they consist of."""
+    return read_data("experiments")
 
 
 def solved(comm: MPI.Comm, make: Callable[[mesh.Mesh], P], n: int) -> P:
@@ -100,9 +75,9 @@ def discretise(comm: MPI.Comm, example: Example, n: int) -> Discretisation:
     return solved(comm, partial(Discretisation, example), n)
 
 
-def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
+def compute_row(comm: MPI.Comm, experiment: Mapping[str, Any], n: int) -> Row:
     """Compute what an experiment measures on the mesh with n cells per side."""
-    name, *numbers = experiment.example.split()
+    name, *numbers = experiment["example"].split()
     arguments: list[float] = [float(number) for number in numbers]
 
     def make(domain: mesh.Mesh) -> SignoriniProblem:
@@ -111,13 +86,13 @@ def compute_row(comm: MPI.Comm, experiment: Experiment, n: int) -> Row:
         example = EXAMPLES[name](*arguments, *([n] if name == "placed" else []))
         return Discretisation(example, domain)
 
-    if experiment.mesh:
-        problem = make(getattr(triangulations, experiment.mesh)(comm, n))
+    if "mesh" in experiment:
+        problem = make(getattr(triangulations, experiment["mesh"])(comm, n))
         problem.solve(rtol=THEORY_RTOL)
     else:
         problem = solved(comm, make, n)
     row: Row = {"n": n}
-    for measure in experiment.measure:
+    for measure in experiment["measure"]:
         row |= measures.MEASURES[measure](problem)
     problem.destroy()
     return row
@@ -155,8 +130,11 @@ def run_experiments(
 
         return Wanted(title, {"experiment": name, "n": n}, computed, n)
 
-    cells = {
-        name: [n for n in known[name].cells if known[name].finest * n <= max_n] for name in names
+    # Dual solutions need a finer mesh than that of the row.
+    finest = {
+        name: max_n // (measures.REFINEMENT if "dual" in known[name]["measure"] else 1)
+        for name in names
     }
+    cells = {name: [n for n in known[name]["cells"] if n <= most] for name, most in finest.items()}
     rows = iter(records.table("theory", [wanted(name, n) for name in cells for n in cells[name]]))
     return {name: [next(rows) for _ in cells[name]] for name in cells}

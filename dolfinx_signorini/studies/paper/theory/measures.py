@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
 from dolfinx_signorini.accuracy.stress_intensity import stress_intensity
 from dolfinx_signorini.bounds.energy_bound import energy_bound
@@ -13,46 +14,57 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.norms.references import interpolant
-from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem.detachment import detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.solution import AMPLITUDE, DETACHMENT, PAPER_RULE
 from dolfinx_signorini.studies.paper.tables import paper_table
-from dolfinx_signorini.studies.paper.theory import parts, ritz, triangulations
-from dolfinx_signorini.studies.paper.theory.contact_sets import (
+from dolfinx_signorini.studies.paper.theory import errors, triangulations
+from dolfinx_signorini.studies.paper.theory.boundary import (
+    BoundaryCurve,
     ContactSet,
     condition_a_h,
-    discrete_contact_set,
+    runs,
 )
-from dolfinx_signorini.studies.paper.theory.discretisation import (
-    Discretisation,
-    difference,
-    energy_product,
-)
+from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 from dolfinx_signorini.studies.paper.theory.dual import dual_chains
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
-from dolfinx_signorini.studies.paper.theory.mixed import (
-    PowerProblem,
-    UnknownProblem,
-    critical_exponent,
-)
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, UnknownProblem
 from dolfinx_signorini.studies.paper.theory.one_sided import (
     edge_data,
     one_sided_approximation,
     smallest_one_sided,
 )
-from dolfinx_signorini.studies.paper.theory.proven import TRACE
+from dolfinx_signorini.studies.paper.theory.proven import TRACE, critical_exponent
 
 Row = dict[str, Any]
 
 GRADIENT_NORMS = ("H1", "W1_2.6", "W1_4", "W1_16", "W1_inf")
 ERROR_NORMS = ("L4", "L16", "Linf", *GRADIENT_NORMS, "H1_2_boundary", TRACE)
+STABLE = ("W1_2", "W1_16", "W1_inf")  # norms in which R_h is stable
+RITZ_NORMS = (
+    *("L2", "L3", "L4", "H1", "W1_3", "W1_4"),
+    *("L2_boundary", "L3_boundary", "L4_boundary", "H1_2_boundary", TRACE),
+)
 PLACED = ("L4", "L16", "Linf", "W1_4", "W1_16", "W1_inf", TRACE)
 TABLE_1 = ("101", "1001")  # rows of the paper's Table 1 that are compared
 SECOND = (2.0, 3.0, 16.0)  # exponents of the discrete W^{2,p} seminorm
 REFINEMENT = 4  # of the mesh of the dual solutions against that of u_h
 ITERATED = 51  # cells per side: where TAO alone takes no longer than all others
+
+
+def _stability(d: Discretisation) -> Row:
+    """Norms of R_h(v) over those of v, which are bounded in W^{1,p}, 2 <= p <= inf."""
+    zero = error_norms(fem.Function(d.space), d.exact, STABLE)
+    found = error_norms(d.ritz, None, STABLE)
+    return {"stability": {norm: found[norm] / zero[norm] for norm in STABLE}}
+
+
+def _supercloseness(d: Discretisation) -> Row:
+    """||R_h(u) - u_h||_H1, and its parts near the singular points and away from them."""
+    found = errors.near_and_far(d, ["H1"], difference(d.ritz, d.u_h))
+    parts = {part: norms["H1"] for part, norms in found.items()}
+    return {"supercloseness": errors.supercloseness(d), "supercloseness_parts": parts}
 
 
 def _one_sided(d: Discretisation) -> Row:
@@ -64,7 +76,7 @@ def _one_sided(d: Discretisation) -> Row:
 
 def _near(d: Discretisation) -> Row:
     """Parts of the error by the paper's rule, and both together in the 16th power."""
-    found = parts.near_and_far(d, ["L16", "W1_16"])
+    found = errors.near_and_far(d, ["L16", "W1_16"])
     whole = error_norms(d.u_h, d.exact, ["L4", "L16", "W1_4", "W1_16"], PAPER_RULE)
     n = str(_cells(d))
     known = paper_table(1)[n] if n in TABLE_1 else {}
@@ -78,7 +90,7 @@ def _near(d: Discretisation) -> Row:
 
 def _contact(d: Discretisation) -> Row:
     """The contact set of u_h, how far the point of Section 7 is from it, and the trace of u."""
-    found, touching = discrete_contact_set(d), edge_data(d).u == 0.0
+    found, touching = d.contact_set, edge_data(d).u == 0.0
     inner, outer = touching.all(axis=1), touching.any(axis=1)
     distances = {
         name: min((abs(s - DETACHMENT[0]) for s in points), default=None)
@@ -86,7 +98,7 @@ def _contact(d: Discretisation) -> Row:
     }
     trace = {
         "between": float(d.curve.widths[outer & ~inner].sum()),
-        "components": int(np.count_nonzero(inner & ~np.roll(inner, 1))),
+        "components": len(runs(inner)),
     }
     corners = d.curve.corners.tolist()
     return {"contact_set": asdict(found) | distances | {"corners": corners}, "trace": trace}
@@ -100,7 +112,7 @@ def _factors(d: Discretisation) -> Row:
     corrected = found.corrected[0]
     return {
         "factors": {"half": exact.half, "three_halves": exact.three_halves, "corrected": corrected},
-        "second": parts.second_seminorms(d.u_h, SECOND),
+        "second": errors.second_seminorms(d.u_h, SECOND),
     }
 
 
@@ -111,13 +123,11 @@ def _bounds(d: Discretisation) -> Row:
     found = enclosures(d, sup["Linf"], sup["W1_inf"])
     # How far contact may begin too early, in (e / b)^{2/3}.
     width = (DETACHMENT[0] - found.outer) / (sup["Linf"] / AMPLITUDE) ** (1.0 / DETACHMENT_EXPONENT)
-    x = d.system.vector_of(d.u_h)
-    total = d.comm.allreduce(float(d.system.multiplier(x).sum()))
-    x.destroy()
+    total = d.comm.allreduce(float(d.multiplier.sum()))
     return {
         "enclosure": asdict(found) | {"outer_width": width},
         "force": {
-            "error": abs(float(d.flux.sum()) - float(total)),
+            "error": abs(float(d.curve.values(d.flux).sum()) - float(total)),
             "bound": bound,
             "dual": dual_force_bound(d, sup["Linf"], bound),
         },
@@ -141,17 +151,15 @@ def _dual(d: Discretisation) -> Row:
 
 
 def _power(problem: PowerProblem) -> Row:
-    """Errors of problem (3), and the components of its contact set."""
-    boundary, components = gather_contact_boundary(problem), 0
-    if boundary is not None:
-        (chain,) = boundary.chains()
-        held = boundary.values[chain, 1] == 0.0
-        components = int(np.count_nonzero(held[1:-1] & ~held[:-2]))
+    """Errors of problem (3), and the components of its contact set on the bottom side."""
+    curve = BoundaryCurve(problem.space)
+    bottom = curve.values(problem.u)[curve.s < 1.0]
     row: Row = {"errors": error_norms(problem.u, problem.exact, ERROR_NORMS)}
+    row["components"] = len(runs(bottom == 0.0))
     if math.isfinite(problem.p):
         norm = f"W1_{critical_exponent(problem.p)!r}"
         row["critical"] = error_norms(problem.u, problem.exact, [norm])[norm]
-    return row | {"components": int(problem.comm.bcast(components))}
+    return row
 
 
 def _unknown(problem: UnknownProblem) -> Row:
@@ -160,7 +168,7 @@ def _unknown(problem: UnknownProblem) -> Row:
     point = max(detachment_points(problem), key=lambda p: p.position[1])
     found = stress_intensity(problem, point, problem.terms)
     row: Row = {
-        "second": parts.second_seminorms(first, SECOND),
+        "second": errors.second_seminorms(first, SECOND),
         "factors": {"half": found.half, "three_halves": found.three_halves},
         "uniqueness": None,
     }
@@ -168,9 +176,10 @@ def _unknown(problem: UnknownProblem) -> Row:
         start = first.copy()
         start.x.array[:] = 1.0 + np.abs(first.x.array)
         other = problem.solve("bncg", start=start, rtol=TIGHT_RTOL, warm_start=False)
-        apart = difference(first, other)
-        squares = energy_product(problem, apart, apart) / energy_product(problem, first, first)
-        row["uniqueness"] = math.sqrt(max(squares, 0.0))
+        apart, size = (
+            error_norms(v, None, ["H1"])["H1"] for v in (difference(first, other), first)
+        )
+        row["uniqueness"] = apart / size
     return row
 
 
@@ -183,18 +192,15 @@ def _cells(problem: SignoriniProblem) -> int:
 MEASURES: Mapping[str, Callable[[Any], Row]] = {
     "errors": lambda d: {
         "errors": error_norms(d.u_h, d.exact, ERROR_NORMS),
-        "signed": parts.signed_parts(d),
+        "signed": errors.signed_parts(d),
     },
-    "projection": lambda d: {"ritz": ritz.ritz_errors(d)},
-    "stability": lambda d: {"stability": ritz.ritz_stability(d)},
-    "supercloseness": lambda d: {
-        "supercloseness": ritz.supercloseness(d),
-        "supercloseness_parts": parts.near_and_far_supercloseness(d),
-    },
+    "projection": lambda d: {"ritz": error_norms(d.ritz, d.exact, RITZ_NORMS)},
+    "stability": _stability,
+    "supercloseness": _supercloseness,
     "one_sided": _one_sided,
     # On more nodes of the boundary it would take long.
     "infimum": lambda d: {"infimum": smallest_one_sided(d) if len(d.curve.s) < 500 else None},
-    "obstacle": lambda d: {"obstacle": asdict(ritz.check_obstacle_problem(d))},
+    "obstacle": lambda d: {"obstacle": asdict(errors.check_obstacle_problem(d))},
     "near": _near,
     "contact": _contact,
     "factors": _factors,

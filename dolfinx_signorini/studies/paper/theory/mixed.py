@@ -9,8 +9,6 @@ b = 2 - 2/p. Second derivatives like r^{b-2} are in L^q for q < p only. For b = 
 Without a cut-off function the singularity rules the error from coarse meshes on.
 """
 
-import math
-
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
@@ -18,28 +16,12 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
-from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
-from dolfinx_signorini.norms.references import Reference, interpolant
+from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies.paper.solution import DETACHMENT, h1_product, half_angle
-from dolfinx_signorini.studies.paper.theory.discretisation import (
-    NEAR_CELL_RULE,
-    integrated,
-    near_cells,
-)
-
-
-def power_exponents(p: float) -> tuple[float, ...]:
-    """Return the exponents of r in the solution for a regularity p; infinity for 3/2 alone."""
-    if math.isinf(p):
-        return (DETACHMENT_EXPONENT,)
-    b = 2.0 - 2.0 / p
-    return (b,) if p < 4.0 else (DETACHMENT_EXPONENT, b)
-
-
-def critical_exponent(p: float) -> float:
-    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1, p finite."""
-    return 4.0 * p / (p + (2.0 if p < 4.0 else 4.0))
+from dolfinx_signorini.studies.paper.theory.discretisation import NEAR_CELL_RULE, integrated
+from dolfinx_signorini.studies.paper.theory.examples import times_powers
 
 
 class PowerProblem(SignoriniProblem):
@@ -55,37 +37,24 @@ class PowerProblem(SignoriniProblem):
 
     def __init__(self, domain: mesh.Mesh, p: float):
         space, self.p = fem.functionspace(domain, ("Lagrange", 1)), p
-        self.exact, load = _powers(domain, power_exponents(p))
+        x = ufl.SpatialCoordinate(domain)
+        _, c, s = half_angle(x[0] - DETACHMENT[0], x[1] - DETACHMENT[1])
+        w = s * (s * s - 3.0 * c * c)  # -r^{3/2} sin(3/2 theta), which is harmonic
+        pure = ManufacturedSolution(
+            domain, w, (-1.5 * s, -1.5 * c), 0.0 * x[0], singular=(DETACHMENT,)
+        )
+        self.exact = times_powers(pure, p)
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-        cells = owned_cells(domain)
-        near = np.isin(cells, near_cells(domain, (DETACHMENT,)))
+        cells, load, point = owned_cells(domain), self.exact.load * v, (DETACHMENT,)
         bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
         others = np.setdiff1d(boundary_facets(domain), bottom)
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
             ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
-            integrated(load * v, "dx", cells, near, CELL_RULE, NEAR_CELL_RULE),
+            integrated(load, domain, "dx", cells, point, CELL_RULE, NEAR_CELL_RULE),
             contact=bottom,
             bcs=[fem.dirichletbc(interpolant(space, self.exact.u), dofs)],
         )
-
-
-def _powers(
-    domain: mesh.Mesh, exponents: tuple[float, ...]
-) -> tuple[Reference, ufl.core.expr.Expr]:
-    """The solution and its load; the exponents are no part of the generated code."""
-    x = ufl.SpatialCoordinate(domain) - ufl.as_vector(DETACHMENT)
-    distance, c, s = half_angle(x[0], x[1])
-    r = ufl.max_value(distance, 1e-30)
-    w = s * (3.0 * c * c - s * s)  # r^{3/2} sin(3/2 theta)
-    value, load, slopes = (ufl.as_ufl(0.0) for _ in range(3))
-    for b in exponents:
-        power = fem.Constant(domain, np.float64(b - DETACHMENT_EXPONENT))
-        value -= r**power
-        slopes -= power * r ** (power - 2.0)
-        load += power * (power + 3.0) * r ** (power - 2.0)  # b^2 - 9/4
-    grad = tuple(value * 1.5 * part + slopes * x[i] * w for i, part in enumerate((s, c)))
-    return Reference(domain, value * w, grad, singular=(DETACHMENT,)), load * w
 
 
 class UnknownProblem(SignoriniProblem):

@@ -22,13 +22,14 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
-from mpi4py import MPI
 from scipy.optimize import linprog, nnls
+from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
 from dolfinx_signorini.norms.fractional import SAMPLES
+from dolfinx_signorini.studies.paper.theory.boundary import ends_of
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
 
 
@@ -128,9 +129,8 @@ def one_sided_approximation(discretisation: Discretisation) -> OneSided:
     """
     curve, exact = discretisation.curve, edge_data(discretisation)
     data = exact.lowered()
-    y = solve_linear_program(discretisation.comm, data, np.ones(len(curve.s)))
-    held = (data.u == 0.0).any(axis=1)
-    y = np.where(held | np.roll(held, 1), 0.0, np.minimum(y, 0.0))
+    y = solve_linear_program(data, np.ones(len(curve.s)))
+    y = np.where(ends_of((data.u == 0.0).any(axis=1)), 0.0, np.minimum(y, 0.0))
     ritz = curve.values(discretisation.ritz)
     w_h = discretisation.harmonic(curve.function(ritz + y))
     apart = difference(discretisation.ritz, discretisation.u_h)
@@ -159,44 +159,36 @@ def edge_data(discretisation: Discretisation) -> EdgeData:
     return EdgeData(t, u, slope, curve.widths)
 
 
-def solve_linear_program(
-    comm: MPI.Comm, data: EdgeData, cost: Array, bounded: bool = True
-) -> Array:
+def solve_linear_program(data: EdgeData, cost: Array, bounded: bool = True) -> Array:
     """Minimise cost . y over all y with y >= -u along the edges.
 
     Args:
-        comm: The communicator; rank 0 solves.
-        data: u along the edges.
+        data: u along the edges, the same on all ranks, each of which solves.
         cost: One number per node.
         bounded: Whether y <= 0, too.
 
     Returns:
-        y at the nodes, the same on all ranks.
+        y at the nodes.
 
     Raises:
         NotConvergedError: HiGHS did not find the optimum.
     """
-    y, message = comm.bcast(None if comm.rank else _solve(data, cost, bounded))
-    if y is None:
-        raise NotConvergedError(f"linear program: {message}", np.inf, message)
-    return np.asarray(y)
-
-
-def _solve(data: EdgeData, cost: Array, bounded: bool) -> tuple[Array | None, str]:
     scale = float(data.u.max()) or 1.0
-    low = -data.u[:, 0] / scale
     # Edges on which u vanishes are held by their nodes alone.
     inner = np.zeros(data.u.shape, dtype=bool)
     inner[:, 1:-1] = (data.u > 0.0).any(axis=1, keepdims=True)
+    high = np.full(len(data.u), 0.0 if bounded else np.inf)
     result = linprog(
         cost / max(float(np.abs(cost).max()), TINY),
         A_ub=-data.matrix[inner.ravel()],
         b_ub=data.u[inner] / scale,
-        bounds=np.column_stack([low, np.full(len(low), 0.0 if bounded else np.inf)]),
+        bounds=np.column_stack([-data.u[:, 0] / scale, high]),
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )
-    return (result.x * scale if result.status == 0 else None), str(result.message)
+    if result.status != 0:
+        raise NotConvergedError(f"linear program: {result.message}", np.inf, str(result.message))
+    return np.asarray(result.x * scale)
 
 
 def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
@@ -214,8 +206,7 @@ def node_cases(data: EdgeData, y: Array) -> npt.NDArray[np.int64]:
     highest = y >= -tolerance
     behind = inner | (highest & (data.u[:, -1] == 0.0))
     before = np.roll(inner | (np.roll(highest, -1) & (data.u[:, 0] == 0.0)), 1)
-    cases = np.where(before, 2, np.where(behind, 3, 0))
-    return np.where(excess[:, 0] <= tolerance, 1, cases)
+    return np.select([excess[:, 0] <= tolerance, before, behind], [1, 2, 3], 0)
 
 
 def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
@@ -226,17 +217,30 @@ def count_cases(data: EdgeData, y: Array) -> tuple[int, int, int, int]:
 
 def smallest_one_sided(discretisation: Discretisation) -> float:
     """Return the infimum of the right-hand side of (9)."""
-    d, curve, data = discretisation, discretisation.curve, edge_data(discretisation).lowered()
-    ritz = curve.values(d.ritz)
-    touching = (data.u == 0.0).any(axis=1)
-    free = np.flatnonzero(~(touching | np.roll(touching, 1)))
-    units = np.eye(len(ritz))[free]
-    gram = _gram(d, [d.harmonic(curve.function(values)) for values in (ritz, *units)])
-    square = float(gram[0, 0])
-    if len(free):
-        y = nearest(gram[1:, 1:], gram[1:, 0], *_constraints(data, free))
-        square += float(y @ gram[1:, 1:] @ y + 2.0 * gram[1:, 0] @ y)
-    return float(np.sqrt(max(square, 0.0)))
+    data, curve = edge_data(discretisation).lowered(), discretisation.curve
+    energy, w = boundary_energy(discretisation), curve.values(discretisation.ritz)
+    free = ~ends_of((data.u == 0.0).any(axis=1))
+    if free.any():
+        # y >= -u at the samples of the edges that have a free node, and y <= 0.
+        some = np.repeat(free | np.roll(free, -1), len(data.t))
+        samples = data.matrix[some][:, free].toarray()
+        rows = np.vstack([-np.eye(samples.shape[1]), samples])
+        lower = np.concatenate([np.zeros(samples.shape[1]), -data.u.ravel()[some]])
+        w[free] += nearest(energy[free][:, free], (energy @ w)[free], rows, lower)
+    return float(np.sqrt(max(float(w @ energy @ w), 0.0)))
+
+
+def boundary_energy(discretisation: Discretisation) -> Array:
+    """Return the H^1 products of the discretely harmonic functions of all nodes of the curve."""
+    d, boundary = discretisation, discretisation.curve.dofs
+    pointers, columns, values = d.A.getValuesCSR()
+    shape = len(pointers) - 1, d.A.getSize()[1]
+    local = sp.csr_matrix((values, columns, pointers), shape=shape)
+    A = sp.vstack(d.comm.allgather(local)).tocsc()
+    inner = np.setdiff1d(np.arange(shape[1]), boundary)
+    between = A[inner][:, boundary].toarray()
+    extended = splu(A[inner][:, inner]).solve(between)
+    return np.asarray(A[boundary][:, boundary].toarray() - between.T @ extended)
 
 
 def nearest(matrix: Array, vector: Array, rows: Array, lower: Array) -> Array:
@@ -260,23 +264,3 @@ def nearest(matrix: Array, vector: Array, rows: Array, lower: Array) -> Array:
     residual = target - system @ weights
     x = -scale * residual[:-1] / residual[-1]
     return np.asarray(np.linalg.solve(L.T, x - centre))
-
-
-def _gram(d: Discretisation, functions: list) -> Array:  # type: ignore[type-arg]
-    """The H^1 products of functions."""
-    vectors = [d.system.vector_of(function) for function in functions]
-    image, result = vectors[0].duplicate(), np.zeros((len(vectors), len(vectors)))
-    for i, vector in enumerate(vectors):
-        d.A.mult(vector, image)
-        result[i] = image.mDot(vectors)
-    for item in (*vectors, image):
-        item.destroy()
-    return 0.5 * (result + result.T)
-
-
-def _constraints(data: EdgeData, free: npt.NDArray[np.int64]) -> tuple[Array, Array]:
-    """The rows of y >= -u at the samples of the edges that have a free node, and of y <= 0."""
-    samples = data.matrix[:, free]
-    held = np.repeat(np.isin(np.arange(len(data.u)), np.concatenate([free, free - 1])), len(data.t))
-    rows = np.vstack([-np.eye(len(free)), samples[held].toarray()])
-    return rows, np.concatenate([np.zeros(len(free)), -data.u.ravel()[held]])

@@ -54,14 +54,30 @@ class ProvenOrder:
         return f"{self.value:.4g}" + (" - eps" if self.open else "")
 
 
+def power_exponents(p: float) -> tuple[float, ...]:
+    """Return the b of a solution like the sum of r^b at one point, with the regularity p.
+
+    With b = 2 - 2/p second derivatives like r^{b-2} are in L^q for q < p only. Above 4 the solution
+    has a part like r^{3/2} as well, and nothing else for infinity.
+    """
+    if math.isinf(p):
+        return (DETACHMENT_EXPONENT,)
+    b = 2.0 - 2.0 / p
+    return (b,) if p < 4.0 else (DETACHMENT_EXPONENT, b)
+
+
+def critical_exponent(p: float) -> float:
+    """Return the q of W^{1,q} up to which Corollaries 4.1 and 4.2 prove the order 1."""
+    return 2.0 / (0.5 + (2.0 if p > 4.0 else 1.0) / p)
+
+
 def allowed_order(p: float, norm: str) -> float:
     """Return the order that a solution allows whose regularity ends at one point only.
 
     This order explains where measured orders are better than the proven ones, which hold for
-    every function of the same regularity. The solution is like r^{2-2/p} at the point, or like
-    r^{3/2}.
+    every function of the same regularity.
     """
-    return approximation_order(norm, exponent=min(DETACHMENT_EXPONENT, 2.0 - 2.0 / p))
+    return approximation_order(norm, exponent=min(power_exponents(p)))
 
 
 def smooth_order(norm: str) -> float:
@@ -127,7 +143,7 @@ def _corollary(p: float, above: bool, norm: Norm) -> ProvenOrder:
     if norm.derivatives == 1.0:
         # Order 1 up to an exponent, here excluded for p = 4 as the limit of p < 4; above that
         # exponent supercloseness less the inverse estimate from H^1.
-        critical = 2.0 / (0.5 + (2.0 if p > 4.0 else 1.0) / p)
+        critical = critical_exponent(p)
         if norm.p < critical or (norm.p == critical and p != 4.0):
             return ProvenOrder(1.0, p > 4.0, source)
         return ProvenOrder(base.value - 1.0 + 2.0 / norm.p, above, source)

@@ -27,64 +27,64 @@ class Document:
         rows: The rows of the experiments of the statements.
 
     Attributes:
-        verdicts: The verdicts on the checks of each statement, by its key.
+        pairs: The checks of each statement with their verdicts, by its key.
     """
 
     def __init__(self, statements: Sequence[Statement], rows: Rows):
-        self.statements, self.rows = statements, rows
-        self.verdicts = {
-            statement.key: [check.verdict(rows) for check in statement.checks]
-            for statement in statements
+        self.statements = statements
+        self.pairs = {
+            s.key: [(check, check.verdict(rows)) for check in s.checks] for s in statements
         }
+
+    @property
+    def count(self) -> int:
+        """The number of checks."""
+        return sum(map(len, self.pairs.values()))
 
     @property
     def failing(self) -> list[str]:
         """The names of the checks that do not hold."""
         return [
-            f"{statement.key}: {check.name}"
-            for statement in self.statements
-            for check, verdict in zip(statement.checks, self.verdicts[statement.key], strict=True)
+            f"{key}: {check.name}"
+            for key, pairs in self.pairs.items()
+            for check, verdict in pairs
             if not verdict.holds
         ]
 
     def section(self, statement: Statement) -> str:
         """Return what the document says about one of the statements."""
-        pairs = list(zip(statement.checks, self.verdicts[statement.key], strict=True))
+        command = shlex.join(("dolfinx-signorini", "theory", "--statement", statement.key))
         parts = [
             f"### {statement.name}",
             _wrapped(statement.claim, "> "),
-            _wrapped(f"{statement.comment} `{_command(statement)}`"),
+            _wrapped(f"{statement.comment} `{command}`"),
         ]
-        listed = [pair for pair in pairs if not pair[0].column]
+        listed, crossed = (
+            [pair for pair in self.pairs[statement.key] if bool(pair[0].column) == crosses]
+            for crosses in (False, True)
+        )
         if listed:
             parts.append(_list(listed))
-        crossed = [pair for pair in pairs if pair[0].column]
         if crossed:
             parts += ["Orders, measured and proven:", _cross(crossed)]
         return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
     def summary(self) -> str:
         """Return a line for each statement, the checks that fail, and how many checks hold."""
-        lines = []
+        lines, failing = [], self.failing
         for statement in self.statements:
-            verdicts = self.verdicts[statement.key]
-            holding = sum(verdict.holds for verdict in verdicts)
+            verdicts = [verdict.holds for _, verdict in self.pairs[statement.key]]
             if verdicts:
-                lines.append(f"{statement.name:<34}{holding} of {len(verdicts)} checks hold")
-        lines += [f"does not hold: {check}" for check in self.failing]
-        count = sum(map(len, self.verdicts.values()))
-        return "\n".join([*lines, f"{count - len(self.failing)} of {count} checks hold"])
+                told = f"{sum(verdicts)} of {len(verdicts)} checks hold"
+                lines.append(f"{statement.name:<34}{told}")
+        lines += [f"does not hold: {check}" for check in failing]
+        return "\n".join([*lines, f"{self.count - len(failing)} of {self.count} checks hold"])
 
     def text(self, command: str) -> str:
         """Return the whole document, which says that a command has written it."""
-        verdicts = [verdict for found in self.verdicts.values() for verdict in found]
-        failing = self.failing
-        words = {
-            "command": command,
-            "count": len(verdicts),
-            "holding": len(verdicts) - len(failing),
-        }
-        parts, shown = [INTRODUCTION.format(**words)], {""}
+        failing, shown = self.failing, {""}
+        holding = self.count - len(failing)
+        parts = [INTRODUCTION.format(command=command, count=self.count, holding=holding)]
         if failing:
             parts.append(_wrapped(f"These do not hold: {'; '.join(failing)}.") + "\n")
         for beyond, title in ((False, "The paper"), (True, "Beyond the paper")):
@@ -108,14 +108,12 @@ def _list(pairs: Sequence[tuple[Check, Verdict]]) -> str:
 
 def _cross(pairs: Sequence[tuple[Check, Verdict]]) -> str:
     """One entry for each check."""
-    rows = list(dict.fromkeys(check.what for check, _ in pairs))
     columns = list(dict.fromkeys(check.column for check, _ in pairs))
-    cells = {
-        (c.what, c.column): f"{v.measured.removeprefix('order ')} / {c.proven}"
-        + ("" if v.holds else " NO")
-        for c, v in pairs
-    }
-    lines = [[row, *(cells.get((row, column), "") for column in columns)] for row in rows]
+    rows: dict[str, dict[str, str]] = {}
+    for check, verdict in pairs:
+        told = f"{verdict.measured.removeprefix('order ')} / {check.proven}"
+        rows.setdefault(check.what, {})[check.column] = told + ("" if verdict.holds else " NO")
+    lines = [[what, *(row.get(column, "") for column in columns)] for what, row in rows.items()]
     return markdown_table(("", *columns), lines)
 
 
@@ -136,17 +134,7 @@ def _equations() -> str:
     return f"## Numbered formulas\n\n{_wrapped(words)}\n"
 
 
-def _command(statement: Statement) -> str:
-    """The command for one statement, as a shell takes it."""
-    return shlex.join(("dolfinx-signorini", "theory", "--statement", statement.key))
-
-
 def _wrapped(text: str, prefix: str = "") -> str:
-    return textwrap.fill(
-        text,
-        100,
-        initial_indent=prefix,
-        subsequent_indent=prefix,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    wrapper = textwrap.TextWrapper(100, initial_indent=prefix, subsequent_indent=prefix)
+    wrapper.break_long_words = wrapper.break_on_hyphens = False
+    return wrapper.fill(text)

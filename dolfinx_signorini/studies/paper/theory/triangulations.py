@@ -9,9 +9,10 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
@@ -45,27 +46,28 @@ def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
     x = domain.geometry.x
     # Rays to the sides of the square; the maximum norm makes the square one half-ball.
     offset = np.asarray(x[:, :2] - np.array(DETACHMENT), dtype=np.float64)
-    size = np.maximum(2.0 * np.abs(offset[:, 0]), offset[:, 1])
-    factor = np.where(
-        size > 0.0, np.maximum(size, 1e-300) ** (1.0 / grading_exponent(1) - 1.0), 0.0
-    )
-    x[:, :2] = np.array(DETACHMENT) + factor[:, None] * offset
+    size = np.maximum(2.0 * np.abs(offset[:, :1]), offset[:, 1:])
+    x[:, :2] = np.array(DETACHMENT) + size ** (1.0 / grading_exponent(1) - 1.0) * offset
     return domain
 
 
 def shape(domain: mesh.Mesh) -> float:
     """Return the largest diameter of a cell over the smallest one of an inscribed circle."""
-    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]][:, :, :2]
+    x = _corners(domain)
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2)
-    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
-    circles = 2.0 * np.abs(a * d - b * c) / sides.sum(axis=1)
+    circles = 4.0 * simplex_sizes(x) / sides.sum(axis=1)
     return highest(domain.comm, sides) * highest(domain.comm, 1.0 / circles)
 
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest angle of a cell in degrees."""
-    x = np.asarray(domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]][:, :, :2])
+    x = _corners(domain)
     before, behind = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     products = (before * behind).sum(axis=2)
     cosines = products / np.linalg.norm(before, axis=2) / np.linalg.norm(behind, axis=2)
     return highest(domain.comm, np.degrees(np.arccos(cosines)))
+
+
+def _corners(domain: mesh.Mesh) -> Array:
+    """The corners of the cells of this rank, shape (cells, 3, 2)."""
+    return np.asarray(domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)], :2])

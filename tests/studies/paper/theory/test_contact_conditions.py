@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.studies.paper.theory.contact_sets import (
+from dolfinx_signorini.studies.paper.theory.boundary import (
     ContactSet,
     condition_a_h,
     contact_set_of_nodes,
-    discrete_contact_set,
 )
 
 CORNERS = (0.0, 1.0, 2.0, 3.0)
@@ -58,13 +57,13 @@ def test_all_or_nothing_in_contact():
 @pytest.mark.parametrize("n", [25, 31, 75])
 def test_detachment_point_of_the_paper(discretisation, n):
     # In the middle of an edge; found to a twentieth of it.
-    found = discrete_contact_set(discretisation("paper", n))
+    found = discretisation("paper", n).contact_set
     assert min(abs(s - 0.5) for s in found.detachments) < 0.05 / n
     assert min(abs(s - 0.5) for s in found.boundary) == pytest.approx(0.5 / n)
 
 
 def test_nothing_in_contact(discretisation):
-    assert discrete_contact_set(discretisation("smooth", 25)).intervals == ()
+    assert discretisation("smooth", 25).contact_set.intervals == ()
 
 
 def levels(*ends):
@@ -107,10 +106,10 @@ def test_violations_of_condition_a_h(sets, message):
 
 
 def test_condition_a_h_of_the_paper(discretisation):
-    fine = [discrete_contact_set(discretisation("paper", n)) for n in (31, 51, 75)]
+    fine = [discretisation("paper", n).contact_set for n in (31, 51, 75)]
     assert condition_a_h(fine, CORNERS).holds
     # On a coarse mesh u_h lifts off at the corner (1, 0).
-    coarse = discrete_contact_set(discretisation("paper", 15))
+    coarse = discretisation("paper", 15).contact_set
     assert not condition_a_h([coarse, *fine], CORNERS).holds
 
 

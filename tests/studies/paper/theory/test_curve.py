@@ -10,7 +10,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
+from dolfinx_signorini.studies.paper.theory.boundary import BoundaryCurve
 
 N = 7
 

@@ -7,16 +7,16 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.studies.paper.theory.boundary import edges_that_meet
 from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import (
     discrete_contact_cells,
     dual_chains,
-    exact_contact_cells,
     transfer,
 )
+from dolfinx_signorini.studies.paper.theory.errors import signed_parts
 from dolfinx_signorini.studies.paper.theory.examples import paper_example, rough_example
 from dolfinx_signorini.studies.paper.theory.families import discretise
-from dolfinx_signorini.studies.paper.theory.parts import signed_parts
 
 COMM = MPI.COMM_WORLD
 ROUNDING = 1e-9
@@ -102,7 +102,7 @@ def test_another_scene():
 
 def test_contact_cells(discretisation):
     d = discretisation("paper", 15)
-    exact = exact_contact_cells(d.curve, d.example.contact)
+    exact = edges_that_meet(d.curve, d.example.contact)
     # From the edge that holds the detachment point to the one that holds (0.05, 0).
     assert not exact[1:7].any()
     assert exact[7:].all()
@@ -116,9 +116,9 @@ def test_contact_cells(discretisation):
 
 def test_contact_cells_meet_the_open_intervals_only():
     curve = Discretisation(paper_example(), friedrichs_keller(COMM, 10)).curve
-    touching = exact_contact_cells(curve, ((0.5, 0.7),))
+    touching = edges_that_meet(curve, ((0.5, 0.7),))
     assert np.flatnonzero(touching).tolist() == [5, 6]
-    around = exact_contact_cells(curve, ((3.85, 4.05),))
+    around = edges_that_meet(curve, ((3.85, 4.05),))
     assert np.flatnonzero(around).tolist() == [0, 38, 39]
 
 

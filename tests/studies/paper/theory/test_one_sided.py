@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.studies.paper.theory.discretisation import difference
+from dolfinx_signorini.studies.paper.theory.errors import supercloseness
 from dolfinx_signorini.studies.paper.theory.one_sided import (
     EdgeData,
     count_cases,
@@ -19,9 +19,6 @@ from dolfinx_signorini.studies.paper.theory.one_sided import (
     solve_linear_program,
 )
 from dolfinx_signorini.studies.paper.theory.proven import supercloseness_order
-from dolfinx_signorini.studies.paper.theory.ritz import supercloseness
-
-COMM = MPI.COMM_WORLD
 
 
 def along(nodal, t):
@@ -71,7 +68,7 @@ def test_admissible_along_every_edge(discretisation, name, n):
 
 def test_without_the_lowering_w_h_would_not_be_admissible(discretisation):
     d = discretisation("paper", 25)
-    y = solve_linear_program(COMM, edge_data(d), np.ones(len(d.curve.s)))
+    y = solve_linear_program(edge_data(d), np.ones(len(d.curve.s)))
     t = np.linspace(0.0, 1.0, 641, dtype=np.float64)
     assert float((-along(y, t) - d.curve.samples([d.exact.u], t)[:, :, 0]).max()) > 1e-7
 
@@ -110,7 +107,7 @@ def test_every_node_is_of_a_case(discretisation):
 
 def test_a_solution_that_could_be_lower_has_nodes_of_no_case():
     data = wave()
-    y = solve_linear_program(COMM, data, np.ones(4))
+    y = solve_linear_program(data, np.ones(4))
     assert count_cases(data, y)[3] == 0
     lifted = np.where(data.u[:, 0] > 0.5, 0.5 * y, y)
     assert count_cases(data, lifted)[3] > 0
@@ -128,7 +125,7 @@ def test_the_harmonic_extension_is_the_smallest(discretisation):
 
 def test_no_node_of_a_minimiser_can_be_lowered():
     data = wave()
-    y = solve_linear_program(COMM, data, np.ones(4))
+    y = solve_linear_program(data, np.ones(4))
     assert (y <= 1e-12).all()
     assert (along(y, data.t) + data.u).min() >= -1e-9
     for i in range(4):
@@ -140,7 +137,7 @@ def test_no_node_of_a_minimiser_can_be_lowered():
 def test_a_program_without_a_solution():
     # Without the upper bound and with the negative cost the program has no solution.
     with pytest.raises(NotConvergedError, match="linear program"):
-        solve_linear_program(COMM, wave(), -np.ones(4), bounded=False)
+        solve_linear_program(wave(), -np.ones(4), bounded=False)
 
 
 def test_lowered_data_lie_below_u():

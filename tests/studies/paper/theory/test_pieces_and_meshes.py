@@ -16,10 +16,11 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import approximation_order, eoc
 from dolfinx_signorini.studies.paper.theory import triangulations
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
+from dolfinx_signorini.studies.paper.theory.errors import second_seminorms
 from dolfinx_signorini.studies.paper.theory.examples import levels_of_bumps
 from dolfinx_signorini.studies.paper.theory.families import solved
-from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, power_exponents
-from dolfinx_signorini.studies.paper.theory.parts import second_seminorms
+from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem
+from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 COMM = MPI.COMM_WORLD
 

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -17,20 +15,18 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
-from dolfinx_signorini.studies.paper.theory import parts
+from dolfinx_signorini.studies.paper.theory import errors
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     THEORY_RTOL,
     Discretisation,
+    assembled,
     difference,
     near_cells,
 )
+from dolfinx_signorini.studies.paper.theory.errors import check_obstacle_problem, supercloseness
 from dolfinx_signorini.studies.paper.theory.examples import Example, paper_example
+from dolfinx_signorini.studies.paper.theory.measures import RITZ_NORMS
 from dolfinx_signorini.studies.paper.theory.proven import supercloseness_order
-from dolfinx_signorini.studies.paper.theory.ritz import (
-    check_obstacle_problem,
-    ritz_errors,
-    supercloseness,
-)
 from dolfinx_signorini.studies.paper.theory.statements import CHECKS
 
 
@@ -62,7 +58,8 @@ def test_best_approximation(discretisation):
 
 @pytest.mark.parametrize(("scene", "p"), [("paper", 2), ("paper", 3), ("smooth", 4)])
 def test_lemma_3_2(discretisation, scene, p):
-    coarse, fine = (ritz_errors(discretisation(scene, n)) for n in (25, 75))
+    both = (discretisation(scene, n) for n in (25, 75))
+    coarse, fine = (error_norms(d.ritz, d.exact, RITZ_NORMS) for d in both)
     gradient = "H1" if p == 2 else f"W1_{p}"
     for norm, proven in ((f"L{p}", 2.0), (gradient, 1.0), (f"L{p}_boundary", 2.0 - 1.0 / p)):
         assert order(coarse[norm], fine[norm], 3.0) >= proven - 0.05
@@ -134,10 +131,7 @@ def test_theorem_3_6(discretisation, name):
 def green_defect(d):
     """How far the load of a discretisation is from the paper's: the H^1 norm of its solution."""
     form = d.exact.load * ufl.TestFunction(d.space) * ufl.dx(metadata=PAPER_RULE.metadata)
-    load = fem_petsc.assemble_vector(fem.form(form))
-    load.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    load.axpy(-1.0, d.b)
-    return d.norm(d.riesz(load))
+    return d.norm(d.riesz(difference(assembled(form), d.load)))
 
 
 def test_the_load_is_the_papers(discretisation):
@@ -153,17 +147,19 @@ def test_near_and_far_make_up_the_error(discretisation):
     d = discretisation("paper", 75)
     for norm in ("L16", "W1_16"):
         whole = error_norms(d.u_h, d.exact, [norm], PAPER_RULE)[norm]
-        found = parts.near_and_far(d, [norm])
+        found = errors.near_and_far(d, [norm])
         assert (found["near"][norm] / whole) ** 16 + (found["far"][norm] / whole) ** 16 == (
             pytest.approx(1.0, abs=1e-11)
         )
-    near = parts.near_and_far_supercloseness(d)
-    assert math.hypot(near["near"], near["far"]) == pytest.approx(supercloseness(d), rel=1e-4)
+    near = errors.near_and_far(d, ["H1"], difference(d.ritz, d.u_h))
+    assert math.hypot(near["near"]["H1"], near["far"]["H1"]) == pytest.approx(
+        supercloseness(d), rel=1e-4
+    )
 
 
 def test_signs_make_up_the_error(discretisation):
     d = discretisation("paper", 25)
-    signed = parts.signed_parts(d)
+    signed = errors.signed_parts(d)
     whole = error_norms(d.u_h, d.exact, ["L4"], PAPER_RULE)["L4"]
     assert signed["plus"] ** 4 + signed["minus"] ** 4 == pytest.approx(whole**4, rel=1e-12)
 

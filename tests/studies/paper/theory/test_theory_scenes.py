@@ -12,8 +12,7 @@ from dolfinx_signorini.base import compat
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import eoc
-from dolfinx_signorini.studies.paper.theory.curve import BoundaryCurve
-from dolfinx_signorini.studies.paper.theory.dual import exact_contact_cells
+from dolfinx_signorini.studies.paper.theory.boundary import BoundaryCurve, edges_that_meet
 from dolfinx_signorini.studies.paper.theory.examples import (
     COMPOSED,
     PLACES,
@@ -77,7 +76,7 @@ def test_signorini_conditions(name):
     assert flux.min() >= -1e-12
     assert np.abs(u * flux).max() < 1e-12
     # What the scene says about its contact set: nothing is in contact elsewhere.
-    contact = exact_contact_cells(curve, scene.contact)
+    contact = edges_that_meet(curve, scene.contact)
     assert (u[~contact] > 0.0).all()
     inside = contact & np.roll(contact, 1) & np.roll(contact, -1)
     assert np.abs(u[inside]).max(initial=0.0) < 1e-12
