@@ -213,8 +213,7 @@ def terms(scene: Scene) -> list[str]:
 
 def unknowns(scene: Scene) -> int:
     """Return about how many unknowns a scene has: exactly where the mesh is no polygon's."""
-    components = 1 if scene.elasticity is None else scene.domain.dimension
-    return int(components * scene.degree**scene.domain.dimension * scene.domain.vertices)
+    return int(scene.components * scene.degree**scene.domain.dimension * scene.domain.vertices)
 
 
 def cost(scene: Scene) -> tuple[float, float]:

@@ -87,7 +87,7 @@ def read_domain(
     Raises:
         InputError: The table describes no domain, or the mesh would be too large.
     """
-    kind = DOMAINS[table.choice("shape", tuple(DOMAINS))]
+    kind = DOMAINS[table.text("shape", choices=DOMAINS)]
     if not sized and kind.width_key and table.has(kind.width_key):
         raise table.error(kind.width_key, "follows from 'accuracy'; give one of the two")
     sized = sized and not (adapted and kind.width_key and kind.width_key not in table.data)

@@ -4,29 +4,17 @@ from dataclasses import replace
 
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann, Setting
-from dolfinx_signorini.scenes.files.scene import Scene
+from dolfinx_signorini.scenes.files.condition import Setting
+from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann
 from dolfinx_signorini.scenes.posing import PosedScene, diffusion, facets_by_kind
 from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 MADE = "the bound is that of the problem with the obstacle that was made at the nodes"
-
-
-def refuse_unbounded(scene: Scene) -> None:
-    """Refuse a scene whose energy error has no proven bound.
-
-    Raises:
-        InputError: The obstacles are in the domain.
-    """
-    if scene.contact is None:
-        message = "proven bounds of scenes are for obstacles on the boundary, not for [obstacle]"
-        raise InputError(message, "--bound")
 
 
 def bound_of_scene(posed: PosedScene) -> EnergyBound:
@@ -40,9 +28,9 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
 
     Raises:
         InputError: The problem has not been solved, its data make no sense, or there is no such
-            bound, see `refuse_unbounded`.
+            bound, see `Scene.refuse`.
     """
-    refuse_unbounded(posed.scene)
+    posed.scene.refuse(["bound"], option=True)
     contact, problem = posed.scene.contact, posed.problem
     assert contact is not None and isinstance(problem, SignoriniProblem)
     known, terms = KnownData(posed), energy_terms(posed)
