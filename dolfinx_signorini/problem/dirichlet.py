@@ -33,7 +33,9 @@ _known: WeakKeyDictionary[fem.DirichletBC, DirichletData] = WeakKeyDictionary()
 def dirichlet(
     space: fem.FunctionSpace, facets: LocalIndices, value: Data, component: int | None = None
 ) -> fem.DirichletBC:
-    """Return the Dirichlet condition u = value on facets, which remembers the data; collective.
+    """Return the Dirichlet condition u = value on facets; collective.
+
+    A condition of a scalar u remembers the data, see `data_of_condition`.
 
     Args:
         space: A Lagrange space.

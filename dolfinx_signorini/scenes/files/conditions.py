@@ -31,7 +31,9 @@ from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
-from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
+from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable, one_of
+
+BOUNDS = one_of(("lower", "upper"))
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Contact(BoundaryCondition):
             found = cls(sides, table.formula("gap", zero), "upper", direction)
         else:
             obstacle = table.formula("obstacle", None if manufactured else zero)
-            found = cls(sides, obstacle, table.text("bound", "lower", ("lower", "upper")))
+            found = cls(sides, obstacle, table.text("bound", "lower", BOUNDS))
         table.finish()
         return found
 

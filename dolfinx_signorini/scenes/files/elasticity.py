@@ -17,9 +17,9 @@ from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.elasticity import stress, von_mises
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.condition import Setting
-from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable
+from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
 
-PLANES = ("strain", "stress")
+PLANES = one_of(("strain", "stress"))
 RATIO: Rule = "must lie between -1 and 1/2", lambda number: (number > -1.0) & (number < 0.5)
 
 

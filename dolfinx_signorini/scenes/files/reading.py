@@ -22,7 +22,7 @@ from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
 from dolfinx_signorini.scenes.files.elasticity import Elasticity
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, REFUSED, Scene, Tensor
 from dolfinx_signorini.scenes.files.toml_file import MAX_BYTES, TomlFile
-from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable
+from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
 
 NOT_NEGATIVE: Rule = "must not be negative", lambda number: number >= 0.0
 SHARE: Rule = "must lie between 0 and 1", lambda number: 0.0 < number < 1.0
@@ -91,11 +91,13 @@ def parse_scene(
     for key in top.data if top.has(Elasticity.key) else ():
         if key in REFUSED:
             raise top.error(key, REFUSED[key])
-    accuracy, norm = _accuracy(top)
+    accuracy = top.real("accuracy", POSITIVE, None)
+    top.check_needed("norm", "accuracy", "there is no 'accuracy' to measure in it")
     domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None, adapted)
     file.dimension = domain.dimension
     _read_definitions(top.table("define"))
     equation, solution = top.table("equation"), top.table("solution")
+    solution.check_needed("norms", "u", "there is no solution 'u' to measure an error against")
     obstacle, domain = DomainObstacle.read(top, domain, comm)
     manufactured = _manufactured(solution, equation, obstacle)
     scene = Scene(
@@ -108,13 +110,13 @@ def parse_scene(
         load=equation.formula("load", None),
         solution=solution.formula("u", None),
         manufactured=manufactured,
-        norms=_norms(solution),
+        norms=solution.texts("norms", Scene.norms, parse_norm),
         degree=top.integer("degree", 1, HIGHEST_DEGREE, Scene.degree),
         rtol=top.real("rtol", SHARE, Scene.rtol),
         accuracy=accuracy,
-        norm=norm,
+        norm=top.text("norm", Scene.norm, parse_norm),
         title=top.text("title", path.stem),
-        outputs=top.texts("outputs", Scene.outputs, OUTPUTS),
+        outputs=top.texts("outputs", Scene.outputs, one_of(OUTPUTS)),
         text=text,
         overrides=tuple(overrides),
     )
@@ -200,23 +202,3 @@ def _manufactured(
         message = "not with [obstacle]: from u alone, the load under an obstacle is not known"
         raise solution.error("manufactured", message)
     return manufactured
-
-
-def _accuracy(top: TomlTable) -> tuple[float | None, str]:
-    """Return the error asked for, and the norm of the error."""
-    norm = top.text("norm", Scene.norm)
-    with top.naming("norm"):
-        parse_norm(norm)
-    if top.has("norm") and not top.has("accuracy"):
-        raise top.error("norm", "there is no 'accuracy' to measure in it")
-    return top.real("accuracy", POSITIVE, None), norm
-
-
-def _norms(table: TomlTable) -> tuple[str, ...]:
-    if table.has("norms") and not table.has("u"):
-        raise table.error("norms", "there is no solution 'u' to measure an error against")
-    names = table.texts("norms", Scene.norms)
-    with table.naming("norms"):
-        for name in names:
-            parse_norm(name)
-    return names

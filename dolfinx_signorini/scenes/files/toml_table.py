@@ -3,7 +3,7 @@
 import difflib
 import math
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -17,6 +17,7 @@ from dolfinx_signorini.data.parsing import parse, suggestion
 from dolfinx_signorini.scenes.files.toml_file import Key, TomlFile
 
 Rule = tuple[str, Callable[[Any], Any]]  # what numbers must be, in words, and whether they are
+Check = Callable[[str], Any]  # raises an InputError for a text that is not allowed
 
 NEEDED: Any = object()  # in place of a default: a table must have the key
 ANY: Rule = "", lambda number: True
@@ -85,21 +86,21 @@ class TomlTable:
             raise self.error(key, f"must be {wanted}")
         return value
 
-    def text(self, key: str, default: Any = NEEDED, choices: Collection[str] = ()) -> str:
-        """Return a text, one of the choices if there are any; for defaults see `value`."""
+    def text(self, key: str, default: Any = NEEDED, check: Check = str) -> str:
+        """Return a text that passes a check; for defaults see `value`."""
         text = str(self.value(key, str, "a text in quotes", default))
-        self._check_choice(key, text, choices)
+        with self.naming(key):
+            check(text)
         return text
 
-    def texts(
-        self, key: str, default: Sequence[str], choices: Collection[str] = ()
-    ) -> tuple[str, ...]:
-        """Return a list of texts, see `text`, without repetitions."""
+    def texts(self, key: str, default: Sequence[str], check: Check = str) -> tuple[str, ...]:
+        """Return a list of texts that pass a check, without repetitions."""
         values = self.items(key, default)
         if not all(isinstance(value, str) for value in values):
             raise self.error(key, "must be a list of texts in quotes")
-        for value in values:
-            self._check_choice(key, value, choices)
+        with self.naming(key):
+            for text in values:
+                check(text)
         return tuple(dict.fromkeys(values))
 
     def integer(self, key: str, low: int, high: int, default: Any = NEEDED) -> int:
@@ -215,15 +216,27 @@ class TomlTable:
             raise self.error(key, f"must be a list of {size} formulas, not of {len(values)}")
         return tuple(self.parsed(key, value) for value in values)
 
+    def check_needed(self, key: str, other: str, message: str) -> None:
+        """Refuse a key that makes no sense without another one."""
+        if self.has(key) and not self.has(other):
+            raise self.error(key, message)
+
     def finish(self) -> None:
         """Refuse a key that nobody has asked for."""
         for key in self.data:
             if key not in self.asked:
                 raise self.error(key, f"unknown key{suggestion(key, sorted(self.asked))}")
 
-    def _check_choice(self, key: str, text: str, choices: Collection[str]) -> None:
-        if choices and text not in choices:
-            raise self.error(key, f"unknown {text!r}{suggestion(text, list(choices))}")
+
+def one_of(choices: Iterable[str]) -> Check:
+    """Return the check that a text is one of some."""
+    known = tuple(choices)
+
+    def check(text: str) -> None:
+        if text not in known:
+            raise InputError(f"unknown {text!r}{suggestion(text, known)}")
+
+    return check
 
 
 def _coordinates(dimension: int) -> ufl.SpatialCoordinate:
