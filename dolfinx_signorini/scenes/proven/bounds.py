@@ -2,11 +2,8 @@
 
 from dataclasses import replace
 
-from ufl.core.expr import Expr
-
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.files.condition import Setting
 from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann
@@ -50,17 +47,13 @@ def energy_terms(posed: PosedScene) -> EnergyTerms:
     conditions = [(condition, sided.facets(condition.sides)) for condition in scene.conditions]
     given = [(condition.load(setting), facets) for condition, facets in conditions]
     coefficients = [(condition.coefficient(setting), facets) for condition, facets in conditions]
-
-    def expression(formula: Formula | None) -> Expr | None:
-        return None if formula is None else formula.ufl(setting.x)
-
     terms = EnergyTerms(
         diffusion=diffusion(scene, lambda entry: entry.ufl(setting.x)),
-        reaction=expression(scene.reaction),
-        load=expression(scene.load),
+        reaction=setting.data(scene.reaction),
+        load=setting.data(scene.load),
         neumann=[(load, facets) for load, facets in given if load is not None],
         robin=[(k, facets) for k, facets in coefficients if k is not None],
-        dirichlet=[(expression(c.value), on) for c, on in conditions if isinstance(c, Dirichlet)],
+        dirichlet=[(setting.data(c.value), on) for c, on in conditions if isinstance(c, Dirichlet)],
     )
     if not scene.manufactured or exact is None:
         return terms
