@@ -8,8 +8,7 @@ from dolfinx_signorini.base.logs import Progress
 from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.scenes.expectations import (
     Expectation,
-    check_norms,
-    check_solution,
+    check_errors,
     cost,
     expect,
     terms,
@@ -41,12 +40,9 @@ def run(args: argparse.Namespace) -> int:
         try:
             with Progress("orders to expect"):
                 expectation = expect(scene, posed.sided)
-            if scene.accuracy is not None:
-                check_norms([scene.norm], expectation, "norm")
-            if scene.solution is not None:
-                check_norms(scene.norms, expectation, "norms")
             with Progress("values of the solution"):
-                check_solution(posed, scene.norms)
+                norm = None if scene.accuracy is None else scene.norm
+                check_errors(posed, expectation, norm)
         finally:
             posed.problem.destroy()
     if comm.rank == 0:

@@ -17,14 +17,12 @@ from dolfinx_signorini.base.records import folder_name
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands.options import add_scene
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
-from dolfinx_signorini.scenes.files.elasticity import refuse_for_displacements
 from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
-from dolfinx_signorini.scenes.proven.bounds import refuse_unbounded
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 
 
@@ -99,10 +97,7 @@ def run(args: argparse.Namespace) -> int:
     adapted = args.accuracy is not None or args.budget is not None
     scene = load_scene(args.scene, comm, args.overrides, adapted)
     asked = _asked(args, scene)
-    named = [*asked, *(["bound"] if args.bound else [])]
-    refuse_for_displacements(scene.elasticity, named, option=True)
-    if args.bound:
-        refuse_unbounded(scene)
+    scene.refuse([*asked, *(["bound"] if args.bound else [])], option=True)
     outputs = _outputs(args, scene.outputs)
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:

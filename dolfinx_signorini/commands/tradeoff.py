@@ -15,7 +15,6 @@ from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
-from dolfinx_signorini.scenes.files.elasticity import refuse_for_displacements
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compared
 from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     paper = args.scene == "paper"
     scene = None if paper else load_scene(Path(args.scene), comm)
     if scene is not None:
-        refuse_for_displacements(scene.elasticity, ["tradeoff"])
+        scene.refuse(["tradeoff"])
         coarsest = scene.levels()[0].domain
         check_norms(norms, expect(scene, coarsest.make(comm)), "--norms")
     make_family = _families(scene)

@@ -194,9 +194,11 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     Args:
         space: A space of vectors with Lagrange components.
     """
-    element = space.ufl_element().sub_elements[0]
-    nodal: fem.FunctionSpace = fem.functionspace(space.mesh, element)
-    assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+    nodal: fem.FunctionSpace | None = getattr(space, "_scalar", None)  # each component asks for it
+    if nodal is None:
+        nodal = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
+        assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
+        space._scalar = nodal  # type: ignore[attr-defined]
     return nodal
 
 

@@ -1,11 +1,13 @@
 """Dirichlet conditions whose data are known at every point of facets, and not at nodes alone."""
 
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.problem.directions import scalar_space
 from dolfinx_signorini.problem.values import Data, evaluator
 
 
@@ -28,19 +30,29 @@ class DirichletData:
 _known: WeakKeyDictionary[fem.DirichletBC, DirichletData] = WeakKeyDictionary()
 
 
-def dirichlet(space: fem.FunctionSpace, facets: LocalIndices, value: Data) -> fem.DirichletBC:
-    """Return the Dirichlet condition u = value on facets, which remembers the data; collective.
+def dirichlet(
+    space: fem.FunctionSpace, facets: LocalIndices, value: Data, component: int | None = None
+) -> fem.DirichletBC:
+    """Return the Dirichlet condition u = value on facets; collective.
+
+    A condition of a scalar u remembers the data, see `data_of_condition`.
 
     Args:
-        space: A scalar Lagrange space.
+        space: A Lagrange space.
         facets: Facets of the boundary, local to the rank.
         value: The data, see `evaluator`.
+        component: The number of the component of u that has the value; None for a scalar u.
     """
-    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
-    owned = dofs[dofs < space.dofmap.index_map.size_local]
-    values = fem.Function(space)
-    values.x.array[owned] = evaluator(space, value, owned)()
+    nodal, size = (space, 1) if component is None else (scalar_space(space), space.dofmap.bs)
+    nodes = fem.locate_dofs_topological(nodal, space.mesh.topology.dim - 1, facets)
+    owned = nodes[nodes < space.dofmap.index_map.size_local]
+    values, first = fem.Function(space), component or 0
+    values.x.array[owned * size + first] = evaluator(nodal, value, owned)()
     values.x.scatter_forward()
+    dofs = nodes * size + first
+    if component is not None:
+        both: Any = [dofs, dofs]
+        return fem.dirichletbc(values, both, space.sub(component))
     condition = fem.dirichletbc(values, dofs)
     _known[condition] = DirichletData(facets, value)
     return condition

@@ -165,20 +165,27 @@ def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) ->
             )
 
 
-def check_solution(posed: PosedScene, norms: Sequence[str]) -> None:
-    """Refuse an exact solution without finite values where its errors are to be measured.
+def check_errors(posed: PosedScene, expectation: Expectation, norm: str | None = None) -> None:
+    """Refuse errors that are to be measured or estimated where the solution has no finite values.
 
     Args:
         posed: A scene on a coarse mesh; collective. On a large mesh no error is measured.
-        norms: The norms of the errors.
+        expectation: What is to be expected of the scene.
+        norm: The norm of the error that an accuracy is asked for in.
 
     Raises:
-        InputError: The subject is "solution".
+        InputError: A norm is infinite, or the exact solution has no finite value at some point.
     """
-    if posed.exact is None or posed.problem.unknowns > MOST_UNKNOWNS:
+    asked, measured = () if norm is None else (norm,), posed.scene.norms
+    check_norms(asked, expectation, "norm")
+    if posed.exact is None:
         return
+    check_norms(measured, expectation, "norms")
+    if posed.problem.unknowns > MOST_UNKNOWNS:
+        return
+    norms = [*asked, *measured]
     # Maxima look at vertices, where most poles are: integrals next to a pole take seconds.
-    maxima = [norm for norm in norms if math.isinf(parse_norm(norm).p)]
+    maxima = [name for name in norms if math.isinf(parse_norm(name).p)]
     try:
         for some in (maxima, norms):
             error_norms(posed.problem.u, posed.exact, some)
@@ -213,8 +220,7 @@ def terms(scene: Scene) -> list[str]:
 
 def unknowns(scene: Scene) -> int:
     """Return about how many unknowns a scene has: exactly where the mesh is no polygon's."""
-    components = 1 if scene.elasticity is None else scene.domain.dimension
-    return int(components * scene.degree**scene.domain.dimension * scene.domain.vertices)
+    return int(scene.components * scene.degree**scene.domain.dimension * scene.domain.vertices)
 
 
 def cost(scene: Scene) -> tuple[float, float]:

@@ -1,6 +1,5 @@
 """The discrete problem of a scene, with the forms and data that the scene mentions."""
 
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,9 +15,8 @@ from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import measure_for, measure_for_load
+from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for, measure_for_load
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
@@ -29,25 +27,13 @@ from dolfinx_signorini.norms.manufactured import (
     manufacture,
 )
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.obstacle import ObstacleProblem
-from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.elastic_terms import (
-    LOAD,
-    Terms,
-    body_force,
-    elastic_form,
-    elastic_problem,
-)
-from dolfinx_signorini.scenes.files.conditions import (
-    CONDITIONS,
-    BoundaryCondition,
-    Contact,
-    Neumann,
-    Setting,
-)
-from dolfinx_signorini.scenes.files.elastic_conditions import ElasticContact
+from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
+from dolfinx_signorini.scenes.files.conditions import CONDITIONS, Contact, Neumann
 from dolfinx_signorini.scenes.files.scene import Scene
-from dolfinx_signorini.scenes.files.toml_table import ALL
+
+Terms = dict[str, tuple[Expr, CellMeasure]]
+
+LOAD = "load"  # the name of the load of a scalar equation among the sources
 
 
 @dataclass(frozen=True)
@@ -101,7 +87,7 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
         failing = violations(scene, sided)
         if failing:
             raise InputError("; ".join(failing), "solution")
-    shape = () if scene.elasticity is None else (scene.domain.dimension,)
+    shape = () if scene.components == 1 else (scene.components,)
     space = bernstein_space(sided.mesh, scene.degree, shape)
     setting = Setting(sided, space, _exact_solution(scene, sided))
     both = zip(_cell_terms(scene, setting), _facet_terms(scene, setting, parts), strict=True)
@@ -110,41 +96,16 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
     if scene.elasticity is None:
         a = _diffusion_form(scene, setting, u, v)
     else:
-        a = elastic_form(scene.elasticity, setting, u, v)
+        a = scene.elasticity.form(setting, u, v)
     for c, measure in reactions.values():
         a += c * u * v * measure
-    paired = ufl.inner if v.ufl_shape else operator.mul
-    loads = [paired(integrand, v) * measure for integrand, measure in sources.values()]
+    loads = [ufl.dot(integrand, v) * measure for integrand, measure in sources.values()]
     L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
-    problem = _problem(scene, setting, a, L)
-    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
-
-
-def _problem(scene: Scene, setting: Setting, a: ufl.Form, L: ufl.Form) -> BoundConstrainedProblem:
-    """Return the problem of a scene, of the kind that the place of its obstacles decides on."""
     conditions = [condition.dirichlet(setting) for condition in scene.conditions]
-    bcs, sided = [bc for bc in conditions if bc is not None], setting.sided
-    if isinstance(scene.contact, ElasticContact):
-        return elastic_problem(scene.contact, setting, a, L, bcs)
-    if scene.contact is not None:
-        return SignoriniProblem(
-            a,
-            L,
-            contact=sided.facets(scene.contact.sides),
-            obstacle=scene.contact.obstacle(setting),
-            bound=scene.contact.bound,
-            bcs=bcs,
-        )
-    assert scene.obstacle is not None
-    names = scene.obstacle.cells
-    return ObstacleProblem(
-        a,
-        L,
-        lower=setting.optional_data(scene.obstacle.lower),
-        upper=setting.optional_data(scene.obstacle.upper),
-        cells=None if names == ALL else sided.cells(names),
-        bcs=bcs,
-    )
+    obstacle = scene.contact or scene.obstacle
+    assert obstacle is not None
+    problem = obstacle.problem(setting, a, L, [bc for bc in conditions if bc is not None])
+    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
 
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
@@ -222,7 +183,8 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     """Return the load and the reaction of the equation as sources and reactions."""
     domain, degree = setting.sided.mesh, scene.degree
     if scene.elasticity is not None:
-        return body_force(scene.elasticity, setting), {}
+        force = scene.elasticity.load(setting)
+        return {} if force is None else {"body force": force}, {}
     sources: Terms = {}
     reactions: Terms = {}
     exact, formula = setting.exact if scene.manufactured else None, coefficients(scene).load
@@ -253,13 +215,12 @@ def load_and_flux(scene: Scene) -> tuple[Formula, list[Formula]]:
 
 def _exact_flux(scene: Scene, setting: Setting, facets: LocalIndices) -> Expr:
     """The flux A grad u . n of a manufactured solution u on boundary facets."""
-    domain, degree = setting.sided.mesh, scene.degree
     assert setting.exact is not None
-    flux, normal = setting.exact.flux, ufl.FacetNormal(domain)
+    flux, normal = setting.exact.flux, ufl.FacetNormal(setting.sided.mesh)
     current = load_and_flux(scene)[1]
     if not any(map(jumps, current)):
         return flux
-    parts = [integrable_on_facets(w, domain, facets, degree) for w in current]
+    parts = [setting.on_facets(w, facets) for w in current]
     return sum((w * normal[k] for k, w in enumerate(parts[1:], 1)), parts[0] * normal[0])
 
 

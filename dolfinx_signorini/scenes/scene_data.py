@@ -24,7 +24,7 @@ def data_of(scene: Scene, sided: SidedMesh) -> list[Datum]:
         inside = on_cells(sided.mesh, sided.cells(scene.obstacle.cells))
         found += [
             Datum(f"the {name} obstacle", formula, "height", scene.degree, *inside)
-            for name, formula in scene.obstacle.named()
+            for name, formula in scene.obstacle.named
         ]
     return [datum for datum in found if datum.formula.constant is None]
 

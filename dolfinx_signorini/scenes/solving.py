@@ -36,8 +36,7 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.scenes.expectations import Expectation, check_norms, check_solution, expect
-from dolfinx_signorini.scenes.files.elasticity import refuse_for_displacements
+from dolfinx_signorini.scenes.expectations import Expectation, check_errors, check_norms, expect
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
 from dolfinx_signorini.scenes.scene_data import data_of
@@ -191,7 +190,7 @@ def solve_scene(
     if accuracy is None and budget is None:
         accuracy = scene.accuracy
     asked = {"accuracy": accuracy, "budget": budget, "norm": norm}
-    refuse_for_displacements(scene.elasticity, [k for k, v in asked.items() if v is not None])
+    scene.refuse([name for name, value in asked.items() if value is not None])
     phases = Phases(comm) if phases is None else phases
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
@@ -246,10 +245,9 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
     expectation = expect(scene, sided)
     check_norms([norm], expectation, "norm")
     if scene.solution is not None:
-        check_norms(scene.norms, expectation, "norms")
         posed = pose(scene, comm, sided)
         try:
-            check_solution(posed, [norm, *scene.norms])
+            check_errors(posed, expectation, norm)
         finally:
             posed.problem.destroy()
     return expectation
@@ -307,9 +305,7 @@ class _Ascent:
         self.posed = pose(level, self.comm, sided)
         if coarser is None:
             self.expectation = expect(self.scene, self.posed.sided)
-            if self.scene.solution is not None:
-                check_norms(self.scene.norms, self.expectation, "norms")
-            check_solution(self.posed, self.scene.norms)
+            check_errors(self.posed, self.expectation)
         self.phases.lap("assembly")
         return self.posed.problem
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.files.elasticity import REFUSED
+from dolfinx_signorini.scenes.files.scene import REFUSED
 
 COMM = MPI.COMM_WORLD
 GOOD = {

@@ -15,11 +15,10 @@ from dolfinx_signorini import ContactProblem, InputError, bernstein_space, elast
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.meshes.node_values import values_in_cells
 from dolfinx_signorini.scenes import load_scene, pose, solve_scene
-from dolfinx_signorini.scenes.elastic_terms import stresses
 from dolfinx_signorini.scenes.expectations import expect
-from dolfinx_signorini.scenes.output.bodies import fields_of_body
+from dolfinx_signorini.scenes.output.fields import fields_of
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
-from dolfinx_signorini.scenes.output.summary import force_columns, lines, summarise
+from dolfinx_signorini.scenes.output.summary import force_columns, forces_on, lines, summarise
 
 COMM = MPI.COMM_WORLD
 # A block between planes, with a pressure on a side: all strains are constant.
@@ -119,7 +118,7 @@ def write(folder, text, name="scene"):
 def test_a_block_between_planes_has_constant_stresses(parse, degree, shape, plane):
     result = solve_scene(parse(block(degree, shape, plane=plane or "strain")), COMM)
     strains, s = stresses_of_block("strain" if plane == "strain" else "stress")
-    displacement, stress, scalar, *_ = fields_of_body(result.posed)
+    displacement, stress, scalar, *_ = fields_of(result)
     x, u = values(displacement)
     size = u.shape[1]
     rates = strains[[0, 2]] if size == 2 else strains
@@ -152,7 +151,7 @@ def test_layers_take_the_strain_that_their_modulus_asks_for(parse):
     text = text.replace("pressure = 3", "pressure = 0")
     result = solve_scene(parse(text), COMM)
     pressure = 0.04 / (0.5 / 100.0 + 0.5 / 300.0)
-    x, u = values(fields_of_body(result.posed)[0])
+    x, u = values(fields_of(result)[0])
     low = -0.01 - pressure * np.minimum(x[:, 1], 0.5) / 100.0
     assert largest(u[:, 1] - (low - pressure * np.maximum(x[:, 1] - 0.5, 0.0) / 300.0)) <= 1e-10
     summary = summarise(result, scene_boundary(result))
@@ -172,7 +171,7 @@ def test_layers_between_walls_have_the_stiffness_of_their_poissons_ratio(parse):
         return YOUNG * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
 
     pressure = 0.04 / (0.5 / modulus(0.2) + 0.5 / modulus(0.4))
-    x, u = values(fields_of_body(result.posed)[0])
+    x, u = values(fields_of(result)[0])
     below, above = np.minimum(x[:, 1], 0.5), np.maximum(x[:, 1] - 0.5, 0.0)
     assert (
         largest(u[:, 1] + 0.01 + pressure * (below / modulus(0.2) + above / modulus(0.4))) <= 1e-10
@@ -261,7 +260,7 @@ def test_a_scene_is_the_problem_of_the_python_class(parse, cells, degree):
     stress = von_mises(theirs.u, 100.0 + 50.0 * x[0], 0.25, "stress")
     both = [
         largest(values_in_cells(p.gap.function_space, s))
-        for p, s in ((ours, stresses(result.posed.scene.elasticity, ours.u)[1]), (theirs, stress))
+        for p, s in ((ours, result.posed.scene.elasticity.stresses(ours.u)[1]), (theirs, stress))
     ]
     assert both[0] == pytest.approx(both[1], rel=1e-6)
     result.destroy()
@@ -379,9 +378,7 @@ def test_a_pressure_acts_against_the_outward_normal(parse):
     """
     posed = pose(parse(text), COMM)
     posed.problem.solve()
-    from dolfinx_signorini.scenes.output.bodies import forces_on_body
-
-    forces = forces_on_body(posed)
+    forces = forces_on(posed)
     # The side has the normal (1, 1) / sqrt(2), and the pressure the mean 1 over sqrt(2).
     assert forces["traction"] == pytest.approx((-1.0, -1.0))
     assert forces["contact"] == (0.0, 0.0)
@@ -418,7 +415,7 @@ def test_components_of_one_side_may_have_conditions_of_their_own(parse):
 
 def test_the_fields_tell_where_contact_is(parse):
     result = solve_scene(parse(WHOLE.format(cells=10, degree=2)), COMM)
-    fields = fields_of_body(result.posed)
+    fields = fields_of(result)
     assert [field.name for field in fields] == [
         "displacement", "stress", "von_mises_stress", "gap", "pressure", "contact_boundary",
         "in_contact",

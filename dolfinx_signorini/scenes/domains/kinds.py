@@ -18,7 +18,7 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, en
 from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, Domain
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.domains.polygons import Polygon
-from dolfinx_signorini.scenes.files.toml_table import TomlTable
+from dolfinx_signorini.scenes.files.toml_table import TomlTable, one_of
 
 SQUARE_SIDES: tuple[str, ...] = ("left", "right", "bottom", "top")
 CUBE_SIDES: tuple[str, ...] = ("left", "right", "front", "back", "bottom", "top")
@@ -87,7 +87,7 @@ def read_domain(
     Raises:
         InputError: The table describes no domain, or the mesh would be too large.
     """
-    kind = DOMAINS[table.choice("shape", tuple(DOMAINS))]
+    kind = DOMAINS[table.text("shape", check=one_of(DOMAINS))]
     if not sized and kind.width_key and table.has(kind.width_key):
         raise table.error(kind.width_key, "follows from 'accuracy'; give one of the two")
     sized = sized and not (adapted and kind.width_key and kind.width_key not in table.data)

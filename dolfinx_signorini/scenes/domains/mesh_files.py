@@ -30,7 +30,8 @@ from dolfinx_signorini.scenes.domains.gmsh_meshes import (
     read_msh,
     with_gmsh,
 )
-from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, TomlTable
+from dolfinx_signorini.scenes.files.toml_file import MAX_BYTES
+from dolfinx_signorini.scenes.files.toml_table import TomlTable
 
 
 @dataclass(frozen=True)

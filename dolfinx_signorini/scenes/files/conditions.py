@@ -5,12 +5,11 @@ tells the force that the conditions exert, and has the words and the line style 
 kind is a subclass of `BoundaryCondition` in the list `CONDITIONS`.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
@@ -18,169 +17,41 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import marked
-from dolfinx_signorini.data.formulas import Formula, number
-from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cells_with_dofs
-from dolfinx_signorini.norms.manufactured import ManufacturedSolution, matching_obstacle
+from dolfinx_signorini.data.formulas import COORDINATES, Formula, number
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
+from dolfinx_signorini.norms.manufactured import matching_obstacle
 from dolfinx_signorini.pictures.palette import COLOURS, CONTACT
 from dolfinx_signorini.problem.assembly import restricted
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.directions import scalar_space
+from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.dirichlet import dirichlet
+from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.domains.domain import Domain
-from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
+from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
+from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable, one_of
 
-Sides = tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Setting:
-    """The mesh, the space and the exact solution that the data of conditions refer to.
-
-    A formula becomes an expression on the mesh of the setting:
-
-        value = formula.ufl(setting.x)
-
-    Attributes:
-        sided: The mesh with its sides.
-        space: The function space of the problem.
-        exact: The exact solution, where it is known.
-    """
-
-    sided: SidedMesh
-    space: fem.FunctionSpace
-    exact: ManufacturedSolution | None
-
-    @cached_property
-    def nodal(self) -> fem.FunctionSpace:
-        """The scalar space of one component, where the space has vectors."""
-        return scalar_space(self.space)
-
-    @property
-    def x(self) -> ufl.SpatialCoordinate:
-        """The coordinates."""
-        return ufl.SpatialCoordinate(self.sided.mesh)
-
-    def data(self, formula: Formula) -> float | Expr:
-        """Return a formula as problems take data."""
-        return formula.ufl(self.x) if formula.constant is None else formula.constant
-
-    def optional_data(self, formula: Formula | None) -> float | Expr | None:
-        """Return a formula as problems take data; None for None."""
-        return None if formula is None else self.data(formula)
-
-
-@dataclass(frozen=True)
-class BoundaryCondition(ABC):
-    """A condition on some sides of the boundary.
-
-    Conditions come from a scene file, and become terms of a problem:
-
-        for condition in Neumann.read_all(top, domain, manufactured=False):
-            print(condition.words(), condition.load(setting))
-
-    Attributes:
-        sides: The names of the sides.
-        value: The data; None where the data follow from a manufactured solution.
-        key, value_key: The table of a scene file that has the condition, and the key of the data.
-        subjects: Subjects of errors about such conditions, with the keys of a scene file that the
-            errors are about.
-        name: The name in messages and pictures.
-        acts_like: "Dirichlet", "Neumann" or "contact": the condition that decides how smooth the
-            solution is at the ends of the sides.
-        force_name: The name of the force that the conditions exert, after "force of".
-        style: How matplotlib draws the sides.
-    """
-
-    sides: Sides
-    value: Formula | None
-    key: ClassVar[str]
-    value_key: ClassVar[str]
-    subjects: ClassVar[dict[str, tuple[str, ...]]] = {}
-    name: ClassVar[str]
-    acts_like: ClassVar[str]
-    force_name: ClassVar[str]
-    style: ClassVar[dict[str, Any]]
-
-    @classmethod
-    def read_all(
-        cls, top: TomlTable, domain: Domain, manufactured: bool
-    ) -> list["BoundaryCondition"]:
-        """Return the conditions of this kind in a scene file.
-
-        Args:
-            top: The file.
-            domain: The domain that has the sides.
-            manufactured: Whether the data follow from a manufactured solution.
-        """
-        return [cls.read(table, domain, manufactured) for table in top.tables(cls.key)]
-
-    @classmethod
-    def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "BoundaryCondition":
-        """Return the condition of one table; see `read_all`."""
-        sides = table.sides(domain.side_names)
-        value = table.optional_formula(cls.value_key)
-        if manufactured and value is not None:
-            message = "follows from the solution, which is manufactured"
-            raise table.error(cls.value_key, message)
-        if not manufactured and value is None:
-            raise table.error(None, f"{cls.value_key!r} is missing")
-        table.finish()
-        return cls(sides, value)
-
-    @property
-    def components(self) -> tuple[int, ...]:
-        """The numbers of the components of u that the condition is on; () for all."""
-        return ()
-
-    @abstractmethod
-    def words(self) -> str:
-        """Return what the condition adds to a problem, in words."""
-
-    def load(self, setting: Setting) -> Expr | None:
-        """Return the part of K grad u . n on the sides that does not depend on u."""
-        return None
-
-    def coefficient(self, setting: Setting) -> Expr | None:
-        """Return c, where K grad u . n = load - c u on the sides."""
-        return None
-
-    def dirichlet(self, setting: Setting) -> fem.DirichletBC | None:
-        """Return the Dirichlet condition on the sides."""
-        return None
-
-    @classmethod
-    def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> float | None:
-        """Return the force of all conditions of this kind, besides the integrals of load and c u.
-
-        Args:
-            problem: The solved problem; the call is collective.
-            residual: The linear form a(u, v) - L(v).
-        """
-        return None
-
-    def on_sides(self) -> str:
-        """Return the sides, in words."""
-        return f"on {', '.join(self.sides)}"
+BOUNDS = one_of(("lower", "upper"))
 
 
 @dataclass(frozen=True)
 class Contact(BoundaryCondition):
-    """The contact boundary; the value is the obstacle.
+    """The contact boundary; the value is the obstacle, or the gap below the obstacle of a body.
 
     Without a value, the obstacle of a manufactured scene touches the solution where the flux of the
     solution is not zero.
 
     Attributes:
-        bound: "lower" for u >= obstacle, "upper" for u <= obstacle.
+        bound: "lower" for u >= obstacle, "upper" for u <= obstacle and for u.d <= gap.
+        direction: The components of d; () for the outward normals, and None for a scalar u.
     """
 
     bound: str = "lower"
+    direction: tuple[Formula, ...] | None = None
     key = "contact"
     value_key = "obstacle"
-    subjects: ClassVar = {"obstacle": ("contact", "obstacle"), "bound": ("contact", "bound")}
     name = acts_like = "contact"
     force_name = "contact"
     style: ClassVar = CONTACT
@@ -188,7 +59,7 @@ class Contact(BoundaryCondition):
     @classmethod
     def read_all(
         cls, top: TomlTable, domain: Domain, manufactured: bool
-    ) -> list[BoundaryCondition]:
+    ) -> Sequence[BoundaryCondition]:
         if top.has("obstacle"):
             return []
         if not top.has(cls.key):
@@ -198,66 +69,114 @@ class Contact(BoundaryCondition):
 
     @classmethod
     def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "Contact":
-        sides = table.sides(domain.side_names)
-        bound = table.choice("bound", ("lower", "upper"), "lower")
-        obstacle = table.optional_formula("obstacle")
+        sides, zero = table.sides(domain.side_names), number(0.0)
+        if table.file.components > 1:
+            direction = table.vector("direction", table.file.components, ())
+            found = cls(sides, table.formula("gap", zero), "upper", direction)
+        else:
+            obstacle = table.formula("obstacle", None if manufactured else zero)
+            found = cls(sides, obstacle, table.text("bound", "lower", BOUNDS))
         table.finish()
-        if obstacle is None and not manufactured:
-            obstacle = number(0.0)
-        return cls(sides, obstacle, bound)
+        return found
 
     def words(self) -> str:
         text = "that the solution touches" if self.value is None else self.value.text
-        return f"{self.bound} obstacle {text} {self.on_sides()}"
+        if self.direction is None:
+            return f"{self.bound} obstacle {text} {self.on_sides()}"
+        d = ", ".join(formula.text for formula in self.direction)
+        along = f"[{d}]" if d else "the normals"
+        return f"rigid obstacle at the gap {text} along {along} {self.on_sides()}"
 
-    def obstacle(self, setting: Setting) -> float | Expr | fem.Function:
-        """Return the obstacle as a `SignoriniProblem` takes it.
+    def problem(
+        self, setting: Setting, a: ufl.Form, L: ufl.Form, bcs: Sequence[fem.DirichletBC]
+    ) -> BoundConstrainedProblem:
+        """Return the problem of forms with this contact boundary; collective.
 
         Raises:
-            InputError: Neither an obstacle nor a manufactured solution is given.
+            InputError: The data make no sense, or neither an obstacle nor a manufactured solution
+                is given.
         """
-        if self.value is not None:
-            return setting.data(self.value)
-        exact, facets = setting.exact, setting.sided.facets(self.sides)
-        if exact is None:
-            raise InputError("an obstacle is made for manufactured solutions only", "contact")
-        upper = self.bound == "upper"
-        return matching_obstacle(setting.space, facets, exact.u, exact.flux, upper)
+        facets, value = setting.sided.facets(self.sides), setting.data(self.value)
+        if self.direction is not None:
+            d = list(map(setting.data, self.direction)) or None
+            if any(part.constant is None for part in self.direction):
+                d = ufl.as_vector(d)
+            return ContactProblem(a, L, contact=facets, gap=value, direction=d, bcs=bcs)
+        upper, exact = self.bound == "upper", setting.exact
+        if value is None:
+            if exact is None:
+                message = "an obstacle is made for manufactured solutions only"
+                raise InputError(message, "contact")
+            value = matching_obstacle(setting.space, facets, exact.u, exact.flux, upper)
+        return SignoriniProblem(a, L, contact=facets, obstacle=value, bound=self.bound, bcs=bcs)
 
 
 @dataclass(frozen=True)
 class Dirichlet(BoundaryCondition):
-    """Sides with u = value."""
+    """Sides with u = value.
 
+    A table with several components of u is read as several conditions.
+
+    Attributes:
+        component: The number of the component that has the value; None for a scalar u.
+    """
+
+    component: int | None = None
     key = "dirichlet"
     value_key = "value"
-    subjects: ClassVar = {"Dirichlet data": ("dirichlet",)}
     name = acts_like = "Dirichlet"
     force_name = "Dirichlet sides"
     style: ClassVar = {"color": COLOURS[6], "linewidth": 2.0}
 
-    def words(self) -> str:
-        text = "of the manufactured solution" if self.value is None else self.value.text
-        return f"Dirichlet data {text} {self.on_sides()}"
-
-    def dirichlet(self, setting: Setting) -> fem.DirichletBC:
-        if self.value is not None:
-            data = setting.data(self.value)
-        elif setting.exact is not None:
-            data = setting.exact.u
-        else:
-            raise InputError("data follow from manufactured solutions only", "dirichlet")
-        return dirichlet(setting.space, setting.sided.facets(self.sides), data)
+    @classmethod
+    def read_all(
+        cls, top: TomlTable, domain: Domain, manufactured: bool
+    ) -> Sequence[BoundaryCondition]:
+        if top.file.components == 1:
+            return super().read_all(top, domain, manufactured)
+        return [part for table in top.tables(cls.key) for part in cls._parts(table, domain)]
 
     @classmethod
-    def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> float | None:
-        cells = cells_with_dofs(problem.space, marked(problem.space, problem.fixed_dofs))
-        near = compiled.form(restricted(residual, problem.space.mesh, cells))
-        vector = fem_petsc.assemble_vector(near)
+    def _parts(cls, table: TomlTable, domain: Domain) -> list["Dirichlet"]:
+        sides, axes = table.sides(domain.side_names), COORDINATES[: table.file.components]
+        names = table.sides(axes, "components", "component", "all")
+        names = axes if names == ALL else tuple(dict.fromkeys(names))
+        if len(names) == 1 and not isinstance(table.data.get("value"), list):
+            values: tuple[Formula, ...] = (table.formula("value"),)
+        else:
+            values = table.vector("value", len(names))
+        table.finish()
+        return [cls(sides, v, axes.index(n)) for n, v in zip(names, values, strict=True)]
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        return () if self.component is None else (self.component,)
+
+    def words(self) -> str:
+        text = "of the manufactured solution" if self.value is None else self.value.text
+        if self.component is None:
+            return f"Dirichlet data {text} {self.on_sides()}"
+        return f"u_{COORDINATES[self.component]} = {text} {self.on_sides()}"
+
+    def dirichlet(self, setting: Setting) -> fem.DirichletBC:
+        data = setting.data(self.value)
+        if data is None:
+            if setting.exact is None:
+                raise InputError("data follow from manufactured solutions only", "dirichlet")
+            data = setting.exact.u
+        return dirichlet(setting.space, setting.sided.facets(self.sides), data, self.component)
+
+    @classmethod
+    def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> Array:
+        space, size, fixed = problem.space, problem.space.dofmap.bs, problem.fixed_dofs
+        near = cells_with_dofs(space, marked(space, np.unique(fixed // size)))
+        vector = fem_petsc.assemble_vector(compiled.form(restricted(residual, space.mesh, near)))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        force = float(vector.array_r[problem.fixed_dofs].sum())
+        # The obstacle pushes on nodes, too, of which some components are held.
+        forces = vector.array_r[fixed] - problem.forces.x.array[fixed]
         vector.destroy()
-        return float(problem.comm.allreduce(force))
+        sums = np.array([forces[fixed % size == k].sum() for k in range(size)])
+        return np.asarray(problem.comm.allreduce(sums))
 
 
 @dataclass(frozen=True)
@@ -274,41 +193,73 @@ class Neumann(BoundaryCondition):
     force_name = "flux"
     style: ClassVar = {"color": COLOURS[5], "linewidth": 1.5, "linestyle": "--"}
 
+    @classmethod
+    def read_all(
+        cls, top: TomlTable, domain: Domain, manufactured: bool
+    ) -> Sequence[BoundaryCondition]:
+        kind = cls if top.file.components == 1 else Traction
+        return [kind.read(table, domain, manufactured) for table in top.tables(kind.key)]
+
     def words(self) -> str:
         return "" if self.value is None else f"flux {self.value.text} {self.on_sides()}"
 
     def load(self, setting: Setting) -> Expr | None:
         if self.value is None:
             return None
-        degree = setting.space.element.basix_element.degree
+        return setting.on_facets(self.value, setting.sided.facets(self.sides))
+
+
+@dataclass(frozen=True)
+class Traction(Neumann):
+    """Sides of a body with a load; the value is a pressure against the outward normal.
+
+    Attributes:
+        parts: In place of a pressure, the components of the force per area.
+    """
+
+    parts: tuple[Formula, ...] = ()
+    key = "traction"
+    value_key = "pressure"
+    force_name = "traction"
+
+    @classmethod
+    def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "Traction":
+        sides, pressure = table.sides(domain.side_names), table.formula("pressure", None)
+        if pressure is not None and table.has("force"):
+            raise table.error("pressure", "beside 'force'; give one of the two")
+        force = table.vector("force", table.file.components) if pressure is None else ()
+        table.finish()
+        return cls(sides, pressure, force)
+
+    def words(self) -> str:
+        if self.value is not None:
+            return f"pressure {self.value.text} {self.on_sides()}"
+        return f"traction [{', '.join(part.text for part in self.parts)}] {self.on_sides()}"
+
+    def load(self, setting: Setting) -> Expr:
+        pressure = super().load(setting)
+        if pressure is not None:
+            return -pressure * ufl.FacetNormal(setting.sided.mesh)
         facets = setting.sided.facets(self.sides)
-        return integrable_on_facets(self.value, setting.sided.mesh, facets, degree)
+        return ufl.as_vector([setting.on_facets(part, facets) for part in self.parts])
 
 
 CONDITIONS: tuple[type[BoundaryCondition], ...] = (Contact, Dirichlet, Neumann)
 
 
 def read_conditions(
-    top: TomlTable,
-    domain: Domain,
-    manufactured: bool,
-    kinds: Sequence[type[BoundaryCondition]] | None = None,
+    top: TomlTable, domain: Domain, manufactured: bool
 ) -> tuple[BoundaryCondition, ...]:
     """Return the conditions of a scene file, see `BoundaryCondition.read_all`.
-
-    Args:
-        top, domain, manufactured: See `BoundaryCondition.read_all`.
-        kinds: The kinds of condition that the file may have; those of scalars by default.
 
     Raises:
         InputError: A table makes no sense, or a component on a side belongs to two conditions.
     """
-    known = CONDITIONS if kinds is None else kinds
-    conditions = [c for kind in known for c in kind.read_all(top, domain, manufactured)]
+    conditions = [c for kind in CONDITIONS for c in kind.read_all(top, domain, manufactured)]
     owner: dict[tuple[str, int], str] = {}
     for condition in conditions:
         for side in domain.side_names if condition.sides == ALL else condition.sides:
-            for component in condition.components or range(domain.dimension):
+            for component in condition.components or range(top.file.components):
                 if (side, component) in owner:
                     message = f"side {side!r} belongs to {owner[side, component]} already"
                     raise top.error(condition.key, message)

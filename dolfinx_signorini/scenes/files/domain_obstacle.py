@@ -1,9 +1,12 @@
 """The obstacles in the domain of a scene, or in some of its cells: the table [obstacle]."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import ufl
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
@@ -12,8 +15,11 @@ from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, together
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.manufactured import Violation, worst_violation
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.scenes.domains.domain import Domain
-from dolfinx_signorini.scenes.files.toml_table import ALL, Key, TomlTable
+from dolfinx_signorini.scenes.files.condition import Setting
+from dolfinx_signorini.scenes.files.toml_table import ALL, TomlTable
 
 
 @dataclass(frozen=True)
@@ -26,24 +32,14 @@ class DomainObstacle:
         print(*obstacle.words(), sep="; ")
 
     Attributes:
-        lower, upper: The obstacles; one of them may be None.
+        named: The obstacles with their names, "lower" and "upper".
         cells: The regions that have the obstacles; `ALL` for the whole domain.
         key: The table of a scene file.
-        subjects: Subjects of errors about such obstacles, with the keys of a scene file that the
-            errors are about.
     """
 
-    lower: Formula | None
-    upper: Formula | None
+    named: tuple[tuple[str, Formula], ...]
     cells: tuple[str, ...] = ALL
     key: ClassVar = "obstacle"
-    subjects: ClassVar[dict[str, Key]] = {
-        "lower": ("obstacle", "lower"),
-        "upper": ("obstacle", "upper"),
-        "cells": ("obstacle", "cells"),
-        "load and lower": ("equation", "load"),
-        "load and upper": ("equation", "load"),
-    }
 
     @classmethod
     def read(
@@ -69,21 +65,24 @@ class DomainObstacle:
             message = "goes with no [contact]: obstacles are on the boundary or in the domain"
             raise top.error(cls.key, message)
         table = top.table(cls.key)
-        lower, upper = (table.optional_formula(key) for key in ("lower", "upper"))
+        named = tuple((k, table.formula(k)) for k in ("lower", "upper") if table.has(k))
         cells: tuple[str, ...] = ALL
         if table.has("cells"):
             with table.naming("cells"):
                 domain = domain.with_regions(comm)
             cells = table.sides(domain.region_names, "cells", "cell tag")
         table.finish()
-        if lower is None and upper is None:
+        if not named:
             raise table.error(None, "'lower' or 'upper' is missing")
-        return cls(lower, upper, cells), domain
+        return cls(named, cells), domain
 
-    def named(self) -> list[tuple[str, Formula]]:
-        """Return the obstacles with the names of their keys."""
-        both = ("lower", self.lower), ("upper", self.upper)
-        return [(name, formula) for name, formula in both if formula is not None]
+    def problem(
+        self, setting: Setting, a: ufl.Form, L: ufl.Form, bcs: Sequence[fem.DirichletBC]
+    ) -> BoundConstrainedProblem:
+        """Return the problem of forms with these obstacles; collective."""
+        cells = None if self.cells == ALL else setting.sided.cells(self.cells)
+        obstacles = {name: setting.data(formula) for name, formula in self.named}
+        return ObstacleProblem(a, L, cells=cells, bcs=bcs, **obstacles)
 
     def violations(self, u: Formula, sided: SidedMesh) -> list[Violation]:
         """Return the obstacles that a function lies beyond, each at the worst vertex.
@@ -96,7 +95,7 @@ class DomainObstacle:
         vertices = np.unique(geometry.dofmap[sided.cells(self.cells)])
         points: Array = np.asarray(geometry.x[vertices, : geometry.dim], dtype=np.float64)
         found = []
-        for name, formula in self.named():
+        for name, formula in self.named:
             order, sign = ("u >= lower", 1.0) if name == "lower" else ("u <= upper", -1.0)
             values = together([u.root, formula.root], points)
             known = np.where(np.isfinite(values).all(axis=0), values, 0.0)
@@ -108,4 +107,4 @@ class DomainObstacle:
     def words(self) -> list[str]:
         """Return what the obstacles add to a problem, in words."""
         where = "in the domain" if self.cells == ALL else f"in cells of {', '.join(self.cells)}"
-        return [f"{name} obstacle {formula.text} {where}" for name, formula in self.named()]
+        return [f"{name} obstacle {formula.text} {where}" for name, formula in self.named]

@@ -1,28 +1,26 @@
-"""The table [elasticity] of a scene, and what a scene of displacements cannot have or do."""
+"""The table [elasticity] of a scene: the material of a body, with the terms of its equation."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.scenes.domains.domain import Domain
-from dolfinx_signorini.scenes.files.toml_table import Key, TomlTable
+import numpy as np
+import ufl
+from dolfinx import mesh
+from ufl.core.expr import Expr
 
-NOT_ESTIMATED = "not with [elasticity]: errors of displacements are not estimated in scenes"
-# What a scene of displacements cannot have or do, by keys of its file and options of commands.
-REFUSED = {
-    "accuracy": NOT_ESTIMATED,
-    "budget": NOT_ESTIMATED,
-    "norm": NOT_ESTIMATED,
-    "max_unknowns": NOT_ESTIMATED,
-    "bound": "not with [elasticity]: no bound of the energy error of displacements is proven",
-    "tradeoff": "a scene with [elasticity] has no errors that could be compared",
-    "solution": "not with [elasticity]: errors of displacements are not measured in scenes",
-    "equation": "not with [elasticity], which has the equation: young, poisson and force",
-    "obstacle": "not with [elasticity]: a body meets its obstacle on the boundary, [contact]",
-    "neumann": "not with [elasticity], where the load on sides is [[traction]]",
-}
+from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
+from dolfinx_signorini.meshes.quadrature import CELL_RULE
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.problem.elasticity import stress, von_mises
+from dolfinx_signorini.scenes.domains.domain import Domain
+from dolfinx_signorini.scenes.files.condition import Setting
+from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
+
+PLANES = one_of(("strain", "stress"))
+RATIO: Rule = "must lie between -1 and 1/2", lambda number: (number > -1.0) & (number < 0.5)
 
 
 @dataclass(frozen=True)
@@ -40,8 +38,6 @@ class Elasticity:
         plane: In the plane "strain" or "stress"; "" in space.
         force: The components of the force per volume; () for none.
         key: The table of a scene file.
-        subjects: Subjects of errors about elastic bodies, with the keys of a scene file that the
-            errors are about.
     """
 
     young: Formula
@@ -49,23 +45,13 @@ class Elasticity:
     plane: str
     force: tuple[Formula, ...] = ()
     key: ClassVar = "elasticity"
-    subjects: ClassVar[dict[str, Key]] = {
-        "form a": ("elasticity",),
-        "young": ("elasticity", "young"),
-        "poisson": ("elasticity", "poisson"),
-        "load": ("elasticity", "force"),
-        "load and gap": ("elasticity", "force"),
-        "gap": ("contact", "gap"),
-        "direction": ("contact", "direction"),
-        "bcs": ("dirichlet",),
-    }
 
     @classmethod
     def read(cls, top: TomlTable, domain: Domain) -> "Elasticity | None":
         """Return the material of a scene file; None where the unknown is no displacement.
 
         Args:
-            top: The file.
+            top: The file, whose unknown has as many components as the domain from now on.
             domain: The domain of the scene.
 
         Raises:
@@ -76,60 +62,69 @@ class Elasticity:
             if top.has("traction"):
                 raise top.error("traction", "goes with [elasticity]")
             return None
-        table = top.table(cls.key)
-        young, poisson = table.formula("young"), table.formula("poisson")
-        if young.constant is not None and not young.constant > 0.0:
-            raise table.error("young", f"must be positive, not {young.constant:g}")
-        if poisson.constant is not None and not -1.0 < poisson.constant < 0.5:
-            message = f"must lie between -1 and 1/2, not {poisson.constant:g}"
-            raise table.error("poisson", message)
+        table, top.file.components = top.table(cls.key), domain.dimension
         if domain.dimension == 3 and table.has("plane"):
             raise table.error("plane", "for bodies in the plane, and the domain is in space")
-        plane = ""
-        if domain.dimension == 2:
-            plane = table.choice("plane", ("strain", "stress"), "strain")
-        force = table.vector("force", domain.dimension) if table.has("force") else ()
+        found = cls(
+            table.formula("young", rule=POSITIVE),
+            table.formula("poisson", rule=RATIO),
+            table.text("plane", "strain", PLANES) if domain.dimension == 2 else "",
+            table.vector("force", domain.dimension, ()),
+        )
         table.finish()
-        return cls(young, poisson, plane, force)
+        return found
 
     def words(self) -> list[str]:
         """Return what the table adds to a problem, in words."""
-        plane = f", plane {self.plane}" if self.plane else ""
         constants = f"Young's modulus {self.young.text} and Poisson's ratio {self.poisson.text}"
-        found = [f"elasticity with {constants}{plane}"]
-        if self.force:
-            found.append(f"body force [{', '.join(f.text for f in self.force)}]")
-        return found
+        plane = f", plane {self.plane}" if self.plane else ""
+        force = f"body force [{', '.join(f.text for f in self.force)}]"
+        return [f"elasticity with {constants}{plane}", *([force] if self.force else [])]
+
+    def form(self, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
+        """Return the bilinear form of the body; collective.
+
+        Args:
+            setting: The mesh and the space.
+            u, v: The trial and the test function.
+
+        Raises:
+            InputError: A formula has values that no material has.
+        """
+        domain, factor = setting.sided.mesh, 2 * (setting.degree - 1)
+        _check_values(domain, "young", self.young, POSITIVE)
+        _check_values(domain, "poisson", self.poisson, RATIO)
+        young, poisson = (integrable(f, domain, factor) for f in (self.young, self.poisson))
+        dx: CellMeasure = ufl.Measure("dx", domain, metadata=CELL_RULE.metadata)
+        if self.poisson.constant is not None:
+            dx = measure_for(domain, [self.young], factor, setting.degree)
+        found = stress(u, young, poisson, self.plane or "strain")
+        return ufl.inner(found, ufl.sym(ufl.grad(v))) * dx
+
+    def load(self, setting: Setting) -> tuple[Expr, CellMeasure] | None:
+        """Return the force on the volume with the measure of its integral; None for no force."""
+        if all(part.constant == 0.0 for part in self.force):
+            return None
+        domain, degree = setting.sided.mesh, setting.degree
+        parts = [integrable(part, domain, degree) for part in self.force]
+        return ufl.as_vector(parts), measure_for(domain, self.force, degree, degree)
+
+    def stresses(self, u: Expr) -> tuple[Expr, Expr]:
+        """Return the stress of a displacement, a matrix, and its von Mises stress."""
+        x = ufl.SpatialCoordinate(u.ufl_domain())
+        constants = self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain"
+        return stress(u, *constants), von_mises(u, *constants)
 
 
-def refuse_keys(top: TomlTable) -> None:
-    """Refuse the keys of a scene file that make no sense beside [elasticity].
-
-    Raises:
-        InputError: The file has such a key.
-    """
-    if not top.has(Elasticity.key):
-        return
-    for key in top.data:
-        if key in REFUSED:
-            raise top.error(key, REFUSED[key])
-
-
-def refuse_for_displacements(
-    elasticity: Elasticity | None, names: Iterable[str], option: bool = False
-) -> None:
-    """Refuse what is not known of displacements.
-
-    Args:
-        elasticity: The material of a scene; of scalars nothing is refused.
-        names: Names in `REFUSED`; others are taken.
-        option: Whether the names are options of a command.
-
-    Raises:
-        InputError: One of the names is refused, which is the subject.
-    """
-    if elasticity is None:
-        return
-    for name in names:
-        if name in REFUSED:
-            raise InputError(REFUSED[name], "--" + name.replace("_", "-") if option else name)
+def _check_values(domain: mesh.Mesh, name: str, formula: Formula, rule: Rule) -> None:
+    """Refuse a formula with values, in the middles of cells, that do not obey a rule."""
+    words, holds = rule
+    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
+    middles = x[domain.geometry.dofmap[: len(owned_cells(domain))]].mean(axis=1)
+    values = evaluated(formula.root, middles)
+    wrong = np.flatnonzero(~holds(values))
+    told = ""
+    if len(wrong):
+        place = ", ".join(f"{c:.4g}" for c in middles[wrong[0]])
+        told = f"{words}, is {values[wrong[0]]:g} at ({place})"
+    require(domain.comm, not told, told, name)

@@ -14,34 +14,34 @@ from dolfinx_signorini.base.kinds import COMMUNICATOR, TEXT, TRUTH, check, insta
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES
 from dolfinx_signorini.data.operations import FUNCTIONS
-from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.scenes.domains.kinds import read_domain
-from dolfinx_signorini.scenes.files.conditions import CONDITIONS, read_conditions
+from dolfinx_signorini.scenes.files.conditions import read_conditions
 from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
-from dolfinx_signorini.scenes.files.elastic_conditions import ELASTIC_CONDITIONS
-from dolfinx_signorini.scenes.files.elasticity import Elasticity, refuse_keys
-from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene, Tensor
-from dolfinx_signorini.scenes.files.toml_table import MAX_BYTES, Key, TomlFile, TomlTable
+from dolfinx_signorini.scenes.files.elasticity import Elasticity
+from dolfinx_signorini.scenes.files.scene import OUTPUTS, REFUSED, Scene, Tensor
+from dolfinx_signorini.scenes.files.toml_file import MAX_BYTES, TomlFile
+from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
 
-# For each subject of an error the key of a scene file that the error is about.
-SUBJECTS: dict[str, Key] = {
-    "accuracy": ("accuracy",),
-    "degree": ("degree",),
-    "domain": ("domain",),
-    "form a": ("equation",),
-    "load": ("equation", "load"),
-    "load and obstacle": ("equation", "load"),
-    "norm": ("norm",),
-    "norms": ("solution", "norms"),
-    "rtol": ("rtol",),
-    "solution": ("solution", "u"),
+NOT_NEGATIVE: Rule = "must not be negative", lambda number: number >= 0.0
+SHARE: Rule = "must lie between 0 and 1", lambda number: 0.0 < number < 1.0
+
+# Keys that errors of solves are about: the subject of such an error is the last part of the key.
+KEYS = (
+    *("accuracy", "contact", "degree", "dirichlet", "domain", "neumann", "norm", "rtol"),
+    *("contact.bound", "contact.direction", "contact.gap", "contact.obstacle", "equation.load"),
+    *("elasticity.poisson", "elasticity.young", "solution.norms"),
+    *("obstacle.cells", "obstacle.lower", "obstacle.upper"),
+)
+# The keys for other subjects, and for those of elastic bodies.
+OTHERS = {
+    "bcs": "dirichlet",
+    "Dirichlet data": "dirichlet",
+    "form a": "equation",
+    "solution": "solution.u",
 }
-SUBJECTS.update(DomainObstacle.subjects)
-for _kind in CONDITIONS:
-    SUBJECTS[_kind.key] = (_kind.key,)
-    SUBJECTS.update(_kind.subjects)
+OF_BODIES = {"form a": "elasticity", "load": "elasticity.force"}
 
 
 def load_scene(
@@ -87,39 +87,36 @@ def parse_scene(
         InputError: The text is no scene.
     """
     file = TomlFile(path.name, text, overrides)
-    top = file.load()
-    refuse_keys(top)
-    accuracy, norm = _accuracy(top)
+    top = TomlTable(file.load(), file)
+    for key in top.data if top.has(Elasticity.key) else ():
+        if key in REFUSED:
+            raise top.error(key, REFUSED[key])
+    accuracy = top.real("accuracy", POSITIVE, None)
+    top.check_needed("norm", "accuracy", "there is no 'accuracy' to measure in it")
     domain = read_domain(top.table("domain"), path.parent, comm, accuracy is None, adapted)
     file.dimension = domain.dimension
     _read_definitions(top.table("define"))
     equation, solution = top.table("equation"), top.table("solution")
-    u = solution.optional_formula("u")
-    load, reaction = (equation.optional_formula(key) for key in ("load", "reaction"))
-    if reaction is not None and reaction.constant is not None and reaction.constant < 0.0:
-        raise equation.error("reaction", "must not be negative")
-    diffusion = _diffusion(equation, domain.dimension)
+    solution.check_needed("norms", "u", "there is no solution 'u' to measure an error against")
     obstacle, domain = DomainObstacle.read(top, domain, comm)
-    elasticity = Elasticity.read(top, domain)
     manufactured = _manufactured(solution, equation, obstacle)
-    kinds = None if elasticity is None else ELASTIC_CONDITIONS
     scene = Scene(
         domain=domain,
-        conditions=read_conditions(top, domain, manufactured, kinds),
+        elasticity=Elasticity.read(top, domain),
+        conditions=read_conditions(top, domain, manufactured),
         obstacle=obstacle,
-        elasticity=elasticity,
-        diffusion=diffusion,
-        reaction=reaction,
-        load=load,
-        solution=u,
+        diffusion=_diffusion(equation, domain.dimension),
+        reaction=equation.formula("reaction", None, NOT_NEGATIVE),
+        load=equation.formula("load", None),
+        solution=solution.formula("u", None),
         manufactured=manufactured,
-        norms=_norms(solution),
+        norms=solution.texts("norms", Scene.norms, parse_norm),
         degree=top.integer("degree", 1, HIGHEST_DEGREE, Scene.degree),
-        rtol=_rtol(top),
+        rtol=top.real("rtol", SHARE, Scene.rtol),
         accuracy=accuracy,
-        norm=norm,
+        norm=top.text("norm", Scene.norm, parse_norm),
         title=top.text("title", path.stem),
-        outputs=_outputs(top),
+        outputs=top.texts("outputs", Scene.outputs, one_of(OUTPUTS)),
         text=text,
         overrides=tuple(overrides),
     )
@@ -136,10 +133,12 @@ def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
     except InputError as error:
         file = TomlFile(path.name, scene.text, scene.overrides)
         file.load()
-        subjects = SUBJECTS | (Elasticity.subjects if scene.elasticity is not None else {})
-        known = error.subject in subjects
-        key, message = (subjects[error.subject], error.message) if known else ((), str(error))
-        raise file.error(key, message) from None
+        known = {key.split(".")[-1]: key for key in KEYS} | OTHERS
+        known |= {} if scene.elasticity is None else OF_BODIES
+        key = known.get(error.subject.partition(" and ")[0])
+        if key is None:
+            raise file.error((), str(error)) from None
+        raise file.error(tuple(key.split(".")), error.message) from None
 
 
 def _read(path: Path) -> tuple[str, str]:
@@ -172,14 +171,11 @@ def _diffusion(table: TomlTable, dimension: int) -> Tensor:
         return ()
     rows = table.data["diffusion"]
     if not isinstance(rows, list):
-        k = table.formula("diffusion")
-        if k.constant is not None and not k.constant > 0.0:
-            raise table.error("diffusion", "must be positive")
-        return ((k,),)
+        return ((table.formula("diffusion", rule=POSITIVE),),)
     if len(rows) != dimension or any(not isinstance(r, list) or len(r) != dimension for r in rows):
         message = f"a tensor has {dimension} rows of {dimension} entries here"
         raise table.error("diffusion", message)
-    tensor = tuple(tuple(table.formula("diffusion", entry) for entry in row) for row in rows)
+    tensor = tuple(tuple(table.parsed("diffusion", entry) for entry in row) for row in rows)
     constants = np.array(
         [[np.nan if e.constant is None else e.constant for e in r] for r in tensor]
     )
@@ -197,7 +193,7 @@ def _manufactured(
     solution: TomlTable, equation: TomlTable, obstacle: DomainObstacle | None
 ) -> bool:
     """Return whether the data follow from the solution."""
-    manufactured = solution.flag("manufactured")
+    manufactured = bool(solution.value("manufactured", bool, "true or false", False))
     if manufactured and not solution.has("u"):
         raise solution.error("manufactured", "there is no solution 'u' to make the data from")
     if manufactured and equation.has("load"):
@@ -206,45 +202,3 @@ def _manufactured(
         message = "not with [obstacle]: from u alone, the load under an obstacle is not known"
         raise solution.error("manufactured", message)
     return manufactured
-
-
-def _accuracy(top: TomlTable) -> tuple[float | None, str]:
-    """Return the error asked for, and the norm of the error."""
-    norm = top.text("norm", Scene.norm)
-    with top.naming("norm"):
-        parse_norm(norm)
-    if not top.has("accuracy"):
-        if top.has("norm"):
-            raise top.error("norm", "there is no 'accuracy' to measure in it")
-        return None, norm
-    accuracy = top.real("accuracy")
-    if not accuracy > 0.0:
-        raise top.error("accuracy", "must be positive")
-    return accuracy, norm
-
-
-def _rtol(top: TomlTable) -> float | None:
-    if not top.has("rtol"):
-        return Scene.rtol
-    value = top.real("rtol")
-    if not 0.0 < value < 1.0:
-        raise top.error("rtol", "must lie between 0 and 1")
-    return value
-
-
-def _norms(table: TomlTable) -> tuple[str, ...]:
-    if table.has("norms") and not table.has("u"):
-        raise table.error("norms", "there is no solution 'u' to measure an error against")
-    names = table.texts("norms", Scene.norms)
-    with table.naming("norms"):
-        for name in names:
-            parse_norm(name)
-    return names
-
-
-def _outputs(top: TomlTable) -> tuple[str, ...]:
-    outputs = top.texts("outputs", Scene.outputs)
-    for name in outputs:
-        if name not in OUTPUTS:
-            raise top.error("outputs", f"unknown {name!r}{suggestion(name, OUTPUTS)}")
-    return outputs

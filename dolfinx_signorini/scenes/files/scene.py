@@ -4,11 +4,13 @@ A scene names its parts: the domain, the conditions on its boundary, the coeffic
 and, where it is known, the solution. What a scene does not name is neither assembled nor stored.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
@@ -23,6 +25,21 @@ OUTPUTS = {
     "pictures": "the solution and the contact boundary, or the contact set, as PNG",
     "report": "one HTML page with all results",
 }
+NOT_ESTIMATED = "not with [elasticity]: errors of displacements are not estimated in scenes"
+# What scenes of displacements cannot have or do, by keys of files and options of commands.
+REFUSED = {
+    "accuracy": NOT_ESTIMATED,
+    "budget": NOT_ESTIMATED,
+    "norm": NOT_ESTIMATED,
+    "max_unknowns": NOT_ESTIMATED,
+    "bound": "not with [elasticity]: no bound of the energy error of displacements is proven",
+    "tradeoff": "a scene with [elasticity] has no errors that could be compared",
+    "solution": "not with [elasticity]: errors of displacements are not measured in scenes",
+    "equation": "not with [elasticity], which has the equation: young, poisson and force",
+    "obstacle": "not with [elasticity]: a body meets its obstacle on the boundary, [contact]",
+    "neumann": "not with [elasticity], where the load on sides is [[traction]]",
+}
+IN_DOMAIN = "proven bounds of scenes are for obstacles on the boundary, not for [obstacle]"
 
 
 @dataclass(frozen=True)
@@ -41,8 +58,8 @@ class Scene:
             scene, that of the solution.
         diffusion: The rows of a symmetric matrix, with one row and entry for a scalar; () for 1.
         obstacle: The obstacles in the domain; None for an obstacle on the boundary.
-        elasticity: The material of an elastic body, whose displacement is the unknown and whose
-            conditions are those of `elastic_conditions`; None for a scalar unknown.
+        elasticity: The material of an elastic body, whose displacement is the unknown; None for a
+            scalar unknown.
         reaction: None for none.
         load: None for none.
         solution: The exact solution, where it is known.
@@ -85,6 +102,27 @@ class Scene:
     def contact(self) -> Contact | None:
         """The condition on the contact boundary; None where the obstacles are in the domain."""
         return next((c for c in self.conditions if isinstance(c, Contact)), None)
+
+    @property
+    def components(self) -> int:
+        """The number of components of the unknown."""
+        return 1 if self.elasticity is None else self.domain.dimension
+
+    def refuse(self, names: Iterable[str], option: bool = False) -> None:
+        """Refuse what is not known of such scenes.
+
+        Args:
+            names: Names of what is asked for; names without any limitation are taken.
+            option: Whether the names are options of a command.
+
+        Raises:
+            InputError: One of the names is refused, which is the subject.
+        """
+        refused = REFUSED if self.elasticity else {} if self.contact else {"bound": IN_DOMAIN}
+        for name in names:
+            if name in refused:
+                subject = "--" + name.replace("_", "-") if option else name
+                raise InputError(refused[name], subject)
 
     @property
     def diffusion_entries(self) -> list[Formula]:

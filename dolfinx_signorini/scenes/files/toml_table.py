@@ -2,11 +2,9 @@
 
 import difflib
 import math
-import re
 import sys
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import basix.ufl
@@ -16,15 +14,16 @@ from ufl.constantvalue import ScalarValue, Zero
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formulas import Formula, number
 from dolfinx_signorini.data.parsing import parse, suggestion
-from dolfinx_signorini.scenes.files.overrides import apply_override
+from dolfinx_signorini.scenes.files.toml_file import Key, TomlFile
 
-Key = tuple[str | int, ...]
+Rule = tuple[str, Callable[[Any], Any]]  # what numbers must be, in words, and whether they are
+Check = Callable[[str], Any]  # raises an InputError for a text that is not allowed
 
-MAX_BYTES = 1_000_000  # of a text that is parsed
+NEEDED: Any = object()  # in place of a default: a table must have the key
+ANY: Rule = "", lambda number: True
+POSITIVE: Rule = "must be positive", lambda number: number > 0.0
 MAX_ITEMS = 2_000  # of a list
 ALL = ("all",)  # the names that stand for all sides
-_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?")
-_ASSIGNMENT = re.compile(r"\s*([\w\"'.-]+(?:\s+[\w\"'.-]+)*)\s*=")
 
 
 class TomlTable:
@@ -32,7 +31,8 @@ class TomlTable:
 
     A key that nobody has asked for is an unknown one:
 
-        table = TomlFile("scene.toml", text, ()).load()
+        file = TomlFile("scene.toml", text, ())
+        table = TomlTable(file.load(), file)
         degree = table.integer("degree", 1, 2)
         table.finish()
 
@@ -42,7 +42,7 @@ class TomlTable:
         key: Where in the file the table is.
     """
 
-    def __init__(self, data: Mapping[str, Any], file: "TomlFile", key: Key = ()):
+    def __init__(self, data: Mapping[str, Any], file: TomlFile, key: Key = ()):
         self.data, self.file, self.key = data, file, key
         self.asked: set[str] = set()
 
@@ -64,7 +64,7 @@ class TomlTable:
             raise self.error(key, error.message) from None
 
     def value(
-        self, key: str, kind: type | tuple[type, ...], wanted: str, default: Any = None
+        self, key: str, kind: type | tuple[type, ...], wanted: str, default: Any = NEEDED
     ) -> Any:
         """Return the value of a key.
 
@@ -72,9 +72,9 @@ class TomlTable:
             key: The key.
             kind: The type, or types, that the value must have; true and false are no numbers.
             wanted: The type in words, for the message.
-            default: The value where the table does not have the key; None if the table must.
+            default: The value where the table does not have the key.
         """
-        if not self.has(key) and default is not None:
+        if not self.has(key) and default is not NEEDED:
             return default
         if not self.has(key):
             others = [other for other in self.data if other not in self.asked]
@@ -86,59 +86,61 @@ class TomlTable:
             raise self.error(key, f"must be {wanted}")
         return value
 
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return a text; for defaults see `value`."""
-        return str(self.value(key, str, "a text in quotes", default))
-
-    def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
-        """Return one of some texts."""
-        text = self.text(key, default)
-        if text not in choices:
-            raise self.error(key, f"unknown {text!r}{suggestion(text, choices)}")
+    def text(self, key: str, default: Any = NEEDED, check: Check = str) -> str:
+        """Return a text that passes a check; for defaults see `value`."""
+        text = str(self.value(key, str, "a text in quotes", default))
+        with self.naming(key):
+            check(text)
         return text
 
-    def flag(self, key: str) -> bool:
-        """Return true or false; false where the table does not have the key."""
-        return bool(self.value(key, bool, "true or false", False))
+    def texts(self, key: str, default: Sequence[str], check: Check = str) -> tuple[str, ...]:
+        """Return a list of texts that pass a check, without repetitions."""
+        values = self.items(key, default)
+        if not all(isinstance(value, str) for value in values):
+            raise self.error(key, "must be a list of texts in quotes")
+        with self.naming(key):
+            for text in values:
+                check(text)
+        return tuple(dict.fromkeys(values))
 
-    def integer(self, key: str, low: int, high: int, default: int | None = None) -> int:
+    def integer(self, key: str, low: int, high: int, default: Any = NEEDED) -> int:
         """Return an integer between two bounds, both of them allowed."""
         value = int(self.value(key, int, "an integer", default))
         if not low <= value <= high:
             raise self.error(key, f"must lie between {low} and {high}")
         return value
 
-    def real(self, key: str) -> float:
-        """Return a finite number."""
-        return self.finite(key, self.value(key, (int, float), "a number"))
+    def real(self, key: str, rule: Rule = ANY, default: Any = NEEDED) -> Any:
+        """Return a finite number that obeys a rule; for defaults see `value`."""
+        value = self.value(key, (int, float), "a number", default)
+        return value if value is default else self.finite(key, value, rule)
 
-    def finite(self, key: str, value: Any) -> float:
-        """Return the value of a key, or an item of its list, as a finite float."""
+    def finite(self, key: str, value: Any, rule: Rule = ANY) -> float:
+        """Return the value of a key, or an item of its list, as a finite float; see `real`."""
+        result = math.inf
         if isinstance(value, int | float) and not isinstance(value, bool):
-            try:
+            with suppress(OverflowError):
                 result = float(value)
-            except OverflowError:
-                result = math.inf
-            if math.isfinite(result):
-                return result
-        raise self.error(key, "must be a finite number")
+        if not math.isfinite(result):
+            raise self.error(key, "must be a finite number")
+        words, holds = rule
+        if not holds(result):
+            raise self.error(key, f"{words}, not {result:g}")
+        return result
 
-    def items(self, key: str, default: Sequence[Any] | None = None) -> list[Any]:
+    def items(self, key: str, default: Any = NEEDED) -> list[Any]:
         """Return a list."""
         values = self.value(key, list, "a list", default)
         if len(values) > MAX_ITEMS:
             raise self.error(key, f"a list of more than {MAX_ITEMS} items")
         return list(values)
 
-    def texts(self, key: str, default: Sequence[str]) -> tuple[str, ...]:
-        """Return a list of texts, without repetitions."""
-        values = self.items(key, default)
-        if not all(isinstance(value, str) for value in values):
-            raise self.error(key, "must be a list of texts in quotes")
-        return tuple(dict.fromkeys(values))
-
     def sides(
-        self, known: tuple[str, ...], key: str = "sides", what: str = "side"
+        self,
+        known: tuple[str, ...],
+        key: str = "sides",
+        what: str = "side",
+        default: Any = NEEDED,
     ) -> tuple[str, ...]:
         """Return the sides that a key names: one, a list of them, or "all" as `ALL`.
 
@@ -146,8 +148,9 @@ class TomlTable:
             known: The names of all sides; numbers stand for names, too.
             key: The key.
             what: What is named, in place of a side.
+            default: See `value`.
         """
-        value = self.value(key, object, f"names or numbers of {what}s")
+        value = self.value(key, object, f"names or numbers of {what}s", default)
         names = value if isinstance(value, list) else [value]
         if names == list(ALL):
             return ALL
@@ -179,10 +182,21 @@ class TomlTable:
             raise self.error(key, wanted)
         return [TomlTable(e, self.file, (*self.key, key, k)) for k, e in enumerate(entries)]
 
-    def formula(self, key: str, value: Any = None) -> Formula:
-        """Return the formula of a key, or of an item of its list: a text or a number."""
-        if value is None:
-            value = self.value(key, (str, int, float), "a formula in quotes or a number")
+    def formula(self, key: str, default: Any = NEEDED, rule: Rule = ANY) -> Any:
+        """Return a formula, a text or a number; for defaults see `value`.
+
+        A formula that is a constant obeys the rule.
+        """
+        value = self.value(key, (str, int, float), "a formula in quotes or a number", default)
+        if value is default:
+            return value
+        formula = self.parsed(key, value)
+        if formula.constant is not None:
+            self.finite(key, formula.constant, rule)
+        return formula
+
+    def parsed(self, key: str, value: Any) -> Formula:
+        """Return the formula that is the value of a key, or an item of its list."""
         if not isinstance(value, str):
             return number(self.finite(key, value))
         try:
@@ -194,16 +208,18 @@ class TomlTable:
             return Formula(formula.text, number(float(expression)).root)
         return formula
 
-    def optional_formula(self, key: str) -> Formula | None:
-        """Return a formula; None where the table does not have the key."""
-        return self.formula(key) if self.has(key) else None
-
-    def vector(self, key: str, size: int) -> tuple[Formula, ...]:
-        """Return the formulas of a list, which has so many."""
-        values = self.value(key, list, f"a list of {size} formulas, one for each component")
-        if len(values) != size:
+    def vector(self, key: str, size: int, default: Any = NEEDED) -> tuple[Formula, ...]:
+        """Return the formulas of a list, which has so many; for defaults see `value`."""
+        wanted = f"a list of {size} formulas, one for each component"
+        values = self.value(key, list, wanted, default)
+        if values is not default and len(values) != size:
             raise self.error(key, f"must be a list of {size} formulas, not of {len(values)}")
-        return tuple(self.formula(key, value) for value in values)
+        return tuple(self.parsed(key, value) for value in values)
+
+    def check_needed(self, key: str, other: str, message: str) -> None:
+        """Refuse a key that makes no sense without another one."""
+        if self.has(key) and not self.has(other):
+            raise self.error(key, message)
 
     def finish(self) -> None:
         """Refuse a key that nobody has asked for."""
@@ -212,82 +228,15 @@ class TomlTable:
                 raise self.error(key, f"unknown key{suggestion(key, sorted(self.asked))}")
 
 
-class TomlFile:
-    """The text of a scene file, and the lines of its keys.
+def one_of(choices: Iterable[str]) -> Check:
+    """Return the check that a text is one of some."""
+    known = tuple(choices)
 
-    An error names the line:
+    def check(text: str) -> None:
+        if text not in known:
+            raise InputError(f"unknown {text!r}{suggestion(text, known)}")
 
-        raise TomlFile("scene.toml", text, ()).error(("domain", "cells"), "must be an integer")
-
-    Args:
-        name: The name of the file, for messages.
-        text: The text of the file.
-        overrides: Values in place of those of the file, see `apply_override`.
-
-    Attributes:
-        dimension: The space dimension of the formulas in the file.
-        definitions: The names that stand for formulas in the file.
-    """
-
-    def __init__(self, name: str, text: str, overrides: Sequence[str]):
-        self.name, self.text, self.overrides = name, text, tuple(overrides)
-        self.overridden: set[Key] = set()
-        self.dimension = 2
-        self.definitions: dict[str, Formula] = {}
-
-    def load(self) -> TomlTable:
-        """Return the whole file as a table.
-
-        Raises:
-            InputError: The file is too large or no TOML.
-        """
-        if len(self.text) > MAX_BYTES:
-            raise InputError(f"a scene file has at most {MAX_BYTES} characters", self.name)
-        try:
-            data = tomllib.loads(self.text)
-        except ValueError as error:
-            raise InputError(str(error), self.name) from None
-        except RecursionError:
-            raise InputError("nested too deeply", self.name) from None
-        self.overridden = {apply_override(data, text) for text in self.overrides}
-        return TomlTable(data, self)
-
-    def error(self, key: Key, message: str) -> InputError:
-        """Return an error whose subject is file, line and key.
-
-        The line is that of the key or, without one, of the table around it.
-        """
-        name = ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
-        if any(key[: len(path)] == path for path in self.overridden):
-            return InputError(message, f"--set {name}")
-        lines = self.lines()
-        position = key
-        while position and position not in lines:
-            position = position[:-1]
-        line = f", line {lines[position]}" if position else ""
-        return InputError(message, f"{self.name}{line}{': ' + name if name else ''}")
-
-    def lines(self) -> dict[Key, int]:
-        """Return the line, from 1, of each key and header."""
-        found: dict[Key, int] = {}
-        counts: dict[Key, int] = {}
-        table: Key = ()
-        for count, line in enumerate(self.text.splitlines(), 1):
-            header, assignment = _HEADER.fullmatch(line), _ASSIGNMENT.match(line)
-            if header:
-                table = _parts(header[2])
-                if header[1] == "[[":
-                    counts[table] = counts.get(table, -1) + 1
-                    found.setdefault(table, count)
-                    table = (*table, counts[table])
-                found.setdefault(table, count)
-            elif assignment:
-                found.setdefault((*table, *_parts(assignment[1])), count)
-        return found
-
-
-def _parts(name: str) -> Key:
-    return tuple(part.strip().strip("\"'") for part in name.split("."))
+    return check
 
 
 def _coordinates(dimension: int) -> ufl.SpatialCoordinate:

@@ -3,18 +3,29 @@
 import ctypes
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import dolfinx
+import numpy as np
 from dolfinx import fem
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import largest
 from dolfinx_signorini.base.records import on_first
-from dolfinx_signorini.meshes.elements import nodal_space, values_at_control_points
-from dolfinx_signorini.scenes.output.bodies import fields_of_body
+from dolfinx_signorini.meshes.elements import (
+    lagrange_space,
+    nodal_space,
+    values_at_control_points,
+)
+from dolfinx_signorini.meshes.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -22,9 +33,7 @@ BYTES = 1.5, 1_000_000  # what the files need: relative to their data, and more
 
 
 def write_fields(result: SceneResult, folder: Path) -> None:
-    """Write u, gap and pressure for ParaView: VTX, or XDMF at the vertices without ADIOS2.
-
-    An elastic body has the fields of `fields_of_body`.
+    """Write the fields of a scene for ParaView: VTX, or XDMF at the vertices without ADIOS2.
 
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
     `has_obstacle`: at the contact dofs. Elsewhere both are 0. Where `in_contact` is 1 the solution
@@ -37,12 +46,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Raises:
         InputError: The files do not fit on the disk.
     """
-    if result.posed.scene.elasticity is None:
-        own = [result.u, result.gap, result.pressure, *masks(result), *indicator(result)]
-        fields = _together(own)
-    else:
-        fields = fields_of_body(result.posed)
-    comm = result.posed.problem.comm
+    fields, comm = fields_of(result), result.posed.problem.comm
     size = _size(fields)
     on_first(comm, folder.parent, lambda: reserve(folder, size))
     if dolfinx.has_adios2:
@@ -58,13 +62,52 @@ def write_fields(result: SceneResult, folder: Path) -> None:
             file.write_function(values)
 
 
+def fields_of(result: SceneResult) -> list[fem.Function]:
+    """Return u, gap, pressure and masks as functions of their values at nodes; collective.
+
+    A body has displacement, stress and von Mises stress in place of u. The stress, which jumps
+    between cells, has the mean of the cells around each node.
+    """
+    u, material, space = result.u, result.posed.scene.elasticity, result.gap.function_space
+    nodal, at_nodes = nodal_space(space), partial(values_at_control_points, space)
+    marks = {mark.name: mark.x.array for mark in (*masks(result), *indicator(result))}
+    if material is None:
+        values = {"u": at_nodes(u.x.array)}
+        marks = {name: at_nodes(coefficients) for name, coefficients in marks.items()}
+    else:
+        cells = [values_in_cells(nodal, stress) for stress in material.stresses(u)]
+        tensor, scalar = (node_averages(nodal, each) for each in cells)
+        moved = vectors_at_nodes(space, u)
+        values = {"displacement": moved, "stress": tensor.reshape(*moved.shape, -1)}
+        values["von_mises_stress"] = scalar[:, 0]
+    for field in (result.gap, result.pressure):
+        values[field.name] = at_nodes(field.x.array)
+    return [_function(nodal, name, found) for name, found in (values | marks).items()]
+
+
+def _function(nodal: fem.FunctionSpace, name: str, values: Array) -> fem.Function:
+    """Return the function with given values at nodes, shape (nodes, ...)."""
+    space, shape = nodal, values.shape[1:]
+    if shape:
+        element = nodal.element.basix_element
+        space = lagrange_space(nodal.mesh, element.degree, element.lagrange_variant, shape)
+        assert np.array_equal(space.dofmap.list, nodal.dofmap.list)
+    function = fem.Function(space, name=name)
+    function.x.array[:] = values.ravel()
+    return function
+
+
 def masks(result: SceneResult) -> list[fem.Function]:
-    """Return functions that are 1 at the contact dofs, and at those in contact; collective."""
-    problem = result.posed.problem
+    """Return functions that are 1 at the contact dofs, and at those in contact; collective.
+
+    Of a body these are nodes.
+    """
+    problem, space = result.posed.problem, result.gap.function_space
     place = "has_obstacle" if problem.in_domain else "contact_boundary"
+    contact = problem.contact_dofs // problem.space.dofmap.bs
     found = []
-    for name, dofs in ((place, problem.contact_dofs), ("in_contact", problem.active)):
-        mask = fem.Function(problem.space, name=name)
+    for name, dofs in ((place, contact), ("in_contact", problem.active)):
+        mask = fem.Function(space, name=name)
         mask.x.array[dofs] = 1.0
         mask.x.scatter_forward()
         found.append(mask)
@@ -80,18 +123,6 @@ def indicator(result: SceneResult) -> list[fem.Function]:
     dofs = space.dofmap.list[: len(result.found.cells)]
     error.x.array[:] = largest(space.dofmap.index_map, dofs, result.found.cells[:, None])
     return [error]
-
-
-def _together(fields: Sequence[fem.Function]) -> list[fem.Function]:
-    """Return functions of one space as functions of one nodal space."""
-    space = fields[0].function_space
-    target = nodal_space(space)
-    if target == space:
-        return list(fields)
-    result = [fem.Function(target, name=field.name) for field in fields]
-    for old, new in zip(fields, result, strict=True):
-        new.x.array[:] = values_at_control_points(space, old.x.array)
-    return result
 
 
 def _size(fields: Sequence[fem.Function]) -> int:

@@ -1,7 +1,6 @@
 """The pictures of a solved scene: the solution, the contact boundary, the way to an accuracy."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from dolfinx_signorini.accuracy.pictures import draw_adaptive
 from dolfinx_signorini.base.arrays import LocalIndices
@@ -15,9 +14,8 @@ from dolfinx_signorini.pictures.contact_pictures import draw_contact
 from dolfinx_signorini.pictures.contact_region import draw_region
 from dolfinx_signorini.pictures.deformed import draw_deformed
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.problem_pictures import PICTURES, draw_problem, draw_solution
+from dolfinx_signorini.pictures.problem_pictures import PICTURES, draw_solution
 from dolfinx_signorini.problem.contact import ContactProblem
-from dolfinx_signorini.scenes.elastic_terms import stresses
 from dolfinx_signorini.scenes.files.toml_table import ALL
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -44,17 +42,10 @@ def draw_scene(
         boundary: The contact boundary of the scene, on rank 0.
         points: The detachment points of the scene, to be marked.
     """
-    figures: dict[str, Picture | None] = {}
-    problem, parts = result.posed.problem, _parts(result)
-    if isinstance(problem, ContactProblem):
-        figures["solution"] = _deformed(result, problem)
-        figures["contact"] = None if boundary is None else draw_contact(boundary)
-    elif problem.in_domain and result.posed.scene.domain.dimension == 2:
-        figures = {what: draw_region(problem, what, **parts) for what in ("solution", "contact")}
-    else:
-        figures["solution"] = draw_solution(result.u, boundary, points=points, **parts)
-        if boundary is not None and not problem.in_domain:
-            figures["contact"] = draw_contact(boundary)
+    problem = result.posed.problem
+    solid = problem.in_domain and result.posed.scene.domain.dimension == 3
+    drawn = ("solution",) if solid else ("solution", "contact")
+    figures = {what: _drawn(result, what, boundary, points) for what in drawn}
     figures["accuracy"] = None if result.found is None else draw_adaptive(result.found)
     return {name: figure for name, figure in figures.items() if figure is not None}
 
@@ -69,25 +60,29 @@ def draw_result(result: SceneResult, what: str) -> Picture | None:
     Raises:
         InputError: There is no such picture.
     """
-    problem, parts = result.posed.problem, _parts(result)
-    if isinstance(problem, ContactProblem):
-        check(what=(what, choice(*PICTURES)))
-        if what == "solution":
-            return _deformed(result, problem)
-        return draw_problem(problem.along_direction, what, _sides(result))
-    if not problem.in_domain:
-        return draw_problem(problem, what, _sides(result), **parts)
-    if what == "solution" and result.posed.scene.domain.dimension == 3:
-        return draw_solution(result.u, scene_boundary(result), **parts)
-    return draw_region(problem, what, **parts)
+    check(what=(what, choice(*PICTURES)))
+    return _drawn(result, what, scene_boundary(result))
 
 
-def _deformed(result: SceneResult, problem: ContactProblem) -> Picture | None:
-    """The deformed body with its von Mises stress; the call is collective."""
-    scene, along = result.posed.scene, problem.along_direction
-    assert scene.elasticity is not None
-    _, stress = stresses(scene.elasticity, problem.u)
-    return draw_deformed(problem.u, along, stress, "von Mises stress", title=scene.title)
+def _drawn(
+    result: SceneResult,
+    what: str,
+    boundary: ContactBoundary | None,
+    points: Sequence[Sequence[float]] = (),
+) -> Picture | None:
+    problem, scene, kinds = result.posed.problem, result.posed.scene, result.posed.parts
+    parts = {kind.name: facets for kind, facets in kinds.items()}
+    styles = {kind.name: kind.style for kind in kinds}
+    if problem.in_domain and (what == "contact" or scene.domain.dimension == 2):
+        return draw_region(problem, what, parts, styles, scene.title)
+    if what == "contact":
+        return None if boundary is None else draw_contact(boundary)
+    if scene.elasticity is None:
+        return draw_solution(result.u, boundary, parts, styles, points, scene.title)
+    assert isinstance(problem, ContactProblem)
+    _, stress = scene.elasticity.stresses(problem.u)
+    label = "von Mises stress"
+    return draw_deformed(problem.u, problem.along_direction, stress, label, title=scene.title)
 
 
 def _sides(result: SceneResult) -> dict[str, LocalIndices]:
@@ -97,13 +92,3 @@ def _sides(result: SceneResult) -> dict[str, LocalIndices]:
     if names == ALL:  # a name wins over a number for the same facets
         names = tuple(sorted(sides, key=lambda name: not name.isdecimal()))
     return {name: sides[name] for name in names}
-
-
-def _parts(result: SceneResult) -> dict[str, Any]:
-    """The parts of the boundary of a scene, how they are drawn, and its title."""
-    kinds = result.posed.parts
-    return {
-        "parts": {kind.name: facets for kind, facets in kinds.items()},
-        "styles": {kind.name: kind.style for kind in kinds},
-        "title": result.posed.scene.title,
-    }

@@ -3,26 +3,32 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.data.formulas import COORDINATES
+from dolfinx_signorini.data.interfaces.rules import CellMeasure
+from dolfinx_signorini.meshes.node_values import values_in_cells, vectors_at_nodes
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.output.bodies import Vector, forces_on_body, largest_values
-from dolfinx_signorini.scenes.posing import LOAD
+from dolfinx_signorini.scenes.posing import LOAD, PosedScene
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
+
+Force: TypeAlias = float | tuple[float, ...]  # of a body with a number for each component
 
 MAX_DIGITS = 8  # of a coordinate
 
@@ -67,7 +73,7 @@ class Summary:
     boundary_size: float
     detachment_points: tuple[tuple[float, ...], ...]
     uncertainties: tuple[float, ...]
-    forces: dict[str, float] | dict[str, Vector]
+    forces: dict[str, Force]
     imbalance: float
     natural_residual: float
     algebraic_share: float | None
@@ -98,9 +104,7 @@ def summarise(
     if boundary is not None:  # rank 0
         sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
-    elastic = scene.elasticity is not None
-    forces = forces_on_body(result.posed) if elastic else _forces(result)
-    body = largest_values(result.posed, boundary) if elastic else {}
+    forces, body = forces_on(result.posed), _largest_values(result.posed, boundary)
     columns = np.array([np.atleast_1d(force) for force in forces.values()])
     total = float(np.linalg.norm(columns, axis=1).sum())
     proven = _bound(result) if bound else {}
@@ -153,7 +157,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     return [*s.choice.items(), *rows, *s.bound.items()]
 
 
-def force_text(force: float | Sequence[float], size: float = 0.0) -> str:
+def force_text(force: Force, size: float = 0.0) -> str:
     """Return a force in words, a number or the components without digits of rounding.
 
     Args:
@@ -165,7 +169,7 @@ def force_text(force: float | Sequence[float], size: float = 0.0) -> str:
     return f"({', '.join(f'{f if abs(f) > SOLVED * size else 0.0:.6g}' for f in force)})"
 
 
-def force_columns(forces: Mapping[str, float | Sequence[float]]) -> dict[str, float]:
+def force_columns(forces: Mapping[str, Force]) -> dict[str, float]:
     """Return forces as numbers: a force on a body has a name for each component."""
     found: dict[str, float] = {}
     for name, force in forces.items():
@@ -229,23 +233,29 @@ def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
     return sorted(points, key=lambda point: [round(c / size, ALIKE) for c in point.position])
 
 
-def _forces(result: SceneResult) -> dict[str, float]:
+def forces_on(posed: PosedScene) -> dict[str, Force]:
     """Return what acts on u: integrals of sources and reactions, and the forces of conditions.
 
-    The integral of the load is what the others leave of the sum of the load vector.
+    The integral of the load of a scalar is what the others leave of the sum of the load vector.
+
+    Args:
+        posed: A solved scene; the call is collective.
     """
-    posed, problem = result.posed, result.posed.problem
+    problem, u, size = posed.problem, posed.problem.u, posed.scene.components
 
-    def integral(form: ufl.Form) -> float:
-        return float(problem.comm.allreduce(fem.assemble_scalar(compiled.form(form)), op=MPI.SUM))
+    def integral(integrand: Expr, measure: CellMeasure) -> Array:
+        parts = [integrand[i] for i in range(size)] if integrand.ufl_shape else [integrand]
+        forms = [part * measure for part in parts]
+        own = [fem.assemble_scalar(compiled.form(f)) if not f.empty() else 0.0 for f in forms]
+        return np.asarray(problem.comm.allreduce(np.array(own)))
 
-    sources = [(n, f * measure) for n, (f, measure) in posed.sources.items() if n != LOAD]
-    forces = {name: integral(form) for name, form in sources}
+    sources = [(name, term) for name, term in posed.sources.items() if name != LOAD]
+    forces: dict[str, Any] = {name: integral(*term) for name, term in sources}
     if LOAD in posed.sources:
         forces = {LOAD: problem.total_load - sum(forces.values())} | forces
     for name, (c, measure) in posed.reactions.items():
-        forces[name] = forces.get(name, 0.0) - integral(c * result.u * measure)
-    residual = ufl.action(posed.a, result.u)
+        forces[name] = forces.get(name, 0.0) - integral(c * u, measure)
+    residual = ufl.action(posed.a, u)
     if posed.sources:
         residual -= posed.L
     forces["contact"] = problem.force
@@ -253,4 +263,28 @@ def _forces(result: SceneResult) -> dict[str, float]:
         force = kind.force(problem, residual)
         if force is not None:
             forces[kind.force_name] = force
-    return forces
+    numbers = {name: tuple(map(float, np.atleast_1d(force))) for name, force in forces.items()}
+    return {name: force if size > 1 else force[0] for name, force in numbers.items()}
+
+
+def _largest_values(posed: PosedScene, boundary: ContactBoundary | None) -> dict[str, float]:
+    """Return the number of nodes in contact, and the largest values of a body, by name."""
+    problem, material = posed.problem, posed.scene.elasticity
+    if material is None:
+        return {}
+    found = None
+    if boundary is not None:  # rank 0
+        _, gap, pressure = boundary.values.T
+        known = pressure[np.isfinite(pressure)]
+        found = float(known.max(initial=0.0)), float(gap.min())
+    pressure, gap = problem.comm.bcast(found)
+    nodal = problem.gap.function_space
+    moved = vectors_at_nodes(nodal, problem.u)
+    stress = values_in_cells(nodal, material.stresses(problem.u)[1])
+    return {
+        "nodes in contact": problem.comm.allreduce(len(problem.active)),
+        "largest pressure": pressure,
+        "smallest gap": gap,
+        "largest displacement": highest(problem.comm, np.linalg.norm(moved, axis=1)),
+        "largest von Mises stress": highest(problem.comm, stress),
+    }

@@ -2,31 +2,16 @@
 
 from dataclasses import replace
 
-from ufl.core.expr import Expr
-
-from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann, Setting
-from dolfinx_signorini.scenes.files.scene import Scene
+from dolfinx_signorini.scenes.files.condition import Setting
+from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann
 from dolfinx_signorini.scenes.posing import PosedScene, diffusion, facets_by_kind
 from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 MADE = "the bound is that of the problem with the obstacle that was made at the nodes"
-
-
-def refuse_unbounded(scene: Scene) -> None:
-    """Refuse a scene whose energy error has no proven bound.
-
-    Raises:
-        InputError: The obstacles are in the domain.
-    """
-    if scene.contact is None:
-        message = "proven bounds of scenes are for obstacles on the boundary, not for [obstacle]"
-        raise InputError(message, "--bound")
 
 
 def bound_of_scene(posed: PosedScene) -> EnergyBound:
@@ -40,9 +25,9 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
 
     Raises:
         InputError: The problem has not been solved, its data make no sense, or there is no such
-            bound, see `refuse_unbounded`.
+            bound, see `Scene.refuse`.
     """
-    refuse_unbounded(posed.scene)
+    posed.scene.refuse(["bound"], option=True)
     contact, problem = posed.scene.contact, posed.problem
     assert contact is not None and isinstance(problem, SignoriniProblem)
     known, terms = KnownData(posed), energy_terms(posed)
@@ -62,17 +47,13 @@ def energy_terms(posed: PosedScene) -> EnergyTerms:
     conditions = [(condition, sided.facets(condition.sides)) for condition in scene.conditions]
     given = [(condition.load(setting), facets) for condition, facets in conditions]
     coefficients = [(condition.coefficient(setting), facets) for condition, facets in conditions]
-
-    def expression(formula: Formula | None) -> Expr | None:
-        return None if formula is None else formula.ufl(setting.x)
-
     terms = EnergyTerms(
         diffusion=diffusion(scene, lambda entry: entry.ufl(setting.x)),
-        reaction=expression(scene.reaction),
-        load=expression(scene.load),
+        reaction=setting.data(scene.reaction),
+        load=setting.data(scene.load),
         neumann=[(load, facets) for load, facets in given if load is not None],
         robin=[(k, facets) for k, facets in coefficients if k is not None],
-        dirichlet=[(expression(c.value), on) for c, on in conditions if isinstance(c, Dirichlet)],
+        dirichlet=[(setting.data(c.value), on) for c, on in conditions if isinstance(c, Dirichlet)],
     )
     if not scene.manufactured or exact is None:
         return terms

@@ -8,9 +8,9 @@ without a bounded enclosure stays, and is known at points only.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
@@ -29,15 +29,14 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.smoothness import load_is_a_function
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, longest_side
-from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact, Dirichlet, Neumann
+from dolfinx_signorini.scenes.files.condition import BoundaryCondition
+from dolfinx_signorini.scenes.files.conditions import Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, facets_by_kind, load_and_flux
 from dolfinx_signorini.scenes.proven.known_diffusion import (
     cell_function,
     is_polynomial,
     with_known_diffusion,
 )
-
-Known = tuple[EnergyTerms, Remainders]
 
 NEGATIVE = "whether the reaction is negative somewhere is known at points only"
 KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
@@ -82,28 +81,32 @@ class KnownData:
         self.free = facets_by_kind(posed.parts)[Neumann.acts_like]
         self.size, self.hidden = self._load_on_cells(), 0.0
 
-    def enclosed(self, terms: EnergyTerms, tolerance: float) -> Known:
+    def enclosed(self, terms: EnergyTerms, tolerance: float) -> tuple[EnergyTerms, Remainders]:
         """Return the strong form with polynomials in place of formulas; the call is collective.
 
         Args:
             terms: The strong form.
             tolerance: The energy that may be hidden between the points of rules.
         """
-        self.hidden = 0.0
-        terms, rest = with_known_diffusion(terms, self.scene, self.domain, self.corners)
-        terms, rest = self._reaction(terms, rest, tolerance)
-        terms, rest = self._load(terms, rest, tolerance)
-        terms, rest = self._fluxes(terms, rest, tolerance)
-        sampled = rest.sampled
+        self.hidden, self.tolerance = 0.0, tolerance
+        known = with_known_diffusion(terms, self.scene, self.domain, self.corners)
+        self.terms, self.rest = known
+        self._enclose_reaction()
+        degree = polynomial_degree(terms.load)
+        if self.load is not None and (degree is None or 2 * degree > BEST[self.d]):
+            self._fit("load", self.load, self._weights())
+        if any(polynomial_degree(data) is None for data, _ in terms.neumann):
+            self._enclose_fluxes()
+        sampled = self.rest.sampled
         if self.solution is not None:
             entries = self.scene.diffusion_entries
             if self._any(not load_is_a_function(self.solution, entries, self.corners)):
                 sampled = (*sampled, KINKED)
-        return terms, replace(
-            rest,
+        return self.terms, replace(
+            self.rest,
             sampled=sampled,
-            obstacle=self._on_boundary(Contact),
-            dirichlet=self._on_boundary(Dirichlet),
+            obstacle=self._interpolated(Contact),
+            dirichlet=self._interpolated(Dirichlet),
             obstacle_in_space=self._obstacle_in_space(),
         )
 
@@ -121,78 +124,60 @@ class KnownData:
         cells = self.comm.allreduce(len(values))
         return math.sqrt(square) * cells ** (-(self.degree - 1) / self.d) or 1.0
 
-    def _reaction(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
+    def _enclose_reaction(self) -> None:
         formula = self.scene.reaction
-        if formula is None or formula.constant is not None:
-            return terms, rest
+        if formula is None:
+            return
         low, high = enclosed_on_simplices(formula, self.corners)
         if self._any(np.isinf(low) | np.isinf(high)):
-            return terms, rest
+            return
         require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
         tiny = ROUNDING * highest(self.comm, high)
         if not nowhere_negative(self.comm, formula, self.corners, tiny):
-            rest = replace(rest, sampled=(*rest.sampled, NEGATIVE))
-        extrema = {"least_reaction": np.maximum(low, 0.0), "largest_reaction": high}
-        if polynomial_degree(terms.reaction) is not None:
-            return terms, replace(rest, **extrema)
-        weights = self._weights(rest) * max(self.comm.allgather(self.height))
-        found = self._fit(formula, weights, tolerance)
-        if found is None:
-            return terms, rest
-        data, missed, mean = found
-        known = replace(rest, **extrema, reaction=missed, reaction_mean=mean)
-        return replace(terms, reaction=data), known
+            self.rest = replace(self.rest, sampled=(*self.rest.sampled, NEGATIVE))
+        polynomial = polynomial_degree(self.terms.reaction) is not None
+        weights = self._weights() * max(self.comm.allgather(self.height))
+        if polynomial or self._fit("reaction", formula, weights):
+            least = np.maximum(low, 0.0)
+            self.rest = replace(self.rest, least_reaction=least, largest_reaction=high)
 
-    def _load(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
-        formula, degree = self.load, polynomial_degree(terms.load)
-        if formula is None or (degree is not None and 2 * degree <= BEST[self.d]):
-            return terms, rest
-        found = self._fit(formula, self._weights(rest), tolerance)
-        if found is None:
-            return terms, rest
-        data, missed, mean = found
-        return replace(terms, load=data), replace(rest, load=missed, load_mean=mean)
-
-    def _fluxes(self, terms: EnergyTerms, rest: Remainders, tolerance: float) -> Known:
-        if all(polynomial_degree(data) is not None for data, _ in terms.neumann):
-            return terms, rest
-        parts = self._given_fluxes()
-        frames, shape = self.frames, self.frames.facets.shape
-        degree = self.degree + 2
-        coefficients = np.zeros((*shape, degree + 1 if self.d == 2 else math.comb(degree + 2, 2)))
+    def _enclose_fluxes(self) -> None:
+        frames, shape, degree = self.frames, self.frames.facets.shape, self.degree + 2
+        coefficients = np.zeros((*shape, math.comb(degree + self.d - 1, degree)))
         missed, means = np.zeros(shape), np.zeros(shape)
         lever = frames.facet_sizes / frames.volumes[:, None]
-        inner, outer = self._weights(rest)[:, :, None] * np.sqrt(lever)
-        for formula, at, corners, factors in self._flux_terms(parts):
+        inner, outer = self._weights()[:, :, None] * np.sqrt(lever)
+        for formula, at, corners, factors in self._fluxes():
             share = np.abs(factors)
             weights = np.stack((FACET * inner[at], outer[at])) * share
-            found = approximated(formula, self.comm, corners, degree, weights, tolerance)
+            found = approximated(formula, self.comm, corners, degree, weights, self.tolerance)
             self.hidden = max(self.hidden, found.hidden)
             if self._any(~np.isfinite(found.missed)):
-                return terms, rest
+                return
             coefficients[at] += factors[:, None] * found.coefficients
             missed[at] += share * found.missed
             means[at] += share * found.mean
-        sides = np.concatenate([facets for facets, _ in parts])
+        sides = np.unique(np.concatenate([facets for _, facets in self.terms.neumann]))
         flux = FacetPolynomials(degree, coefficients)
-        known = replace(rest, flux=missed * np.sqrt(frames.facet_sizes), flux_mean=means)
-        return replace(terms, neumann=[(flux, np.unique(sides))]), known
+        self.terms = replace(self.terms, neumann=[(flux, sides)])
+        missed *= np.sqrt(frames.facet_sizes)
+        self.rest = replace(self.rest, flux=missed, flux_mean=means)
 
-    def _given_fluxes(self) -> list[tuple[LocalIndices, list[Formula]]]:
-        """Facets with formulas of their flux, or of the components of a vector A grad u."""
-        if self.current:
-            return [(self.free, self.current)]
-        return [
-            (self.sided.facets(c.sides), [c.value])
-            for c in self.scene.conditions
-            if isinstance(c, Neumann) and c.value is not None
-        ]
+    def _fluxes(self) -> Iterator[tuple[Formula, tuple[Indices, Indices], Array, Array]]:
+        """Yield formulas with facets of frames, their vertices, and the factor in the flux.
 
-    def _flux_terms(
-        self, parts: list[tuple[LocalIndices, list[Formula]]]
-    ) -> Iterator[tuple[Formula, tuple[Indices, Indices], Array, Array]]:
-        """Yield formulas with facets of frames, their vertices, and the factor in the flux."""
-        for sides, formulas in parts:
+        The formulas are those of fluxes, or of the components of a vector A grad u.
+        """
+        given = (
+            [(self.free, self.current)]
+            if self.current
+            else [
+                (self.sided.facets(c.sides), [c.value])
+                for c in self.scene.conditions
+                if isinstance(c, Neumann) and c.value is not None
+            ]
+        )
+        for sides, formulas in given:
             cells, facets, corners = self._facets(sides)
             normals = -self.frames.gradients[cells, facets]
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -201,42 +186,38 @@ class KnownData:
                 on = np.flatnonzero(np.abs(factors) > ROUNDING)
                 yield formula, (cells[on], facets[on]), corners[on], factors[on]
 
-    def _on_boundary(self, kind: type[BoundaryCondition]) -> Array | None:
+    def _on_boundary(
+        self, kind: type[BoundaryCondition], degree: int
+    ) -> list[tuple[Formula, Indices, Indices, Array]]:
+        """Values of conditions that are no polynomials, with facets of frames and vertices."""
+        given = [(c.value, c.sides) for c in self.scene.conditions if isinstance(c, kind)]
+        if kind is Dirichlet:
+            given = [(value or self.solution, sides) for value, sides in given]
+        return [
+            (value, *self._facets(self.sided.facets(sides)))
+            for value, sides in given
+            if value is not None and not is_polynomial(value, self.domain, degree)
+        ]
+
+    def _interpolated(self, kind: type[BoundaryCondition]) -> Array | None:
         """What interpolations miss of values on the boundary; None for nothing, or if not known."""
         degree, result = self.degree + MORE[2], np.zeros((3, *self.frames.facets.shape))
-        found = False
-        for condition in self.scene.conditions:
-            value = condition.value
-            if kind is Dirichlet and value is None:
-                value = self.solution
-            if not isinstance(condition, kind) or is_polynomial(value, self.domain, degree):
-                continue
-            assert value is not None
-            if self.d == 3:
-                return None
-            cells, facets, corners = self._facets(self.sided.facets(condition.sides))
-            missed = missed_by_interpolation(value, corners, degree)
-            if self._any(np.isinf(missed)):
-                return None
-            result[:, cells, facets], found = missed, True
-        return result if found else None
+        found = self._on_boundary(kind, degree)
+        for value, cells, facets, corners in found if self.d == 2 else ():
+            result[:, cells, facets] = missed_by_interpolation(value, corners, degree)
+        known = self.d == 2 and len(found) > 0 and not self._any(np.isinf(result))
+        return result if known else None
 
     def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
         """Polynomials for the obstacle on facets in space, and what these polynomials miss."""
-        contact = self.scene.contact
-        assert contact is not None
-        if self.d == 2 or is_polynomial(contact.value, self.domain, self.degree):
-            return None
-        assert contact.value is not None
-        degree = min(self.degree + MORE[3], ORDERS[2] // 2)
-        cells, facets, corners = self._facets(self.sided.facets(contact.sides))
-        shape = self.frames.facets.shape
+        degree, shape = min(self.degree + MORE[3], ORDERS[2] // 2), self.frames.facets.shape
+        found = self._on_boundary(Contact, self.degree) if self.d == 3 else []
         coefficients, missed = np.zeros((*shape, math.comb(degree + 2, 2))), np.zeros(shape)
-        found = followed_in_parts(contact.value, corners, degree)
-        coefficients[cells, facets], missed[cells, facets] = found
-        if self._any(np.isinf(missed)):
-            return None
-        return FacetPolynomials(degree, coefficients), missed
+        for value, cells, facets, corners in found:
+            both = followed_in_parts(value, corners, degree)
+            coefficients[cells, facets], missed[cells, facets] = both
+        known = len(found) > 0 and not self._any(np.isinf(missed))
+        return (FacetPolynomials(degree, coefficients), missed) if known else None
 
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
         """Facets of the mesh as facets of frames, with their vertices."""
@@ -245,25 +226,21 @@ class KnownData:
         cells, facets = np.nonzero(marks)
         return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
 
-    def _weights(self, rest: Remainders) -> Array:
+    def _weights(self) -> Array:
         """The energies of unit values, and of unit means, on cells of size 1."""
+        rest = self.rest
         a = 1.0 if rest.least_diffusion is None else rest.least_diffusion
         if (matrix := self.scene.constant_diffusion) is not None:
             a = float(np.linalg.eigvalsh(matrix)[0])
-        known = self.scene.reaction.constant if self.scene.reaction is not None else 0.0
-        c: float | Array = 0.0 if known is None else known
-        if rest.least_reaction is not None:
-            c = rest.least_reaction
+        c = np.zeros(1) if rest.least_reaction is None else rest.least_reaction
         with np.errstate(divide="ignore"):
-            by_reaction = 1.0 / np.sqrt(np.asarray(c, dtype=np.float64))
+            by_reaction = 1.0 / np.sqrt(c)
         wide = np.broadcast_to(self.width, self.frames.volumes.shape)
         by_gradient = np.stack((self.frames.diameters / math.pi, wide)) / np.sqrt(a)
         return np.asarray(np.minimum(by_gradient, by_reaction))
 
-    def _fit(
-        self, formula: Formula, weights: Array, tolerance: float
-    ) -> tuple[fem.Function, Array, Array] | None:
-        """Polynomials on cells, and the L2 norms and means of what is missed; None if unbounded."""
+    def _fit(self, name: str, formula: Formula, weights: Array) -> bool:
+        """Take polynomials on cells for the load or the reaction, if what is missed is bounded."""
         degree, count = min(self.degree + 2, ORDERS[self.d] // 2), len(self.corners)
         coefficients = np.zeros((count, math.comb(degree + self.d, degree)))
         missed, mean, hidden = np.zeros(count), np.zeros(count), 0.0
@@ -273,16 +250,20 @@ class KnownData:
             part = parts[k] if k < len(parts) else nothing
             cells, share = part.cells, part.shares
             where = self.corners[cells], degree, weights[:, cells]
-            found = approximated(part.formula, self.comm, *where, tolerance)
+            found = approximated(part.formula, self.comm, *where, self.tolerance)
             coefficients[cells] = found.coefficients
             missed[cells] = found.missed + np.sqrt(share) * part.apart
             mean[cells] = found.mean + share * part.apart
             hidden = math.hypot(hidden, found.hidden)
         self.hidden = max(self.hidden, hidden)
         if self._any(~np.isfinite(missed)):
-            return None
+            return False
         missed *= np.sqrt(self.frames.volumes)
-        return cell_function(self.domain, coefficients, degree), missed, mean
+        data = cell_function(self.domain, coefficients, degree)
+        self.terms = replace(self.terms, **{name: data})
+        known: dict[str, Any] = {name: missed, f"{name}_mean": mean}
+        self.rest = replace(self.rest, **known)
+        return True
 
     def _one_sided(self, formula: Formula) -> list["_OneSided"]:
         """The cells on one side of the jumps and kinks of a formula, and those that are cut."""
