@@ -18,10 +18,10 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.bounds.better_fluxes import RAISED
 from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
 from dolfinx_signorini.bounds.frames import cells_around, datum
-from dolfinx_signorini.bounds.free_boundary import RAISED
 from dolfinx_signorini.bounds.lifting import DATA, Feasible
 from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
@@ -146,7 +146,9 @@ def _feasible(solved: Solved, sides: list[_Side], contact: _Contact, degree: int
         limits[int(side.side < 0.0)] = np.where(here, g, -side.side * np.inf)
     # Interpolants of obstacles with kinks may cross where the obstacles meet.
     limits = [func(*limits) for func in (np.minimum, np.maximum)]
-    around = cells_around(solved.comm, frames.vertices, contact.partly) * (degree > solved.degree)
+    around = cells_around(solved.comm, frames.vertices, contact.partly[:, None]) * (
+        degree > solved.degree
+    )
     cells = np.flatnonzero(around)
     v, changed = nearer(solved, space, cells, u.x.array, (limits[0], limits[1]))
     v = np.clip(v, *limits)

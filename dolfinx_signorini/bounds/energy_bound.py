@@ -16,6 +16,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_contact import contact_in_cells, target_of
@@ -34,10 +35,9 @@ from dolfinx_signorini.bounds.flux_parts import (
     Oscillation,
     flux_parts,
     oscillation,
-    with_free_boundary,
+    with_better,
 )
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
 from dolfinx_signorini.bounds.lifting import feasible, gap_means, gaps
@@ -131,7 +131,7 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     degree, in_cells = solved.degree, solved.problem.in_domain
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
-    fluxes, missed, more = given_fluxes(solved)
+    fluxes, missed, sampled = given_fluxes(solved)
     near, pressing = contact_in_cells(solved) if in_cells else (feasible(solved, kinds), None)
     solved = replace(solved, change=target_of(near) if in_cells else None)
     quadrature, notes = quadrature_degree(solved, degree)
@@ -142,17 +142,19 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
     outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
-    better = None
-    if pressing is not None:
-        better = better_pressures(solved, data, moments, reference, pressing, outlet)
+    more = reference, pressing, (points, gap), outlet
+    better = better_fluxes(solved, data, moments, *more) if in_cells else None
     if better is not None:
         data, moments = better.into(data, moments)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
+    if not in_cells:  # the divergence stays as it is
+        better = better_fluxes(solved, data, moments, *more)
+        moments = moments if better is None else better.into(data, moments)[1]
     data, energy = with_pressure(data, moments, reference)
     own = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
     own = replace(own, contact=own.contact + energy)
     if better is not None:
-        own = with_free_boundary(own, solved, better, moments)
+        own = with_better(own, solved, better, moments)
     change = lifted[:, 1] + robin_energy(solved, near.change)
     parts = _Parts(
         flux=own.flux,
@@ -165,7 +167,7 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
         contact=own.contact,
     )
     constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
-    notes = [*notes, *more, *near.notes, *solved.rest.sampled, *doubt]
+    notes = [*notes, *sampled, *near.notes, *solved.rest.sampled, *doubt]
     return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
 
 

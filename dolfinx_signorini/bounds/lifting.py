@@ -267,3 +267,17 @@ def gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
     means = np.zeros((*points.frames.order.shape, p.shape[1]))
     means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
     return means
+
+
+def contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
+    """Return the integrals of contact flux times gap over the contact facets of each cell.
+
+    Args:
+        points, gap: See `gaps`.
+        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
+        degree: The degree of the flux.
+    """
+    own = moments[points.cells, points.facets]
+    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
+    sums = np.maximum(flux, 0.0) * gap @ points.weights
+    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
