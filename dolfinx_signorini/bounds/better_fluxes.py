@@ -40,9 +40,9 @@ from dolfinx_signorini.bounds.condensation import (
     gradient_products,
     vertices_of,
 )
+from dolfinx_signorini.bounds.feasible import contact_energy, gap_means
 from dolfinx_signorini.bounds.frames import cells_around
 from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram, assembled
-from dolfinx_signorini.bounds.lifting import contact_energy, gap_means
 from dolfinx_signorini.bounds.reference_flux import (
     PARTS,
     ReferenceFlux,

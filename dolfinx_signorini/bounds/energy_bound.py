@@ -10,7 +10,6 @@ from typing import Any
 
 import basix
 import numpy as np
-from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
@@ -19,7 +18,6 @@ from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_contact import contact_in_cells, target_of
 from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
@@ -30,7 +28,9 @@ from dolfinx_signorini.bounds.cell_values import (
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
+from dolfinx_signorini.bounds.contact import contact_of
 from dolfinx_signorini.bounds.equilibration import equilibrated
+from dolfinx_signorini.bounds.feasible import gap_means, gaps
 from dolfinx_signorini.bounds.flux_parts import (
     Oscillation,
     flux_parts,
@@ -40,7 +40,6 @@ from dolfinx_signorini.bounds.flux_parts import (
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
-from dolfinx_signorini.bounds.lifting import feasible, gap_means, gaps
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -132,12 +131,13 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
     fluxes, missed, sampled = given_fluxes(solved)
-    near, pressing = contact_in_cells(solved) if in_cells else (feasible(solved, kinds), None)
-    solved = replace(solved, change=target_of(near) if in_cells else None)
+    near, pressing = contact_of(solved, kinds)
+    solved = replace(solved, change=near.target if in_cells else None)
     quadrature, notes = quadrature_degree(solved, degree)
     points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
-    found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
+    found, scales, beside = _on_cells(solved, quadrature, missed)
+    lifted = lifted_energy(solved, near.change)
     data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
@@ -180,23 +180,22 @@ def with_bound(value: Any) -> str:
 
 
 def _on_cells(
-    solved: Solved, quadrature: int, missed: Array, change: fem.Function
-) -> tuple[CellMoments, CellScales, Oscillation, Array]:
+    solved: Solved, quadrature: int, missed: Array
+) -> tuple[CellMoments, CellScales, Oscillation]:
     """What cells tell before there is a flux, batch by batch.
 
     Args:
         solved: The problem.
         quadrature: The degree of the rule.
         missed: What polynomials miss of the fluxes on facets.
-        change: What makes the solution feasible.
     """
     found = []
     for cells, values in cell_values(solved, quadrature).batches():
         moments = cell_moments(values, solved.degree)
         beside = oscillation(values, missed[cells], moments.source, solved.degree)
-        found.append((moments, values.scales, beside, lifted_energy(values, change)))
-    every, scales, beside_all, lifted = zip(*found, strict=True)
-    return joined(every), joined(scales), joined(beside_all), np.concatenate(lifted)
+        found.append((moments, values.scales, beside))
+    every, scales, beside_all = zip(*found, strict=True)
+    return joined(every), joined(scales), joined(beside_all)
 
 
 def _check_mesh(problem: BoundConstrainedProblem) -> None:

@@ -17,7 +17,7 @@ from dolfinx_signorini.bounds.cell_values import (
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
-from dolfinx_signorini.bounds.lifting import contact_energy
+from dolfinx_signorini.bounds.feasible import contact_energy
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest
 from dolfinx_signorini.bounds.remainders import Solved
 
