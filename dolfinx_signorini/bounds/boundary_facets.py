@@ -167,11 +167,7 @@ def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, 
     cells, facets = np.nonzero(marked)
     weights = np.tile(weights, PARTS) / PARTS
     points = FacetPoints(frames, cells, facets, t.reshape(-1, 1), weights)
-    # The rule is symmetric, but the points may run from the second end of a facet to the first.
-    place = np.argsort(np.argsort(points.along, axis=1), axis=1)
-    order = np.argsort(t.ravel())
-    values = positive_on_parts(degree, PARTS, series, nodes)[:, order]
-    return points, np.take_along_axis(values, place, axis=1)
+    return points, positive_on_parts(degree, PARTS, series, points.along)
 
 
 def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:

@@ -32,6 +32,7 @@ from dolfinx_signorini.bounds.contact import contact_of
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.feasible import gap_means, gaps
 from dolfinx_signorini.bounds.flux_parts import (
+    FluxParts,
     Oscillation,
     flux_parts,
     oscillation,
@@ -81,19 +82,6 @@ class EnergyBound:
     cells: Array = field(repr=False)
     sampled: bool = False
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """The parts of the bound on each cell: norms, and for contact the integral sigma."""
-
-    flux: Array
-    middle: Array  # from A grad u_h to the middle of A grad v and y
-    data: Oscillation
-    mean: Array
-    lifting: Array
-    change: Array  # by what the norms of reaction and Robin conditions miss v, where y aims at v
-    contact: Array
 
 
 def energy_bound(
@@ -155,19 +143,14 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     own = replace(own, contact=own.contact + energy)
     if better is not None:
         own = with_better(own, solved, better, moments)
-    change = lifted[:, 1] + robin_energy(solved, near.change)
-    parts = _Parts(
-        flux=own.flux,
-        middle=own.middle,
-        data=beside,
-        # Rounding alone outside of ends.
-        mean=np.where(ends, scales.l2_weight, 0.0) * own.left,
-        lifting=lifting_norms(solved, scales, near, lifted),
-        change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=own.contact,
-    )
-    constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
+    # Rounding alone outside of ends.
+    own = replace(own, left=np.where(ends, scales.l2_weight, 0.0) * own.left)
+    # By what the norms of reaction and Robin conditions miss v, where y aims at v.
+    change = np.sqrt(in_cells * (lifted[:, 1] + robin_energy(solved, near.change)))
+    lifting = lifting_norms(solved, scales, near, lifted)
+    constant, doubt = _mean_constant(solved, scales, kinds, beside.stray, ends)
     notes = [*notes, *sampled, *near.notes, *solved.rest.sampled, *doubt]
+    parts = own, beside, lifting, change
     return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
 
 
@@ -232,7 +215,7 @@ def _mean_constant(
 
 def _bound(
     solved: Solved,
-    parts: _Parts,
+    parts: tuple[FluxParts, Oscillation, Array, Array],
     scales: CellScales,
     ends: Mask,
     constant: float,
@@ -240,33 +223,33 @@ def _bound(
     notes: list[str],
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
-    data, weak, comm = parts.data, scales.weak, solved.comm
+    (own, data, lifted, change), weak, comm = parts, scales.weak, solved.comm
     beside = data.on_facets + np.where(weak, data.projected + data.missed, 0.0)
-    by_gradient = parts.flux + beside
+    by_gradient = own.flux + beside
     # What is left of the polynomial part is orthogonal to the rest.
-    by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
+    by_reaction = np.sqrt(own.left**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
     taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
-    by_reaction += parts.change
+    by_reaction += change
     square = by_gradient**2 + by_reaction**2
 
     def root(values: Array) -> float:
         return math.sqrt(comm.allreduce(float(values.sum())))
 
     free = constant * root(stray**2)
-    eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
+    eta, contact, lifting = root(square) + free, root(own.contact), root(lifted**2)
     total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
-    cells = np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact)
+    cells = np.sqrt(square + (constant * stray) ** 2 + lifted**2 + 2.0 * own.contact)
     if solved.problem.in_domain:
-        middle = root((parts.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
+        middle = root((own.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
         total = middle + math.sqrt(0.25 * eta**2 + contact**2)
         cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(
-        flux=root(parts.flux**2),
+        flux=root(own.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
-        mean=root(parts.mean**2),
+        mean=root(own.left**2),
         lifting=lifting,
         total=math.inf if missing else total,
         cells=cells,

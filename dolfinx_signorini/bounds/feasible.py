@@ -162,15 +162,23 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
     for g, entities in zip(obstacles, closed, strict=True):
         touching = marked(space, dofs_on_entities(space, dim, entities))
         v = np.where(touching & ~changed, g, v)
+    met = here.copy()
     for data, facets in solved.terms.dirichlet:
         dofs, fixed = dofs_on_facets(space, facets), u.x.array
         if data is not None:
             fixed = problem.sign * _coefficients(space, data, dofs)
         v = np.where(marked(space, dofs), fixed, v)
+        met |= marked(space, dofs)
     beyond = [side.side * (g - v)[here] for side, g in zip(sides, obstacles, strict=True)]
     held = highest(solved.comm, np.array(beyond)) > tiny
     change = fem.Function(space)
     change.x.array[:] = v - u.x.array
+    if is_bernstein(space) and not problem.in_domain:
+        # Zero at all other nodes: where the reaction is strong, nearer than by other coefficients.
+        nodal = fem.Function(lagrange_space(space.mesh, degree, basix.LagrangeVariant.gll_warped))
+        nodal.interpolate(change)
+        nodal.x.array[~met] = 0.0
+        change = nodal
     return Feasible(change, notes=_unknown(solved, degree) + (BELOW,) * held)
 
 
