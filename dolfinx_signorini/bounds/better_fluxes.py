@@ -28,7 +28,6 @@ from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.cell_pressure import Pressing, free_pressure, without_pressure
 from dolfinx_signorini.bounds.cell_values import (
     cell_data,
-    cell_moments,
     cell_values,
     quadrature_degree,
 )
@@ -40,8 +39,8 @@ from dolfinx_signorini.bounds.condensation import (
     gradient_products,
     vertices_of,
 )
-from dolfinx_signorini.bounds.feasible import contact_energy, gap_means
 from dolfinx_signorini.bounds.frames import cells_around
+from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
 from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram, assembled
 from dolfinx_signorini.bounds.reference_flux import (
     PARTS,
@@ -206,13 +205,11 @@ def _finer(
 ) -> CellData:
     """Cells for fields of a higher degree; their source is of the lower one."""
     values = cell_values(solved, quadrature_degree(solved, reference.degree)[0])
-    found = cell_moments(values, reference.degree)
+    given = data.kinds, data.touching, np.zeros_like(gaps), gaps, pressing
+    found = cell_data(values, reference.degree, *given)
     source = np.zeros_like(found.source)
     source[:, : data.source.shape[1]] = data.source
-    found = replace(found, source=source)
-    return cell_data(
-        solved.frames, data.kinds, data.touching, np.zeros_like(gaps), gaps, found, pressing
-    )
+    return replace(found, source=source)
 
 
 class _Unknowns:

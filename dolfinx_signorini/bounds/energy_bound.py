@@ -18,19 +18,16 @@ from dolfinx_signorini.base.kinds import check, instance
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
+from dolfinx_signorini.bounds.cell_pressure import Pressing, with_pressure, without_defects
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
-    CellMoments,
     cell_data,
-    cell_moments,
     cell_values,
     quadrature_degree,
 )
-from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
+from dolfinx_signorini.bounds.condensation import DIRICHLET, CellData, joined
 from dolfinx_signorini.bounds.contact import contact_of
 from dolfinx_signorini.bounds.equilibration import equilibrated
-from dolfinx_signorini.bounds.feasible import gap_means, gaps
 from dolfinx_signorini.bounds.flux_parts import (
     FluxParts,
     Oscillation,
@@ -40,6 +37,7 @@ from dolfinx_signorini.bounds.flux_parts import (
 )
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
+from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
@@ -124,9 +122,9 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     quadrature, notes = quadrature_degree(solved, degree)
     points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
-    found, scales, beside = _on_cells(solved, quadrature, missed)
+    given = {"kinds": kinds, "touching": touching, "fluxes": fluxes, "gaps": means}
+    data, scales, beside = _on_cells(solved, quadrature, given, pressing, missed)
     lifted = lifted_energy(solved, near.change)
-    data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
     outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
@@ -163,20 +161,28 @@ def with_bound(value: Any) -> str:
 
 
 def _on_cells(
-    solved: Solved, quadrature: int, missed: Array
-) -> tuple[CellMoments, CellScales, Oscillation]:
+    solved: Solved,
+    quadrature: int,
+    given: dict[str, Any],
+    pressing: Pressing | None,
+    missed: Array,
+) -> tuple[CellData, CellScales, Oscillation]:
     """What cells tell before there is a flux, batch by batch.
 
     Args:
         solved: The problem.
         quadrature: The degree of the rule.
+        given: What is known on the facets of the cells, see `cell_data`.
+        pressing: The pressure in the cells; None for none.
         missed: What polynomials miss of the fluxes on facets.
     """
     found = []
     for cells, values in cell_values(solved, quadrature).batches():
-        moments = cell_moments(values, solved.degree)
-        beside = oscillation(values, missed[cells], moments.source, solved.degree)
-        found.append((moments, values.scales, beside))
+        own = None if pressing is None else pressing.some(cells)
+        facts = {name: part[cells] for name, part in given.items()}
+        data = cell_data(values, solved.degree, **facts, pressing=own)
+        beside = oscillation(values, missed[cells], data.source, solved.degree)
+        found.append((data, values.scales, beside))
     every, scales, beside_all = zip(*found, strict=True)
     return joined(every), joined(scales), joined(beside_all)
 

@@ -20,8 +20,8 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import highest, largest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points, on_parts
-from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, OPEN
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
+from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import Cones, cones_on, fitted, lattice
 from dolfinx_signorini.bounds.frames import cells_around, on_frames
 from dolfinx_signorini.bounds.nearer import nearer
@@ -245,7 +245,7 @@ def _raised(solved: Solved, kinds: Indices, near: Feasible) -> Feasible:
     order = max(change.function_space.element.basix_element.degree, obstacle.degree)
     points = facet_points(frames, kinds >= OPEN, 2 * order)
     p = points.polynomials(order)
-    gap = _above(solved, near, points)
+    gap = above(solved, near, points)
     low = lowest(2, order, np.einsum("q,nq,njq->nj", points.weights, gap, p))
     lack = np.maximum(missed[kinds >= OPEN] - low, 0.0)
     hats = fem.Function(fem.functionspace(frames.domain, ("Lagrange", 1)))
@@ -263,64 +263,15 @@ def _raised(solved: Solved, kinds: Indices, near: Feasible) -> Feasible:
     return near
 
 
-def _above(solved: Solved, near: Feasible, points: FacetPoints) -> Array:
-    """The feasible function minus the obstacle, or the polynomials for the obstacle, at points."""
+def above(solved: Solved, near: Feasible, points: FacetPoints) -> Array:
+    """Return a feasible function minus the obstacle, or minus polynomials for it, at points.
+
+    Args:
+        solved: The problem.
+        near: What makes the solution feasible.
+        points: Points of contact facets.
+    """
     problem, told = solved.problem, solved.rest.obstacle_in_space
     v = problem.sign * points.function(problem.space, problem.u.x.array)
     v += points.function(near.change.function_space, near.change.x.array)
     return v - problem.sign * points.values(problem.obstacle_data if told is None else told[0])
-
-
-def gaps(solved: Solved, near: Feasible, kinds: Indices) -> tuple[FacetPoints, Array]:
-    """Return the gap of a feasible function at points of contact facets, or more than the gap.
-
-    Args:
-        solved: The problem; the call is collective.
-        near: What makes the solution feasible.
-        kinds: The kinds of the facets of cells.
-
-    Returns:
-        The points, with a rule for the gap times polynomials of the degree of the solution, and the
-        values.
-    """
-    contact, told = kinds >= OPEN, solved.rest.obstacle_in_space
-    if near.gap is not None:
-        points, gap = on_parts(solved.frames, contact, near.gap[0])
-        gap += near.gap[1][:, None]
-    else:
-        points = facet_points(solved.frames, contact, 2 * solved.degree + 8)
-        if solved.problem.in_domain:
-            return points, np.zeros((0, len(points.weights)))
-        gap = np.maximum(_above(solved, near, points), 0.0)
-    if told is not None:
-        gap += told[1][contact][:, None]
-    elif solved.dimension == 2 or known(solved.problem.obstacle_data, solved.degree):
-        gap[kinds[points.cells, points.facets] == CLOSED] = 0.0
-    return points, gap
-
-
-def gap_means(points: FacetPoints, gap: Array, degree: int) -> Array:
-    """Return the means of gap times polynomial, shape (cells, d + 1, moments).
-
-    Args:
-        points, gap: See `gaps`.
-        degree: The degree of the polynomials.
-    """
-    p = points.polynomials(degree)
-    means = np.zeros((*points.frames.order.shape, p.shape[1]))
-    means[points.cells, points.facets] = np.einsum("q,nq,njq->nj", points.weights, gap, p)
-    return means
-
-
-def contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
-    """Return the integrals of contact flux times gap over the contact facets of each cell.
-
-    Args:
-        points, gap: See `gaps`.
-        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
-        degree: The degree of the flux.
-    """
-    own = moments[points.cells, points.facets]
-    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
-    sums = np.maximum(flux, 0.0) * gap @ points.weights
-    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)

@@ -17,7 +17,7 @@ from dolfinx_signorini.bounds.cell_values import (
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
-from dolfinx_signorini.bounds.feasible import contact_energy
+from dolfinx_signorini.bounds.gaps import contact_energy
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest
 from dolfinx_signorini.bounds.remainders import Solved
 
@@ -149,7 +149,7 @@ def oscillation(values: CellValues, fluxes: Array, source: Array, degree: int) -
         values: The solution and the coefficients.
         fluxes: The L2 norms on facets of the rest of the given fluxes beside their projections,
             shape (cells, d + 1).
-        source: The moments of f - c u, see `CellMoments`.
+        source: The moments of f - c u, see `CellData`.
         degree: The degree of the polynomials.
     """
     frames, rest, scales, a = values.frames, values.rest, values.scales, values.scales.lowest

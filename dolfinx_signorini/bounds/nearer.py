@@ -84,6 +84,8 @@ def _system(solved: Solved, space: fem.FunctionSpace, around: Indices) -> tuple[
     A = np.broadcast_to(A[..., None] * np.eye(d) if A.ndim == 2 else A, (len(size), d, d))
     metric = inverse @ A @ inverse.transpose(0, 2, 1) * size[:, None, None]
     stiffness = np.tensordot(metric, pairs, 2)
+    c = means(values.reaction, values.weights)[:, None, None] * size[:, None, None]
+    stiffness += c * np.einsum("q,qi,qj->ij", values.weights, table[0], table[0])
     weighted = np.broadcast_to(values.residual, (len(size), len(values.weights)))
     load = (weighted * values.weights) @ table[0]
     current = np.broadcast_to(values.current, (*weighted.shape, d)) @ inverse.transpose(0, 2, 1)

@@ -29,7 +29,6 @@ from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
 from dolfinx_signorini.bounds.cell_values import (
     cell_data,
-    cell_moments,
     cell_values,
     flux_values,
 )
@@ -220,8 +219,7 @@ def flux_of(case):
     kinds, touching = facet_kinds(solved)
     values = cell_values(solved, 2 * degree + 6)
     fluxes, _, _ = given_fluxes(solved)
-    moments = cell_moments(values, degree)
-    data = cell_data(values.frames, kinds, touching, fluxes, np.zeros_like(fluxes), moments)
+    data = cell_data(values, degree, kinds, touching, fluxes, np.zeros_like(fluxes))
     field = coefficients(data, reference, equilibrated(domain, data, reference))
     vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))
     y, points = fem.Function(vectors), vectors.element.basix_element.points
