@@ -119,7 +119,7 @@ CASES = {
     "ramp, Neumann": (ramp, 8, {"free": True}, (1.25, 2.6, 4.3)),
     "ramp, some cells": (ramp, 8, {"some": True}, (1.27, 2.6, 3.8)),
     "ramp, reaction": (ramp, 8, {"c": 1.0, "free": True}, (1.25, 2.6, 3.8)),
-    "ramp, layers": (ramp, 8, {"c": 1e4}, (20.0, 20.0, 20.0)),
+    "ramp, layers": (ramp, 8, {"c": 1e4}, (2.8, 1.65, 2.1)),
 }
 
 
