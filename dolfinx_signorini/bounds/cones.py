@@ -71,7 +71,9 @@ class Cones:
         legendre = np.polynomial.legendre
         w = legendre.legval(2.0 * t - 1.0, series)
         slope = 2.0 * legendre.legval(2.0 * t - 1.0, legendre.legder(series))
-        kept = ~self.positive[:, None] | (self._highest() > self.tiny)
+        above = self.coefficients.copy()
+        above[:, 0] += self.missed[0]
+        kept = ~self.positive[:, None] | (highest_on_parts(degree, PARTS, above) > self.tiny)
         weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
         ends = others(d)[self.facets]
         frames = self.frames.some(self.cells)
@@ -105,17 +107,6 @@ class Cones:
         norms += np.sqrt(size * strip[self.cells]) * steep
         sums = np.bincount(self.cells, norms, len(self.frames.order))
         return np.asarray(sums, dtype=np.float64)
-
-    def _highest(self) -> Array:
-        """Upper bounds of the functions on parts of facets; what is missed vanishes at the ends."""
-        value, change, _ = self.missed
-        line = change[:, None] * np.array([0.5, 0.5 / 3.0**0.5])  # change times t
-        highest = []
-        for first in (np.column_stack((value, 0.0 * value)), line, line * np.array([1.0, -1.0])):
-            series = self.coefficients.copy()
-            series[:, :2] += first
-            highest.append(highest_on_parts(series.shape[1] - 1, PARTS, series))
-        return np.min(highest, axis=0)
 
 
 def lattice(frames: Frames, marked: Mask, degree: int) -> FacetPoints:

@@ -72,7 +72,8 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, places: Arra
     """
     part = np.minimum((count * places).astype(np.int64), count - 1)
     above = np.maximum(coefficients @ on_parts(degree, count), 0.0)
-    basis = _bernstein(degree, (count * places - part).reshape(-1, 1)).reshape(-1, *places.shape)
+    basis = _bernstein(degree, (count * places - part).reshape(-1, 1))
+    basis = basis.reshape(degree + 1, *places.shape)
     return np.asarray(np.einsum("nqk,knq->nq", above[part, np.arange(len(part))[:, None]], basis))
 
 

@@ -155,6 +155,13 @@ def test_space(u, fixed, c, degree, comm):
     checked(case, 1.3)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_polynomials_on_the_boundary_in_space_are_met_everywhere(degree, comm):
+    domain = cube(comm)
+    case = Case(domain, in_space(ufl.SpatialCoordinate(domain)), degree, fixed=roof)
+    assert not checked(case, 1.3).sampled
+
+
 @pytest.mark.parametrize("end", [0.45, 0.513])
 def test_edges_in_space_are_raised_where_contact_ends_inside_of_cells(end, comm):
     domain = cube(comm, 5)
