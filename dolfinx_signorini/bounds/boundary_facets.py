@@ -167,11 +167,7 @@ def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, 
     cells, facets = np.nonzero(marked)
     weights = np.tile(weights, PARTS) / PARTS
     points = FacetPoints(frames, cells, facets, t.reshape(-1, 1), weights)
-    # The rule is symmetric, but the points may run from the second end of a facet to the first.
-    place = np.argsort(np.argsort(points.along, axis=1), axis=1)
-    order = np.argsort(t.ravel())
-    values = positive_on_parts(degree, PARTS, series, nodes)[:, order]
-    return points, np.take_along_axis(values, place, axis=1)
+    return points, positive_on_parts(degree, PARTS, series, points.along)
 
 
 def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
@@ -200,7 +196,7 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     kinds = np.where(outer, NEUMANN, INTERIOR)
     kinds[fixed & outer] = DIRICHLET
     kinds[contact & outer] = OPEN
-    cells, facets, dofs = contact_closures(problem, frames, kinds)
+    cells, facets, dofs = contact_closures(problem.space, frames, kinds)
     size = highest(comm, np.abs(problem.u.x.array))
     touching = problem.gap.x.array <= ROUNDING * size
     kinds[cells, facets] = _contact_kinds(problem, dofs, touching)
@@ -213,7 +209,8 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
 def _contact_kinds(problem: BoundConstrainedProblem, dofs: Indices, touching: Mask) -> Indices:
     """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
     free = ~marked(problem.space, problem.fixed_dofs)
-    closed = (touching[dofs] | (_weightless(problem)[None, :] & free[dofs])).all(axis=1)
+    light = weightless(problem.space, problem.space.mesh.topology.dim - 1)
+    closed = (touching[dofs] | (light & free[dofs])).all(axis=1)
     # Of higher degree: where a facet touches with a vertex alone, the force is on its neighbours.
     degree, d = problem.space.element.basix_element.degree, problem.space.mesh.topology.dim
     inner = dofs if degree == 1 else dofs[:, d:]
@@ -222,32 +219,35 @@ def _contact_kinds(problem: BoundConstrainedProblem, dofs: Indices, touching: Ma
 
 
 def contact_closures(
-    problem: BoundConstrainedProblem, frames: Frames, kinds: Indices
+    space: fem.FunctionSpace, frames: Frames, kinds: Indices
 ) -> tuple[Indices, Indices, Indices]:
     """Return the cells and numbers of the contact facets of frames, with the dofs on each.
 
     Args:
-        problem: The problem.
+        space: The space of the dofs.
         frames: The cells of the mesh.
         kinds: The kinds of the facets of the cells.
     """
     cells, facets = np.nonzero(kinds >= OPEN)
     pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
-    return cells, facets, facet_dofs(problem.space, pairs).astype(np.int64)
+    return cells, facets, facet_dofs(space, pairs).astype(np.int64)
 
 
-def _weightless(problem: BoundConstrainedProblem) -> Mask:
-    """Whether the integral of the function of a dof over a facet is not positive.
+def weightless(space: fem.FunctionSpace, dim: int) -> Mask:
+    """Return whether the integral of the function of a dof over a facet or cell is not positive.
 
     The functions of vertices in space at degree 2 have the integral 0: contact forces at these
     vertices are small and of any sign, and tell nothing about contact.
+
+    Args:
+        space: The space.
+        dim: The dimension of facets or cells.
     """
-    element = problem.space.element.basix_element
-    d = problem.space.mesh.topology.dim
-    points, weights = rule(d - 1, element.degree)
-    outside = np.hstack((np.zeros((len(points), 1)), points))  # of the facet where x[0] = 0
-    dofs = element.entity_closure_dofs[d - 1][1]
-    means = weights @ element.tabulate(0, outside)[0, :, dofs, 0].T
+    element, d = space.element.basix_element, space.mesh.topology.dim
+    points, weights = rule(dim, element.degree)
+    inside = np.hstack((np.zeros((len(points), d - dim)), points))  # of the facet where x[0] = 0
+    dofs = element.entity_closure_dofs[dim][d - dim]
+    means = weights @ element.tabulate(0, inside)[0, :, dofs, 0].T
     return np.asarray(means <= ROUNDING)
 
 

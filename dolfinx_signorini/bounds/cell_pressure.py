@@ -29,7 +29,7 @@ class Pressing:
     sides: Indices
     rises: Array  # with polynomials of any degree
 
-    def some(self, cells: Indices) -> "Pressing":
+    def some(self, cells: Indices | slice) -> "Pressing":
         """Return what concerns some of the cells."""
         return Pressing(self.sides[cells], self.rises[cells])
 

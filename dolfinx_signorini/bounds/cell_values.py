@@ -198,7 +198,7 @@ class CellValues:
         """Return the L2 norm of f - c u without its projection on polynomials on each cell.
 
         Args:
-            source: The moments of f - c u, see `CellMoments`.
+            source: The moments of f - c u, see `CellData`.
             degree: The degree of the polynomials.
         """
         rest, mean = self.residual.copy(), source / self.frames.volumes[:, None]
@@ -226,24 +226,25 @@ def cell_values(solved: Solved, quadrature: int) -> CellValues:
     return CellValues(solved, *rule(solved.dimension, quadrature), formulas)
 
 
-@dataclass(frozen=True)
-class CellMoments:
-    """What the solution and its equation tell patches of cells, see `CellData`."""
-
-    sizes: Array
-    metric: Array
-    gradient: Array
-    current: Array
-    source: Array
-    strength: Array
-
-
-def cell_moments(values: CellValues, degree: int) -> CellMoments:
-    """Return what the solution and its equation tell patches of cells.
+def cell_data(
+    values: CellValues,
+    degree: int,
+    kinds: Indices,
+    touching: Indices,
+    fluxes: Array,
+    gaps: Array,
+    pressing: Pressing | None = None,
+) -> CellData:
+    """Return what patches need to know of cells.
 
     Args:
         values: The solution and the coefficients.
         degree: The degree of the flux.
+        kinds: The kinds of the facets, shape (cells, d + 1).
+        touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
+        fluxes: The moments of given fluxes on facets.
+        gaps: The means of gap times polynomial on contact facets.
+        pressing: The pressure in the cells; None for none.
     """
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
     inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
@@ -251,54 +252,28 @@ def cell_moments(values: CellValues, degree: int) -> CellMoments:
     current = aim = values.moments(values.current, degree)
     if values.aim is not values.gradient:
         aim = values.moments(values.diffusion.times(values.aim), degree)
-    return CellMoments(
-        sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
-        metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
-        # The energy of the distance to A grad u, measured with the mean of the inverse of A.
-        gradient=J.transpose(0, 2, 1) @ inverse @ aim,
-        current=frames.inverses @ current * frames.volumes[:, None, None],
-        source=values.moments(values.residual, degree) * frames.volumes[:, None],
-        strength=np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0),
-    )
-
-
-def cell_data(
-    frames: Frames,
-    kinds: Indices,
-    touching: Indices,
-    fluxes: Array,
-    gaps: Array,
-    moments: CellMoments,
-    pressing: Pressing | None = None,
-) -> CellData:
-    """Return what patches need to know of cells.
-
-    Args:
-        frames: The cells.
-        kinds: The kinds of the facets, shape (cells, d + 1).
-        touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
-        fluxes: The moments of given fluxes on facets.
-        gaps: The means of gap times polynomial on contact facets.
-        moments: What the solution and its equation tell.
-        pressing: The pressure in the cells; None for none.
-    """
-    found = vars(moments)
+    source = values.moments(values.residual, degree) * frames.volumes[:, None]
     if pressing is None:
-        pressing = Pressing(np.zeros(len(kinds), dtype=np.int64), np.zeros_like(moments.source))
-    else:
-        found = found | {"strength": np.where(pressing.sides, np.inf, moments.strength)}
+        pressing = Pressing(np.zeros(len(kinds), dtype=np.int64), np.zeros_like(source))
+    strength = np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0)
     return CellData(
         vertices=frames.vertices,
         facets=frames.facets,
         kinds=kinds,
         touching=touching,
+        sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
+        edges=J,
+        metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
+        # The energy of the distance to A grad u, measured with the mean of the inverse of A.
+        gradient=J.transpose(0, 2, 1) @ inverse @ aim,
+        current=frames.inverses @ current * frames.volumes[:, None, None],
+        source=source,
         fluxes=fluxes,
         gaps=gaps,
-        places=frames.places,
-        edges=frames.jacobians,
+        strength=np.where(pressing.sides != 0, np.inf, strength),
         sides=pressing.sides,
-        rises=pressing.rises[:, : moments.source.shape[1]],
-        **found,
+        rises=pressing.rises[:, : source.shape[1]],
+        places=frames.places,
     )
 
 

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.bounds.congruence import alike
 from dolfinx_signorini.bounds.reference_flux import (
     ReferenceFlux,
@@ -114,6 +114,11 @@ def blocks(rows: int, width: int) -> list[slice]:
     """Return slices of rows of some numbers, each so short that caches hold the rows."""
     ends = np.linspace(0, rows, 2 + rows * width // BLOCK).astype(int)
     return list(map(slice, ends[:-1], ends[1:]))
+
+
+def vertices_of(facets: Mask) -> Mask:
+    """Return the vertices of cells that are on one of some facets of the cell."""
+    return np.asarray(facets.sum(axis=1, keepdims=True) - facets > 0)
 
 
 def hats(reference: ReferenceFlux) -> Array:

@@ -4,17 +4,16 @@ A function that vanishes at the ends of a facet is extended to the opposite vert
 that is homogeneous of some degree about this vertex, and vanishes on the other two facets.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import basix
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
-from dolfinx_signorini.bounds.frames import Frames, on_frames
+from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import (
     CELLS,
     PARTS,
@@ -24,7 +23,6 @@ from dolfinx_signorini.bounds.reference_flux import (
     others,
     rule,
 )
-from dolfinx_signorini.bounds.remainders import MORE, Solved
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,9 @@ class Cones:
         legendre = np.polynomial.legendre
         w = legendre.legval(2.0 * t - 1.0, series)
         slope = 2.0 * legendre.legval(2.0 * t - 1.0, legendre.legder(series))
-        kept = ~self.positive[:, None] | (self._highest() > self.tiny)
+        above = self.coefficients.copy()
+        above[:, 0] += self.missed[0]
+        kept = ~self.positive[:, None] | (highest_on_parts(degree, PARTS, above) > self.tiny)
         weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
         ends = others(d)[self.facets]
         frames = self.frames.some(self.cells)
@@ -108,17 +108,6 @@ class Cones:
         sums = np.bincount(self.cells, norms, len(self.frames.order))
         return np.asarray(sums, dtype=np.float64)
 
-    def _highest(self) -> Array:
-        """Upper bounds of the functions on parts of facets; what is missed vanishes at the ends."""
-        value, change, _ = self.missed
-        line = change[:, None] * np.array([0.5, 0.5 / 3.0**0.5])  # change times t
-        highest = []
-        for first in (np.column_stack((value, 0.0 * value)), line, line * np.array([1.0, -1.0])):
-            series = self.coefficients.copy()
-            series[:, :2] += first
-            highest.append(highest_on_parts(series.shape[1] - 1, PARTS, series))
-        return np.min(highest, axis=0)
-
 
 def lattice(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     """Return points of facets, the corners among them, that tell a polynomial of a degree.
@@ -148,74 +137,31 @@ def fitted(points: FacetPoints, values: Array, degree: int) -> Array:
     return np.asarray(np.linalg.solve(table, values[..., None])[..., 0])
 
 
-def data_defects(solved: Solved, u: Array) -> list[tuple[FacetPoints, Array]]:
-    """Return Dirichlet data minus the solution at points of the facets with data.
-
-    Args:
-        solved: The problem; the call is collective.
-        u: The solution at the dofs of this rank, with the signs of a lower obstacle.
-    """
-    problem, frames, result = solved.problem, solved.frames, []
-    for data, facets in solved.terms.dirichlet:
-        if data is not None:
-            order = solved.degree + MORE[solved.dimension]
-            points = lattice(frames, on_frames(frames, [facets]), order)
-            value = problem.sign * points.values(data)
-            result.append((points, value - points.function(problem.space, u)))
-    return result
-
-
-def loose_ends(comm: MPI.Comm, defects: list[tuple[FacetPoints, Array]], tiny: float) -> str:
-    """Return why a solution cannot be made feasible on facets alone, or "".
-
-    Args:
-        comm: The communicator; the call is collective.
-        defects: Lattices with what the solution lacks at the points, for a plane domain.
-        tiny: Differences that are rounding.
-    """
-    loose = False
-    for points, values in defects:
-        ends = np.abs(points.reference[:, 0] - 0.5) > 0.5 - SOLVED
-        loose |= bool((np.abs(values[:, ends]) > tiny).any())
-    if comm.allreduce(loose, op=MPI.LOR):
-        return "Dirichlet data or the obstacle are not those of the problem at a vertex"
-    return ""
-
-
 def cones_on(
     frames: Frames,
-    defects: list[tuple[FacetPoints, Array, Array | None]],
+    parts: Sequence[tuple[FacetPoints, Array, Array | None]],
     kinds: Indices,
-    order: int,
     tiny: float,
 ) -> Cones:
     """Return what is to be added on facets in the plane, with its extensions.
 
     Args:
         frames: The cells.
-        defects: Lattices, values at their points, and what the polynomials with these values miss
-            on facets, see `Remainders`; only positive parts count on contact facets that are not
-            closed.
+        parts: Facets, polynomials on them, and what these miss on facets, see `Remainders`; only
+            positive parts count on contact facets that are not closed.
         kinds: The kinds of the facets of cells.
-        order: The degree that the lattices have been made for.
         tiny: Values that are rounding.
     """
-    cells = np.concatenate([points.cells for points, _, _ in defects])
-    facets = np.concatenate([points.facets for points, _, _ in defects])
-    series = np.concatenate([fitted(points, values, order) for points, values, _ in defects])
+    cells, facets, series = (
+        np.concatenate(values)
+        for values in zip(*((at.cells, at.facets, each) for at, each, _ in parts), strict=True)
+    )
     nothing = np.zeros((3, *kinds.shape))
-    missed = np.concatenate(
-        [
-            (nothing if rest is None else rest)[:, points.cells, points.facets]
-            for points, _, rest in defects
-        ],
-        axis=1,
-    )
+    rests = [(at, nothing if rest is None else rest) for at, _, rest in parts]
+    missed = np.concatenate([rest[:, at.cells, at.facets] for at, rest in rests], axis=1)
     positive = (kinds[cells, facets] >= OPEN) & (kinds[cells, facets] != CLOSED)
-    high = missed[0] - lowest(1, order, -series)
-    used = np.where(
-        positive, high > tiny, np.abs(series).max(axis=1, initial=0.0) + missed[0] > 0.0
-    )
-    return Cones(
-        frames, cells[used], facets[used], series[used], missed[:, used], positive[used], tiny
-    )
+    high = missed[0] - lowest(1, series.shape[1] - 1, -series)
+    size = np.abs(series).max(axis=1, initial=0.0) + missed[0]
+    used = np.where(positive, high > tiny, size > 0.0)
+    own = cells[used], facets[used], series[used], missed[:, used], positive[used]
+    return Cones(frames, *own, tiny)

@@ -10,37 +10,35 @@ from typing import Any
 
 import basix
 import numpy as np
-from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_contact import contact_in_cells, target_of
-from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
+from dolfinx_signorini.bounds.cell_pressure import Pressing, with_pressure, without_defects
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
-    CellMoments,
     cell_data,
-    cell_moments,
     cell_values,
     quadrature_degree,
 )
-from dolfinx_signorini.bounds.condensation import DIRICHLET, joined
+from dolfinx_signorini.bounds.condensation import DIRICHLET, CellData, joined
+from dolfinx_signorini.bounds.contact import contact_of
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import (
+    FluxParts,
     Oscillation,
     flux_parts,
     oscillation,
-    with_free_boundary,
+    with_better,
 )
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.free_boundary import better_pressures
 from dolfinx_signorini.bounds.friedrichs import friedrichs
+from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
-from dolfinx_signorini.bounds.lifting import feasible, gap_means, gaps
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -84,19 +82,6 @@ class EnergyBound:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The parts of the bound on each cell: norms, and for contact the integral sigma."""
-
-    flux: Array
-    middle: Array  # from A grad u_h to the middle of A grad v and y
-    data: Oscillation
-    mean: Array
-    lifting: Array
-    change: Array  # by what the norms of reaction and Robin conditions miss v, where y aims at v
-    contact: Array
-
-
 def energy_bound(
     problem: BoundConstrainedProblem, terms: EnergyTerms, rest: Remainders = NOTHING
 ) -> EnergyBound:
@@ -131,41 +116,39 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     degree, in_cells = solved.degree, solved.problem.in_domain
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
-    fluxes, missed, more = given_fluxes(solved)
-    near, pressing = contact_in_cells(solved) if in_cells else (feasible(solved, kinds), None)
-    solved = replace(solved, change=target_of(near) if in_cells else None)
+    fluxes, missed, sampled = given_fluxes(solved)
+    near, pressing = contact_of(solved, kinds)
+    solved = replace(solved, change=near.target if in_cells else None)
     quadrature, notes = quadrature_degree(solved, degree)
     points, gap = gaps(solved, near, kinds)
     means = gap_means(points, gap, degree)
-    found, scales, beside, lifted = _on_cells(solved, quadrature, missed, near.change)
-    data = cell_data(solved.frames, kinds, touching, fluxes, means, found, pressing)
+    given = {"kinds": kinds, "touching": touching, "fluxes": fluxes, "gaps": means}
+    data, scales, beside = _on_cells(solved, quadrature, given, pressing, missed)
+    lifted = lifted_energy(solved, near.change)
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
     outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
-    better = None
-    if pressing is not None:
-        better = better_pressures(solved, data, moments, reference, pressing, outlet)
+    more = reference, pressing, (points, gap), outlet
+    better = better_fluxes(solved, data, moments, *more) if in_cells else None
     if better is not None:
         data, moments = better.into(data, moments)
     data, moments, reason = without_defects(solved, scales, data, moments, ends)
+    if not in_cells:  # the divergence stays as it is
+        better = better_fluxes(solved, data, moments, *more)
+        moments = moments if better is None else better.into(data, moments)[1]
     data, energy = with_pressure(data, moments, reference)
     own = flux_parts(solved, quadrature, data, moments, reference, (points, gap))
     own = replace(own, contact=own.contact + energy)
     if better is not None:
-        own = with_free_boundary(own, solved, better, moments)
-    change = lifted[:, 1] + robin_energy(solved, near.change)
-    parts = _Parts(
-        flux=own.flux,
-        middle=own.middle,
-        data=beside,
-        # Rounding alone outside of ends.
-        mean=np.where(ends, scales.l2_weight, 0.0) * own.left,
-        lifting=lifting_norms(solved, scales, near, lifted),
-        change=np.sqrt(change) if in_cells else np.zeros(len(ends)),
-        contact=own.contact,
-    )
-    constant, doubt = _mean_constant(solved, scales, kinds, parts.data.stray, ends)
-    notes = [*notes, *more, *near.notes, *solved.rest.sampled, *doubt]
+        own = with_better(own, solved, better, moments)
+    # Rounding alone outside of ends.
+    own = replace(own, left=np.where(ends, scales.l2_weight, 0.0) * own.left)
+    # By what the norms of reaction and Robin conditions miss v, where y aims at v.
+    change = np.sqrt(in_cells * (lifted[:, 1] + robin_energy(solved, near.change)))
+    lifting = lifting_norms(solved, scales, near, lifted)
+    constant, doubt = _mean_constant(solved, scales, kinds, beside.stray, ends)
+    notes = [*notes, *sampled, *near.notes, *solved.rest.sampled, *doubt]
+    parts = own, beside, lifting, change
     return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
 
 
@@ -178,23 +161,30 @@ def with_bound(value: Any) -> str:
 
 
 def _on_cells(
-    solved: Solved, quadrature: int, missed: Array, change: fem.Function
-) -> tuple[CellMoments, CellScales, Oscillation, Array]:
+    solved: Solved,
+    quadrature: int,
+    given: dict[str, Any],
+    pressing: Pressing | None,
+    missed: Array,
+) -> tuple[CellData, CellScales, Oscillation]:
     """What cells tell before there is a flux, batch by batch.
 
     Args:
         solved: The problem.
         quadrature: The degree of the rule.
+        given: What is known on the facets of the cells, see `cell_data`.
+        pressing: The pressure in the cells; None for none.
         missed: What polynomials miss of the fluxes on facets.
-        change: What makes the solution feasible.
     """
     found = []
     for cells, values in cell_values(solved, quadrature).batches():
-        moments = cell_moments(values, solved.degree)
-        beside = oscillation(values, missed[cells], moments.source, solved.degree)
-        found.append((moments, values.scales, beside, lifted_energy(values, change)))
-    every, scales, beside_all, lifted = zip(*found, strict=True)
-    return joined(every), joined(scales), joined(beside_all), np.concatenate(lifted)
+        own = None if pressing is None else pressing.some(cells)
+        facts = {name: part[cells] for name, part in given.items()}
+        data = cell_data(values, solved.degree, **facts, pressing=own)
+        beside = oscillation(values, missed[cells], data.source, solved.degree)
+        found.append((data, values.scales, beside))
+    every, scales, beside_all = zip(*found, strict=True)
+    return joined(every), joined(scales), joined(beside_all)
 
 
 def _check_mesh(problem: BoundConstrainedProblem) -> None:
@@ -231,7 +221,7 @@ def _mean_constant(
 
 def _bound(
     solved: Solved,
-    parts: _Parts,
+    parts: tuple[FluxParts, Oscillation, Array, Array],
     scales: CellScales,
     ends: Mask,
     constant: float,
@@ -239,33 +229,33 @@ def _bound(
     notes: list[str],
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
-    data, weak, comm = parts.data, scales.weak, solved.comm
+    (own, data, lifted, change), weak, comm = parts, scales.weak, solved.comm
     beside = data.on_facets + np.where(weak, data.projected + data.missed, 0.0)
-    by_gradient = parts.flux + beside
+    by_gradient = own.flux + beside
     # What is left of the polynomial part is orthogonal to the rest.
-    by_reaction = np.sqrt(parts.mean**2 + np.where(weak, 0.0, data.projected) ** 2)
+    by_reaction = np.sqrt(own.left**2 + np.where(weak, 0.0, data.projected) ** 2)
     stray = np.where(ends, 0.0, data.stray)
     taken = np.where(ends, scales.l2_weight, 0.0) * data.stray
     by_reaction += np.where(weak, 0.0, data.missed) + taken
-    by_reaction += parts.change
+    by_reaction += change
     square = by_gradient**2 + by_reaction**2
 
     def root(values: Array) -> float:
         return math.sqrt(comm.allreduce(float(values.sum())))
 
     free = constant * root(stray**2)
-    eta, contact, lifting = root(square) + free, root(parts.contact), root(parts.lifting**2)
+    eta, contact, lifting = root(square) + free, root(own.contact), root(lifted**2)
     total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
-    cells = np.sqrt(square + (constant * stray) ** 2 + parts.lifting**2 + 2.0 * parts.contact)
+    cells = np.sqrt(square + (constant * stray) ** 2 + lifted**2 + 2.0 * own.contact)
     if solved.problem.in_domain:
-        middle = root((parts.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
+        middle = root((own.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
         total = middle + math.sqrt(0.25 * eta**2 + contact**2)
         cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(
-        flux=root(parts.flux**2),
+        flux=root(own.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,
         contact=contact,
-        mean=root(parts.mean**2),
+        mean=root(own.left**2),
         lifting=lifting,
         total=math.inf if missing else total,
         cells=cells,

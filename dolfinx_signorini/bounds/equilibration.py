@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import summed
-from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData
+from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData, vertices_of
 from dolfinx_signorini.bounds.patch_groups import FREE, HALF, SPREAD
 from dolfinx_signorini.bounds.patches import patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest, others
@@ -36,18 +36,12 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
     while True:  # a vertex has more given in each round, or the search ends
         pulls = data.kinds >= PARTLY
         pulls[pulls] = lowest(d - 1, reference.degree, moments[pulls]) < 0.0
-        half = patches.marked(_at_vertices(pulls & (data.kinds == PARTLY)))
-        spread = patches.marked(_at_vertices(pulls & (data.kinds == CLOSED)))
+        half = patches.marked(vertices_of(pulls & (data.kinds == PARTLY)))
+        spread = patches.marked(vertices_of(pulls & (data.kinds == CLOSED)))
         modes = np.maximum(patches.modes, np.where(spread, SPREAD, np.where(half, HALF, FREE)))
         if not domain.comm.allreduce(bool((modes > patches.modes).any()), op=MPI.LOR):
             return moments
         moments = patches.solve(modes)
-
-
-def _at_vertices(facets: Mask) -> Mask:
-    """The vertices of cells that are on one of some facets of the cell."""
-    count = facets.sum(axis=1, keepdims=True)
-    return np.asarray(count - facets > 0)
 
 
 class _SharedPatches:

@@ -1,27 +1,24 @@
 """The parts of a bound: distances of fluxes from the solution, contact energies, oscillation."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.bounds.better_fluxes import BetterFlux
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.cell_pressure import polynomial_residual
 from dolfinx_signorini.bounds.cell_scales import dots
 from dolfinx_signorini.bounds.cell_values import (
     CellValues,
-    cell_data,
-    cell_moments,
     cell_values,
     flux_values,
     quadrature_degree,
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
-from dolfinx_signorini.bounds.contact_ends import RAISED, better_fluxes, near_ends
-from dolfinx_signorini.bounds.free_boundary import FreeBoundary
-from dolfinx_signorini.bounds.lifting import gap_means
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest, reference_flux
+from dolfinx_signorini.bounds.gaps import contact_energy
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest
 from dolfinx_signorini.bounds.remainders import Solved
 
 
@@ -55,8 +52,6 @@ def flux_parts(
 ) -> FluxParts:
     """Return the distance of a flux from the one of the solution, and the contact energy.
 
-    In the plane, the flux is a better one in the cells around the ends of contact sets.
-
     Args:
         solved: The problem; the call is collective.
         quadrature: The degree of the rule for cells.
@@ -71,46 +66,16 @@ def flux_parts(
         inside = data.some(batch)
         found = _in_cells(values, inside, moments[batch], reference)
         flux[batch], middle[batch], left[batch] = found
-    energy = _contact_energy(*contact, moments, degree)
-    if solved.dimension == 2:
-        cells = near_ends(solved.comm, data)
-        if any(solved.comm.allgather(len(cells))):
-            points, gap = contact
-            used = np.isin(points.cells, cells)
-            some = solved.some(cells)
-            near = points.some(used, some.frames, cells), gap[used]
-            better = _better_parts(some, data.some(cells), moments[cells], degree + RAISED, near)
-            flux[cells], energy[cells] = better
-    return FluxParts(flux, middle, left, energy)
+    return FluxParts(flux, middle, left, contact_energy(*contact, moments, degree))
 
 
-def _better_parts(
-    solved: Solved, data: CellData, moments: Array, degree: int, contact: tuple[FacetPoints, Array]
-) -> tuple[Array, Array]:
-    """The norms and integrals of better fluxes of a degree, in cells around the ends of contact."""
-    finer = reference_flux(2, degree)
-    values = cell_values(solved, quadrature_degree(solved, degree)[0])
-    start = np.zeros((*moments.shape[:2], finer.per_facet))  # where the basis goes on
-    start[..., : moments.shape[2]] = moments
-    means, found = gap_means(*contact, degree), cell_moments(values, degree)
-    source = np.zeros_like(found.source)
-    source[:, : data.source.shape[1]] = data.source
-    found = replace(found, source=source)
-    near = cell_data(solved.frames, data.kinds, data.touching, 0.0 * start, means, found)
-    start = better_fluxes(solved.comm, near, start, finer)
-    y = flux_values(values, coefficients(near, finer, start), finer)
-    return _distance(values, y, degree), _contact_energy(*contact, start, degree)
-
-
-def with_free_boundary(
-    parts: FluxParts, solved: Solved, better: FreeBoundary, moments: Array
-) -> FluxParts:
-    """Return the parts with those of the better flux in the cells around a free boundary.
+def with_better(parts: FluxParts, solved: Solved, better: BetterFlux, moments: Array) -> FluxParts:
+    """Return the parts with those of the better flux in the cells around the ends of contact.
 
     Args:
         parts: The parts on all cells.
         solved: The problem; the call is collective.
-        better: The cells around the free boundary.
+        better: The cells around the ends of contact.
         moments: The moments of the flux on all cells, whose first ones are those of the better one.
     """
     data, reference, own = better.data, better.reference, better.moments.copy()
@@ -136,14 +101,6 @@ def _in_cells(
     apart = 0.5 * (y + values.diffusion.times(values.aim)) - values.current
     middle = np.sqrt(values.integrals(dots(apart, values.diffusion.divided(apart))))
     return flux, middle, left
-
-
-def _contact_energy(points: FacetPoints, gap: Array, moments: Array, degree: int) -> Array:
-    """The integrals of contact flux times gap over the contact facets of each cell."""
-    own = moments[points.cells, points.facets]
-    flux = np.einsum("nj,njq->nq", own, points.polynomials(degree))
-    sums = np.maximum(flux, 0.0) * gap @ points.weights
-    return np.asarray(np.bincount(points.cells, sums, len(moments)), dtype=np.float64)
 
 
 def _distance(values: CellValues, y: Array, degree: int) -> Array:
@@ -192,7 +149,7 @@ def oscillation(values: CellValues, fluxes: Array, source: Array, degree: int) -
         values: The solution and the coefficients.
         fluxes: The L2 norms on facets of the rest of the given fluxes beside their projections,
             shape (cells, d + 1).
-        source: The moments of f - c u, see `CellMoments`.
+        source: The moments of f - c u, see `CellData`.
         degree: The degree of the polynomials.
     """
     frames, rest, scales, a = values.frames, values.rest, values.scales, values.scales.lowest

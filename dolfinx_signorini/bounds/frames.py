@@ -168,14 +168,16 @@ def cell_frames(domain: mesh.Mesh) -> Frames:
 
 
 def cells_around(comm: MPI.Comm, vertices: Indices, marked: Mask) -> Mask:
-    """Return which cells have a vertex of a marked cell.
+    """Return which cells have a vertex that some cell marks.
 
     Args:
         comm: The communicator; the call is collective.
         vertices: The global numbers of the vertices of the cells of this rank.
-        marked: Which of these cells are marked.
+        marked: Which of these are marked, shape (cells, d + 1), or (cells, 1) for whole cells.
     """
-    ends = np.concatenate(comm.allgather(np.unique(vertices[marked])))
+    ends = np.concatenate(
+        comm.allgather(np.unique(vertices[np.broadcast_to(marked, vertices.shape)]))
+    )
     return np.asarray(np.isin(vertices, ends).any(axis=1))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
 
@@ -27,6 +27,24 @@ MOST_ENTRIES = {2: MOST_NUMBERS, 3: MOST_NUMBERS // 2}
 UZAWA = 3  # each gains about half of the digits of the equations
 STEPS = 60  # of about 15 that are needed
 SHORT = 0.995  # of the way to the next bound
+
+
+def assembled(
+    places: Indices, matrices: Array, vectors: Array, size: int
+) -> tuple[sp.csc_matrix, Array]:
+    """Return the sum of the matrices and vectors of cells.
+
+    Args:
+        places: The places of the numbers of each cell, shape (cells, n); `size` for none.
+        matrices: The matrices of the cells, shape (cells, n, n).
+        vectors: The vectors of the cells, shape (cells, n).
+        size: How many numbers there are in all.
+    """
+    rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None, :])
+    used = (rows < size) & (columns < size)
+    H = sp.coo_matrix((matrices[used], (rows[used], columns[used])), (size, size)).tocsc()
+    h = np.bincount(places.ravel(), vectors.ravel(), size + 1)[:size]
+    return H, np.asarray(h, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -6,34 +6,40 @@ from dolfinx import fem
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.bounds.boundary_facets import facet_points
 from dolfinx_signorini.bounds.cell_scales import CellScales, dots
-from dolfinx_signorini.bounds.cell_values import CellValues
+from dolfinx_signorini.bounds.cell_values import BEST, cell_values, quadrature_degree
+from dolfinx_signorini.bounds.feasible import Feasible
 from dolfinx_signorini.bounds.frames import on_frames
-from dolfinx_signorini.bounds.lifting import Feasible
 from dolfinx_signorini.bounds.remainders import Remainders, Solved
 
 
-def lifted_energy(values: CellValues, change: fem.Function) -> Array:
+def lifted_energy(solved: Solved, change: fem.Function) -> Array:
     """Return the energy of v - u_h in each cell, without cones and Robin conditions.
 
     Args:
-        values: The solution and the coefficients.
+        solved: The problem; the call is collective.
         change: The difference v - u_h.
 
     Returns:
         The energies of the gradient and of the reaction, shape (cells, 2).
     """
-    space, frames, rest = change.function_space, values.frames, values.rest
-    if not change.x.array[space.dofmap.list[frames.cells]].any():
-        return np.zeros((len(frames.cells), 2))
-    points = frames.points(values.points)
-    (w,), (slopes,) = points.values(change), points.gradients(change)
-    gradient = np.stack(slopes, axis=2)
-    energy = values.integrals(dots(gradient, values.diffusion.times(gradient)))
-    energy += rest.diffusion * values.integrals(dots(gradient, gradient))
-    if rest.thin is not None:
-        degree = space.element.basix_element.degree
-        energy += _strip(rest) * values.scales.volumes * values.largest(gradient, degree) ** 2
-    return np.column_stack((energy, values.scales.largest_reaction * values.integrals(w**2)))
+    space, frames, d = change.function_space, solved.frames, solved.dimension
+    cells = np.flatnonzero(change.x.array[space.dofmap.list[frames.cells]].any(axis=1))
+    result, degree = np.zeros((len(frames.cells), 2)), space.element.basix_element.degree
+    if not solved.comm.allreduce(len(cells)):
+        return result
+    some, quadrature = solved.some(cells), quadrature_degree(solved, solved.degree)[0]
+    every = cell_values(some, min(max(quadrature, 2 * degree), BEST[d]))
+    for batch, values in every.batches():
+        rest, points = values.rest, values.frames.points(values.points)
+        (w,), (slopes,) = points.values(change), points.gradients(change)
+        gradient = np.stack(slopes, axis=2)
+        energy = values.integrals(dots(gradient, values.diffusion.times(gradient)))
+        energy += rest.diffusion * values.integrals(dots(gradient, gradient))
+        if rest.thin is not None:
+            energy += _strip(rest) * values.scales.volumes * values.largest(gradient, degree) ** 2
+        reaction = values.scales.largest_reaction * values.integrals(w**2)
+        result[cells[batch]] = np.column_stack((energy, reaction))
+    return result
 
 
 def _strip(rest: Remainders) -> Array | float:

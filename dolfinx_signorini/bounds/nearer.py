@@ -17,7 +17,7 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.bounds.cell_scales import means
 from dolfinx_signorini.bounds.cell_values import cell_values, quadrature_degree
-from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram
+from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram, assembled
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import dofs_on_facets
@@ -84,6 +84,8 @@ def _system(solved: Solved, space: fem.FunctionSpace, around: Indices) -> tuple[
     A = np.broadcast_to(A[..., None] * np.eye(d) if A.ndim == 2 else A, (len(size), d, d))
     metric = inverse @ A @ inverse.transpose(0, 2, 1) * size[:, None, None]
     stiffness = np.tensordot(metric, pairs, 2)
+    c = means(values.reaction, values.weights)[:, None, None] * size[:, None, None]
+    stiffness += c * np.einsum("q,qi,qj->ij", values.weights, table[0], table[0])
     weighted = np.broadcast_to(values.residual, (len(size), len(values.weights)))
     load = (weighted * values.weights) @ table[0]
     current = np.broadcast_to(values.current, (*weighted.shape, d)) @ inverse.transpose(0, 2, 1)
@@ -99,11 +101,7 @@ def _solved(
     places, skip = places.reshape(numbers.shape), int(bool(len(names)) and names[0] < 0)
     names, first, places = names[skip:], first[skip:], places - skip
     size = len(names)
-    rows = np.broadcast_to(places[:, :, None], stiffness.shape)
-    columns = np.broadcast_to(places[:, None, :], stiffness.shape)
-    used = (rows >= 0) & (columns >= 0)
-    H = sp.coo_matrix((stiffness[used], (rows[used], columns[used])), (size, size)).tocsc()
-    h: Array = np.asarray(np.bincount(places[places >= 0], load[places >= 0], size), float)
+    H, h = assembled(np.where(places < 0, size, places), stiffness, load, size)
     low, high = low.ravel()[first], high.ravel()[first]
     lower, upper = np.flatnonzero(np.isfinite(low)), np.flatnonzero(np.isfinite(high))
     eye = sp.eye(size, format="csr")

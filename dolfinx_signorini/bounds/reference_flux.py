@@ -60,7 +60,7 @@ def largest(dimension: int, degree: int, coefficients: Array) -> Array:
     return np.asarray(np.abs(coefficients @ _to_bernstein(dimension, degree)).max(axis=-1))
 
 
-def positive_on_parts(degree: int, count: int, coefficients: Array, points: Array) -> Array:
+def positive_on_parts(degree: int, count: int, coefficients: Array, places: Array) -> Array:
     """Return functions that are not below the positive parts of polynomials on the unit interval.
 
     On each of some equal parts of the interval the functions are polynomials, too: negative
@@ -68,13 +68,13 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, points: Arra
 
     Args:
         degree, count, coefficients: See `highest_on_parts`.
-        points: Points of the unit interval, shape (points, 1), that each part has.
-
-    Returns:
-        The values at the points of all parts, shape (n, count * points).
+        places: Points of the unit interval for each polynomial, shape (n, points).
     """
-    values = np.maximum(coefficients @ on_parts(degree, count), 0.0) @ _bernstein(degree, points)
-    return np.asarray(values.transpose(1, 0, 2).reshape(-1, count * len(points)))
+    part = np.minimum((count * places).astype(np.int64), count - 1)
+    above = np.maximum(coefficients @ on_parts(degree, count), 0.0)
+    basis = _bernstein(degree, (count * places - part).reshape(-1, 1))
+    basis = basis.reshape(degree + 1, *places.shape)
+    return np.asarray(np.einsum("nqk,knq->nq", above[part, np.arange(len(part))[:, None]], basis))
 
 
 def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:

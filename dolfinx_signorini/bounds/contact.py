@@ -1,0 +1,81 @@
+"""Contact in cells: how cells touch obstacles, which obstacle presses on each, and its gap."""
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.bounds.better_fluxes import RAISED
+from dolfinx_signorini.bounds.boundary_facets import weightless
+from dolfinx_signorini.bounds.cell_pressure import Pressing
+from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
+from dolfinx_signorini.bounds.condensation import CLOSED
+from dolfinx_signorini.bounds.feasible import Feasible, feasible, known, sides_of, tiny_of
+from dolfinx_signorini.bounds.frames import datum
+from dolfinx_signorini.bounds.reference_flux import polynomials, rule
+from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.problem.assembly import dofs_on_entities
+
+
+def contact_of(solved: Solved, kinds: Indices) -> tuple[Feasible, Pressing | None]:
+    """Return what makes a solution feasible, and where obstacles in the domain press, if there are.
+
+    Args:
+        solved: The problem; the call is collective.
+        kinds: The kinds of the facets of the cells.
+    """
+    frames = solved.frames
+    if not solved.problem.in_domain:
+        closed = frames.local_facets[kinds == CLOSED].astype(np.int32)
+        return feasible(solved, kinds, [closed], np.zeros(len(kinds), dtype=bool)), None
+    touching, whole = _cells(solved)
+    partly = np.asarray((touching > 0).any(axis=0) & ~whole.any(axis=0))
+    parts: list[LocalIndices] = [frames.cells[each].astype(np.int32) for each in whole]
+    near = feasible(solved, kinds, parts, partly)
+    number = np.where((touching > 0).any(axis=0), touching.argmax(axis=0), -1)
+    pressed = np.array([*(side.side for side in sides_of(solved)), 0.0])[number].astype(np.int64)
+    return near, Pressing(pressed, _rises(solved, near, number))
+
+
+def _cells(solved: Solved) -> tuple[Indices, Mask]:
+    """The number of dofs of owned cells that touch each obstacle and may have a force, and which
+    cells touch the obstacle all over, both with the shape (sides, cells)."""
+    problem, cells, tiny = solved.problem, solved.frames.cells, tiny_of(solved)
+    space, u = problem.space, np.asarray(problem.sign * problem.u.x.array, dtype=np.float64)
+    owned = dofs_on_entities(space, solved.dimension, problem.contact)
+    with_obstacle = np.isin(cells, problem.contact)[:, None]
+    dofs = space.dofmap.list[cells]
+    free, light = ~marked(space, problem.fixed_dofs)[dofs], weightless(space, solved.dimension)
+    touching, closed = [], []
+    for side in sides_of(solved):
+        gap = side.side * (u - side.on(space, owned))
+        touches = (gap <= tiny)[dofs] & with_obstacle
+        touching.append((touches & free & ~light).sum(axis=1))
+        closed.append((touches | (free & light)).all(axis=1) & (touching[-1] > 0))
+    return np.array(touching), np.array(closed)
+
+
+def _rises(solved: Solved, near: Feasible, number: Indices) -> Array:
+    """The means of v - g times polynomial over cells; 0 in cells that nothing presses on.
+
+    Args:
+        solved: The problem; the call is collective.
+        near: What makes the solution feasible.
+        number: The number of the obstacle that presses on each cell, or -1.
+    """
+    comm, d, change = solved.comm, solved.dimension, near.change
+    degree = solved.degree + RAISED[d]
+    result = np.zeros((len(number), len(polynomials(d, degree, np.zeros((1, d))))))
+    order, sides = change.function_space.element.basix_element.degree, sides_of(solved)
+    exact = all(known(side.data, order) for side in sides)
+    points, weights = rule(d, min(degree + order + (0 if exact else SAMPLED[d]), BEST[d]))
+    for k, side in enumerate(sides):
+        obstacle, cells = datum(solved.frames.domain, side.data), np.flatnonzero(number == k)
+        count = comm.allreduce(1 + len(cells) * len(weights) // BLOCK, op=MPI.MAX)
+        for some in np.array_split(cells, count):
+            frames = solved.frames.some(some)
+            at = frames.points(points)
+            v = solved.problem.sign * at.values(solved.problem.u)[0] + at.values(change)[0]
+            gap = np.maximum(side.side * (v - side.sign * obstacle(at)), 0.0)
+            result[some] = side.side * frames.moments(gap, points, weights, degree)
+    return result
