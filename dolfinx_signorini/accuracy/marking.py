@@ -279,7 +279,7 @@ class _Choice:
         """Whether divisions do not multiply the error by a factor, and deeper ones would be better.
 
         In a sup norm a slow cell hardly spares the others their divisions: in the end they are to
-        be below the same number.
+        be below the same number. So many go with the slow cell that the step is worth its price.
 
         Args:
             factor: The factor that is aimed at.
@@ -288,7 +288,8 @@ class _Choice:
         """
         aim = self.present * factor**self.exponent
         if math.isinf(self.power):
-            return threshold > max(aim, self.least)
+            few = self.growth(levels) < SAFETY
+            return threshold > aim and (threshold > self.least or few)
         return self.error(levels) > max(aim, SAFETY * self.least)
 
     def growth(self, levels: Array) -> float:

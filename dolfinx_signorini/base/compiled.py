@@ -14,6 +14,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 
 _codes: dict[tuple[str, str], Any] = {}  # by signature and options
+# By the signature of a form: its numbers, and the signature with a constant in their place.
+_numbered: dict[str, tuple[list[float], str]] = {}
 
 # What FFCx says after it has waited in vain for the code of another process.
 WAITED = re.compile(r"JIT compilation timed out.*remove (.*\.c)\)", re.DOTALL)
@@ -55,8 +58,8 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
     """
     if subject:
         _check_subdomains(item, subject)
-    with _remembered(subject):
-        return fem.form(_without_numbers(item), **options)
+    with _remembered(subject, lambda _: _without_numbers(item)):
+        return fem.form(_with_constant(item), **options)
 
 
 def form_on(
@@ -138,12 +141,33 @@ class _Components(MultiFunction):
         return self.expr(o, o.ufl_operands[0], x)
 
 
-def _without_numbers(item: Any) -> Any:
-    """Return a form or an expression whose numbers are components of one constant.
+def _with_constant(item: ufl.Form) -> ufl.Form:
+    """Return what is to DOLFINx the form `_without_numbers`: the form, with one constant more.
 
-    One constant, because UFL sorts operands: components by their place, constants by a name that
-    depends on what the process has made before.
+    DOLFINx takes from a form its signature, its constants and what they belong to. The form without
+    numbers is made for its first signature, and again where its code is to be compiled.
     """
+    key = item.signature()
+    if key not in _numbered:
+        _numbered[key] = _numbers(item), _without_numbers(item).signature()
+    numbers, signature = _numbered[key]
+    made = copy(item)
+    if numbers:
+        made._signature = signature
+        made._constants = (*item.constants(), _constant(item, numbers))
+    return made
+
+
+def _constant(item: Any, numbers: Sequence[float]) -> fem.Constant:
+    return fem.Constant(_domain(item), np.array(numbers, dtype=default_scalar_type))
+
+
+def _domain(item: Any) -> Any:
+    return item.ufl_domain() if isinstance(item, ufl.Form) else extract_unique_domain(item)
+
+
+def _numbers(item: Any) -> list[float]:
+    """The numbers of a form or an expression that belong to no code; none without a domain."""
     integrals = item.integrals() if isinstance(item, ufl.Form) else []
     integrands = [integral.integrand() for integral in integrals] or [item]
     places: dict[float, int] = {}
@@ -152,23 +176,39 @@ def _without_numbers(item: Any) -> Any:
         for k, operand in enumerate(node.ufl_operands):
             if k != code and isinstance(operand, RealValue):
                 places.setdefault(float(operand), len(places))
-    domain = integrals[0].ufl_domain() if integrals else extract_unique_domain(item)
-    if not places or domain is None:
+    return [] if _domain(item) is None else list(places)
+
+
+def _without_numbers(item: Any) -> Any:
+    """Return a form or an expression whose numbers are components of one constant.
+
+    One constant, because UFL sorts operands: components by their place, constants by a name that
+    depends on what the process has made before.
+    """
+    numbers = _numbers(item)
+    if not numbers:
         return item
-    constant = fem.Constant(domain, np.array(list(places), dtype=default_scalar_type))
-    return map_integrand_dags(_Components(constant, places), item)
+    places = {value: k for k, value in enumerate(numbers)}
+    return map_integrand_dags(_Components(_constant(item, numbers), places), item)
 
 
 @contextmanager
-def _remembered(subject: str = "") -> Iterator[None]:
-    """Let DOLFINx find the codes that this module has seen; forms of users have a subject."""
+def _remembered(
+    subject: str = "", coded: Callable[[Any], Any] = lambda item: item
+) -> Iterator[None]:
+    """Let DOLFINx find the codes that this module has seen.
+
+    Args:
+        subject: What forms of users are called in messages.
+        coded: Returns what is compiled where the code of an item has not been seen.
+    """
     look_up = jit.ffcx_jit
 
     def remember(comm: MPI.Comm, item: Any, *given: Any, **options: Any) -> Any:
         def found() -> Any:
             if subject:
                 check_linear(item, subject)
-            return look_up(comm, item, *given, **options)
+            return look_up(comm, coded(item), *given, **options)
 
         compute = ffcx.naming.compute_signature
         signature = item.signature() if isinstance(item, ufl.Form) else compute([item], "")

@@ -36,6 +36,12 @@ def enclosed_on_boxes(formula: Formula, low: Array, high: Array) -> Array:
     return np.broadcast_to(_values(formula, low, high).ends[:, 0], (2, len(low)))
 
 
+def enclosed_everywhere(root: Node) -> Interval:
+    """Return an enclosure of all values of a tree, one interval."""
+    line = np.full((1, 3), np.inf)
+    return _values(Formula("", root), -line, line)
+
+
 def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
     """Return enclosures of a formula on simplices: natural ones cut down by mean value forms.
 

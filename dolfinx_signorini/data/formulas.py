@@ -1,10 +1,10 @@
 """Formulas in x, y and z: trees of operations."""
 
+import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -128,7 +128,7 @@ class Node(Number):
             return 0.0, math.inf
         return self.operation.limits if self.args else (-math.inf, math.inf)
 
-    @cached_property
+    @functools.cached_property
     def switch(self) -> "Node | None":
         """What decides by its sign what the operation chooses; None for one without a choice."""
         known = OPERATIONS.get(self.op)
@@ -170,7 +170,7 @@ class PerNode(ABC, Generic[T]):
 class Values(PerNode[T]):
     """The values of the nodes of formulas in numbers of a kind:
 
-    value = Values("numpy", [x, y], np.float64)(formula.root)
+    expression = Values("ufl", ufl.SpatialCoordinate(domain), float)(formula.root)
 
     Args:
         kind: The kind, see `Operation.of`.
@@ -274,9 +274,35 @@ def evaluated(root: Node, x: Array) -> Array:
 @np.errstate(all="ignore")
 def together(roots: Sequence[Node], x: Array) -> list[Array]:
     """Return the values of trees, whose common nodes are evaluated once; see `evaluated`."""
-    values = Values[Any]("numpy", list(np.moveaxis(x, -1, 0)), np.float64)
-    found = [np.asarray(values(root), dtype=np.float64) for root in roots]
+    leaves, steps, ends = _program(tuple(roots))
+    values = [x[..., leaf] if isinstance(leaf, int) else leaf for leaf in leaves]
+    for function, operands, exponents in steps:
+        values.append(function(*[values[k] for k in operands], *exponents))
+    found = [np.asarray(values[k], dtype=np.float64) for k in ends]
     return [np.broadcast_to(array, x.shape[:-1]) for array in found]
+
+
+@functools.lru_cache
+def _program(
+    roots: tuple[Node, ...],
+) -> tuple[list[int | np.float64], list[tuple[Callable[..., Any], list[int], Any]], list[int]]:
+    """What the evaluation of trees does: coordinates and numbers, operations on results, and ends.
+
+    On the few pieces that most calls are for, to walk the tree takes longer than all operations.
+    """
+    every = dict.fromkeys(node for root in roots for node in nodes(root))
+    order = sorted(every, key=lambda node: bool(node.args))
+    place = {node: k for k, node in enumerate(order)}
+    leaves = [
+        int(node.value) if node.op == "coordinate" else np.float64(node.value)
+        for node in order
+        if not node.args
+    ]
+    steps = [
+        (node.operation.of("numpy"), [place[a] for a in node.operands], node.exponents)
+        for node in order[len(leaves) :]
+    ]
+    return leaves, steps, [place[root] for root in roots]
 
 
 def shortened(text: str) -> str:

@@ -54,14 +54,11 @@ class Interval(Number):
         return outward(self.low + other.low, self.high + other.high, 0.0)
 
     def __mul__(self, other: "Interval") -> "Interval":
-        products = [p * q for p in self.ends for q in other.ends]
-        for product in products:  # values of intervals are finite: 0 times an infinite end is 0
-            product[np.isnan(product)] = 0.0
-        low = np.minimum(np.minimum(products[0], products[1]), np.minimum(products[2], products[3]))
-        high = np.maximum(
-            np.maximum(products[0], products[1]), np.maximum(products[2], products[3])
-        )
-        return outward(low, high)
+        products = self.ends[:, None] * other.ends
+        unknown = np.isnan(products)
+        if unknown.any():  # values of intervals are finite: 0 times an infinite end is 0
+            products[unknown] = 0.0
+        return outward(products.min(axis=(0, 1)), products.max(axis=(0, 1)))
 
     def __truediv__(self, other: "Interval") -> "Interval":
         return self * other.reciprocal()
@@ -121,7 +118,8 @@ def outward(low: Array, high: Array, least: float = SUBNORMAL) -> Interval:
         low, high: The ends as computed.
         least: The absolute error of an end; 0 for sums, which do not underflow.
     """
-    ends: Array = np.stack(np.broadcast_arrays(low, high))
+    ends: Array = np.empty((2, *np.broadcast_shapes(low.shape, high.shape)))
+    ends[0], ends[1] = low, high
     margin = np.abs(ends)
     margin *= UNIT
     margin += least

@@ -22,6 +22,7 @@ from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.data.enclosures import enclosed_everywhere
 from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
 from dolfinx_signorini.data.names import Names, operations
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
@@ -131,7 +132,9 @@ class _Reader:
         own = component if isinstance(e, classes.Sum) else ()
         arguments = [self.node(a, own, indices) for a in operands]
         op = CLASSES.get(type(e))
-        if op in ("+", "*", "/"):
+        if op == "*":
+            return _product(*arguments)
+        if op in ("+", "/"):
             return reduce(OPERATIONS[op].value, arguments)
         if op in ("^", "sqrt"):
             return _power(arguments[0], arguments[1] if arguments[1:] else number(0.5).root)
@@ -184,6 +187,17 @@ def _power(base: Node, exponent: Node) -> Node:
         distance = reduce(lambda a, b: Node("hypot", (a, b)), squares)
         return distance ** (2.0 * exponent.value)
     return folded("sqrt", base) if exponent.value == 0.5 else base**exponent.value
+
+
+def _product(a: Node, b: Node) -> Node:
+    """Return a product; s hypot(a/s, b/s) with s >= 0, as of tiny a and b, is hypot(a, b)."""
+    names = Names()
+    for scale, distance in ((a, b), (b, a)):
+        parts = distance.args if distance.op == "hypot" else ()
+        scaled = [p.op == "/" and names[p.args[1]] == names[scale] for p in parts]
+        if any(scaled) and all(scaled) and enclosed_everywhere(scale).low.min() >= 0.0:
+            return Node("hypot", (parts[0].args[0], parts[1].args[0]))
+    return a * b
 
 
 def _squares(node: Node) -> list[Node]:

@@ -115,20 +115,20 @@ class _Search:
         for _ in range(self._times(self._sum(len(pieces)))):
             pieces, owners = divided(pieces, owners)
         self.pieces, self.owners = pieces, owners
-        self.volumes, self.values, self.hidden = self._sampled(pieces)
+        self.volumes, self.values, self.hidden, self.divisible = self._sampled(pieces)
         self.sharp = np.zeros(len(pieces), dtype=bool)  # whether mean value forms are known
         self.stopped = False
 
     def divide(self) -> bool:
         """Divide the pieces that may hide most; whether a piece was divided."""
-        self._sharpen()
+        norm = self._norm()
+        self._sharpen(norm)
         # Of the norm or, where that is finite and more, of what one piece may hide.
         finite = np.where(np.isfinite(self.hidden), self.hidden, 0.0)
-        threshold = HIDDEN[self.datum.measure] * max(self._norm(), highest(self.comm, finite))
-        divisible = self._divisible()
+        threshold = HIDDEN[self.datum.measure] * max(norm, highest(self.comm, finite))
         room = (MOST_PIECES - self._sum(len(self.pieces))) / (2**self.dimension - 1)
         for _ in range(100):
-            chosen = divisible & (self.hidden > threshold)
+            chosen = self.divisible & (self.hidden > threshold)
             count = self._sum(chosen.sum())
             if count <= room:
                 break
@@ -138,19 +138,18 @@ class _Search:
         new, owners = self.pieces[chosen], self.owners[chosen]
         for _ in range(max(self._times(count), 1)):
             new, owners = divided(new, owners)
-        kept = self.pieces, self.owners, self.volumes, self.values, self.hidden, self.sharp
+        every = "pieces", "owners", "volumes", "values", "hidden", "divisible", "sharp"
         found = new, owners, *self._sampled(new), np.zeros(len(new), dtype=bool)
-        self.pieces, self.owners, self.volumes, self.values, self.hidden, self.sharp = (
-            np.concatenate((old[~chosen], more)) for old, more in zip(kept, found, strict=True)
-        )
+        for name, more in zip(every, found, strict=True):
+            setattr(self, name, np.concatenate((getattr(self, name)[~chosen], more)))
         return True
 
-    def _sharpen(self) -> None:
-        """Use mean value forms where natural enclosures hide much.
+    def _sharpen(self, norm: float) -> None:
+        """Use mean value forms where natural enclosures hide much of the norm.
 
         Where the natural enclosure is infinite, so are the derivatives.
         """
-        much = HIDDEN[self.datum.measure] * self._norm()
+        much = HIDDEN[self.datum.measure] * norm
         rows = np.flatnonzero((self.hidden > much) & np.isfinite(self.hidden) & ~self.sharp)
         if len(rows):
             enclosures = enclosed_on_simplices(self.datum.formula, self.pieces[rows])
@@ -162,28 +161,34 @@ class _Search:
         return int(math.log(max(FINE / max(count, 1.0), 1.0), 2**self.dimension))
 
     def samples(self) -> Samples:
-        """Return the values at the points of the pieces."""
-        points = inside(self.pieces, self.lattice).transpose(1, 0, 2)
-        count, known, norm = len(self.lattice), np.isfinite(self.values), self._norm()
+        """Return the values at the points of the pieces that count."""
+        counted = slice(len(self.lattice) // 2 if self.datum.measure == "mass" else 0, None)
+        points = inside(self.pieces, self.lattice[counted]).transpose(1, 0, 2)
+        values, norm = self.values[:, counted], self._norm()
+        count, known = values.shape[1], np.isfinite(values)
         unclear = self.hidden > HIDDEN[self.datum.measure] * norm
-        open_ = self._divisible() & self.stopped
+        open_ = self.divisible & self.stopped
         largest = highest(self.comm, np.where(open_, self.hidden, 0.0))
         return Samples(
             points=points.reshape(-1, points.shape[2]),
-            values=np.where(known, self.values, 0.0).ravel(),
-            weights=(known * self._weights()).ravel(),
+            values=np.where(known, values, 0.0).ravel(),
+            weights=(known * self._weights()[:, counted]).ravel(),
             owners=np.repeat(self.owners, count),
             unclear=np.repeat(unclear, count),
             norm=norm,
             hidden=largest / norm if norm > 0.0 else float(largest > 0.0),
         )
 
-    def _sampled(self, pieces: Array) -> tuple[Array, Array, Array]:
-        """Return volumes, values at the points of pieces, and what is hidden between the points."""
+    def _sampled(self, pieces: Array) -> tuple[Array, Array, Array, Mask]:
+        """Return volumes, values at the points of pieces, and what is hidden between the points.
+
+        The last array tells which pieces are large enough to be divided.
+        """
         formula, volumes = self.datum.formula, simplex_sizes(pieces)
         values = evaluated(formula.root, inside(pieces, self.lattice)).T
         enclosures = enclosed_on_boxes(formula, pieces.min(axis=1), pieces.max(axis=1))
-        return volumes, values, self._hidden(enclosures, values, volumes)
+        divisible = widths(pieces) > SOLVED * self.size
+        return volumes, values, self._hidden(enclosures, values, volumes), divisible
 
     def _hidden(self, enclosures: Array, values: Array, volumes: Array) -> Array:
         """What pieces hide between their points at most, by enclosures of all values on them."""
@@ -199,9 +204,6 @@ class _Search:
         least, most = _extremes(self.values, None)
         ends = np.max(self.comm.allgather((most, -least)), axis=0)
         return max(float(ends.sum()), 0.0)
-
-    def _divisible(self) -> Mask:
-        return np.asarray(widths(self.pieces) > SOLVED * self.size)
 
     def _weights(self) -> Array:
         vertices = self.dimension + 1

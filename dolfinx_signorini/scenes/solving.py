@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -30,7 +29,7 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.following import follow
-from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.jumps import projected
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -271,10 +270,8 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     """Whether an entry of the diffusion jumps or has a kink inside of a cell."""
-    x = ufl.SpatialCoordinate(sided.mesh)
-    return any(
-        integrable(entry, sided.mesh, 0) != entry.ufl(x) for entry in scene.diffusion_entries
-    )
+    found = (projected(entry, sided.mesh, 0) for entry in scene.diffusion_entries)
+    return any(cut is not None for cut in found)
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:

@@ -146,6 +146,20 @@ def test_meshes_grow_no_more_than_allowed(comm):
         assert 0.6 * growth <= wanted <= 1.1 * growth
 
 
+def test_a_slow_cell_in_a_sup_norm_takes_so_many_others_along_that_the_step_is_worth_it(comm):
+    """The largest value hardly falls in one step, and the others are to fall to the aim as well."""
+    sided, middle = square(comm)
+    values = 10.0 ** (-12.0 * middle[:, 0])
+    slow = np.linalg.norm(middle, axis=1) < 0.2
+    rates = np.where(slow, 0.1, 3.0)
+    aim = 0.01
+    marks = mark(sided, prediction(values, rates, np.zeros_like(slow), np.inf), aim, 3.0)
+    largest = comm.allreduce(values.max(initial=0.0), op=MPI.MAX)
+    assert (marks.levels[values < aim * largest] == 0.0).all()
+    cells = comm.allreduce(np.array([(4.0**marks.levels).sum(), len(values)]))
+    assert marking.SAFETY <= cells[0] / cells[1] <= 3.0
+
+
 def at_centre(sided):
     return np.linalg.norm(corners(sided) - (0.5, 0.5, 0.0), axis=2).min(axis=1) < 1e-9
 

@@ -98,6 +98,27 @@ def test_distances_are_known_to_vanish_at_points_only(domain):
     assert low >= 0.0 and high == pytest.approx(math.hypot(0.1, 0.1), rel=0.2)
 
 
+def test_a_distance_that_is_scaled_for_tiny_arguments_is_that_distance(domain):
+    x = ufl.SpatialCoordinate(domain)
+    a, b = x[0] - 0.3, x[1] - 0.4
+    largest = ufl.max_value(abs(a), abs(b))
+    for scale, known in (
+        (ufl.conditional(ufl.gt(largest, 0.0), largest, 1.0), True),
+        (abs(a) + 1.0, True),
+        (a - b, False),
+    ):
+        scaled = scale * ufl.sqrt((a / scale) ** 2 + (b / scale) * (b / scale))
+        found = formula_of(scaled)
+        assert (found.root.op == "hypot") is known
+        for p, q in POINTS:
+            sign = 1.0 if known else math.copysign(1.0, p - q + 0.1)
+            assert found.value((p, q)) == pytest.approx(sign * math.hypot(p - 0.3, q - 0.4))
+    mixed = formula_of((abs(b) + 1.0) * ufl.sqrt((a / (abs(a) + 1.0)) ** 2 + b * b))
+    p, q = 0.7, 0.1
+    expected = (abs(q - 0.4) + 1.0) * math.hypot((p - 0.3) / (abs(p - 0.3) + 1.0), q - 0.4)
+    assert mixed.value((p, q)) == pytest.approx(expected)
+
+
 def test_what_is_no_formula_of_the_coordinates_is_not_read(domain):
     x = ufl.SpatialCoordinate(domain)
     f = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))

@@ -16,7 +16,14 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import PRECISION, ROUNDING, SOLVED
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.formulas import Formula, Node, Values, evaluated
+from dolfinx_signorini.data.formulas import (
+    Formula,
+    Node,
+    PerNode,
+    evaluated,
+    number,
+    together,
+)
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
 from dolfinx_signorini.data.names import Names
@@ -50,6 +57,11 @@ class Interface:
     @functools.cached_property
     def _slopes(self) -> list[Node]:
         return [Derivative(k)(self.node) for k in range(3)]
+
+    @functools.cached_property
+    def sides(self) -> dict[float, "_Side"]:
+        """For either sign what makes trees of formulas those of their values on this side."""
+        return {side: _Side(self.node, side) for side in (1.0, -1.0)}
 
     def zeros(self, start: Array, end: Array) -> Array:
         """Return where segments cross the interface, as shares of their lengths.
@@ -148,8 +160,8 @@ class Interface:
             beside = start + shares[..., None] * (end - start)
             x = np.concatenate((start[None], end[None], beside)).reshape(-1, corners.shape[2])
             for formula, size in zip(formulas, sizes, strict=True):
-                sides = np.array([OneSided(self, x, side)(formula.root) for side in (1.0, -1.0)])
-                sides = sides.reshape(2, 4, -1)
+                trees = [side(formula.root) for side in self.sides.values()]
+                sides = np.array(together(trees, x)).reshape(2, 4, -1)
                 jump = np.abs(sides[0] - sides[1])[2:].max(axis=0)
                 largest = np.maximum(np.abs(sides).max(axis=(0, 1)), size)
                 result |= ~(off * jump <= FLAT**2 * (high - low) * largest)
@@ -194,12 +206,13 @@ def middles(dimension: int) -> Array:
     return np.concatenate((unit, 0.5 * (unit[first] + unit[second])))
 
 
+@functools.lru_cache
 def interfaces(*formulas: Formula) -> list[Interface]:
     """Return where formulas may jump or have a kink; see `singular_sets.switches` for the order."""
     return [Interface(node) for node in switches(*formulas)]
 
 
-class OneSided(Values[Array]):
+class OneSided:
     """The values of formulas next to points of an interface, on one of its sides:
 
         jump = OneSided(interface, x, 1.0)(load.root) - OneSided(interface, x, -1.0)(load.root)
@@ -211,23 +224,39 @@ class OneSided(Values[Array]):
     """
 
     def __init__(self, interface: Interface, x: Array, side: float):
-        super().__init__("numpy", list(x.T), lambda value: np.full(len(x), value))
-        self.side, self.names = side, Names()
-        self.name = self.names[interface.node]
+        self.x, self.trees = x, interface.sides[side]
 
-    def find(self, node: Node) -> Array:
+    def __call__(self, root: Node) -> Array:
+        """Return the values of a tree at the points."""
+        return evaluated(self.trees(root), self.x)
+
+
+class _Side(PerNode[Node]):
+    """The nodes of formulas with the branches that are chosen on a side of the zeros of a node."""
+
+    def __init__(self, node: Node, side: float):
+        super().__init__()
+        self.side, self.names = number(side).root, Names()
+        self.name = self.names[node]
+
+    def find(self, node: Node) -> Node:
         margin = node.switch
         if margin is None or self.name not in [self.names[a] for a in factors(margin, True)]:
-            return super().find(node)
-        positive = self._sign(margin) > 0.0
-        return np.where(positive, self(node.chosen(True)), self(node.chosen(False)))
+            parts = tuple(map(self, node.args))
+            return node if parts == node.args else Node(node.op, parts, node.value)
+        sign = self._sign(margin)
+        if sign.op == "number":
+            return self(node.chosen(sign.value > 0.0))
+        both = self(node.chosen(True)), self(node.chosen(False))
+        return Node("where", (sign > number(0.0).root, *both))
 
-    def _sign(self, node: Node) -> Array:
+    def _sign(self, node: Node) -> Node:
         """The sign of a product that the function is a factor of."""
         if self.names[node] == self.name:
-            return np.array(self.side)
+            return self.side
         if node.op in ("*", "/"):
             return self._sign(node.args[0]) * self._sign(node.args[1])
         if node.args and node.operation.vanishes == "with" and not is_even(node):
-            return self._sign(node.args[0]) * (-1.0 if node.op == "negative" else 1.0)
-        return np.sign(self(node))
+            sign = self._sign(node.args[0])
+            return -sign if node.op == "negative" else sign
+        return self(node).made("sign", self(node))

@@ -8,6 +8,7 @@ formula jumps or has a kink, after divisions that make curves so flat that a cut
 are divided next to a pole until the integrals over the cell do not change any more.
 """
 
+import functools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -51,9 +52,7 @@ def integrable(
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
-        formula: The formula.
-        domain: A mesh of triangles or tetrahedra; the call is collective.
-        degree: The degree of the polynomials with which the formula is going to be integrated.
+        formula, domain, degree: See `projected`.
         follows: For data that follow from a solution, the same data as an expression. The rules of
             such data look for poles themselves, see `measure_for_load`.
 
@@ -62,21 +61,39 @@ def integrable(
         of the degree.
     """
     smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
-    if not (is_singular(formula) if follows is None else jumps(formula)):
-        return smooth
+    found = projected(formula, domain, degree, follows is None)
+    return smooth if found is None else ufl.conditional(*found, smooth)
+
+
+def projected(
+    formula: Formula, domain: mesh.Mesh, degree: int, look_for_poles: bool = True
+) -> tuple[Expr, Expr] | None:
+    """Return in which cells a formula is not smooth, and its projection on polynomials there.
+
+    Args:
+        formula: The formula.
+        domain: A mesh of triangles or tetrahedra; the call is collective.
+        degree: The degree of the polynomials with which the formula is going to be integrated.
+        look_for_poles: Whether a formula is not smooth at poles.
+
+    Returns:
+        The condition and the projection; None where the formula is smooth in all cells.
+    """
+    if not (is_singular(formula) if look_for_poles else jumps(formula)):
+        return None
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    projected = Projection(formula, domain, element, _corners(domain), follows is None)
-    cells, values = projected.coefficients()
+    found = Projection(formula, domain, element, _corners(domain), look_for_poles)
+    cells, values = found.coefficients()
     if not domain.comm.allreduce(len(cells)):
-        return smooth
+        return None
     marks = fem.Function(constants(domain))
     marks.x.array[marks.function_space.dofmap.list[cells, 0]] = 1.0
     projection = fem.Function(space)
     projection.x.array[space.dofmap.list[cells]] = values
     for function in (marks, projection):
         function.x.scatter_forward()
-    return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
+    return ufl.gt(marks, 0.5), projection
 
 
 def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tuple[Array, Indices]:
@@ -170,11 +187,10 @@ class _Cells:
         width = self.comm.allreduce(longest, op=MPI.MAX)
         order = 3 if degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
-        sizes = [self.mean(formula) for formula in self.formulas]
 
         def look(pieces: Array, owners: Indices, level: int) -> tuple[Mask, list[Mask]]:
             broken, polar, values = self._near(pieces)
-            curved = self._curved(pieces, values, sizes)
+            curved = self._curved(pieces, values)
             if width * 0.5**level <= target or self._count(curved) > MOST_PIECES:
                 curved[:] = False
             settled = self._settled(pieces, owners, polar, curved)
@@ -216,13 +232,12 @@ class _Cells:
             polar |= sizes.min(axis=0) < NEAR_POLE * sizes.max(axis=0)
         return broken, polar, values
 
-    def _curved(self, pieces: Array, values: Sequence[Array], sizes: Sequence[float]) -> Mask:
+    def _curved(self, pieces: Array, values: Sequence[Array]) -> Mask:
         """Whether interfaces are too curved in pieces for cuts as if they were flat.
 
         Args:
             pieces: The pieces.
             values: The values of each interface, see `_near`.
-            sizes: The mean sizes of the formulas.
         """
         marks = np.zeros((len(values), 2, len(pieces)), dtype=bool)
         for mark, value in zip(marks, values, strict=True):
@@ -232,14 +247,18 @@ class _Cells:
             rows = np.flatnonzero(curved & alone)
             if len(rows):
                 corners = pieces[rows, :, self.dimension :]
-                curved[rows] = curve.matters(corners, value[:, rows], self.formulas, sizes)
+                curved[rows] = curve.matters(corners, value[:, rows], self.formulas, self.sizes)
         return np.asarray(marks[:, 1].any(axis=0))
 
-    def mean(self, formula: Formula) -> float:
-        """Return the mean size of a formula in all cells, or in a sample of many; collective.
+    @functools.cached_property
+    def sizes(self) -> list[float]:
+        """The mean sizes of the formulas in all cells, or in a sample of many; collective.
 
         Of a cell the median of the values at the vertices is taken, for one may be at a pole.
         """
+        return [self._mean(formula) for formula in self.formulas]
+
+    def _mean(self, formula: Formula) -> float:
         some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
         values = evaluated(formula.root, self.whole[some][..., self.dimension :])
         medians = np.median(np.abs(values), axis=1)
@@ -284,7 +303,7 @@ class Projection(_Cells):
         if not self._count(broken | polar):
             return cells, np.zeros((0, self.element.dim))
         area = self._rule(self._degree(0))[1].sum()
-        self.rounding = HALF_OF_THE_DIGITS * self.mean(self.formula) * area
+        self.rounding = HALF_OF_THE_DIGITS * self.sizes[0] * area
         count, whole = len(cells), self.whole[cells]
         # Of the parts of cells next to poles, before their last division.
         self.before: Array = np.full((count, self.element.dim), np.inf)

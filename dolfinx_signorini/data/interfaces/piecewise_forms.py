@@ -1,7 +1,7 @@
 """Forms whose data jump inside of cells, integrated piece by piece.
 
 Summands f v of loads and c u v of bilinear forms have projections in place of f and c, see
-`jumps.integrable`; so have the entries of the diffusion A in grad u . A grad v.
+`jumps.projected`; so have the entries of the diffusion A in grad u . A grad v.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
-from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.jumps import projected
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, interior_rule
@@ -112,11 +112,12 @@ def _projected(formula: Formula, domain: mesh.Mesh, degree: int, in_cells: bool)
     """A formula as an expression that is integrated well; None where nothing is to be changed."""
     if not is_singular(formula):
         return None
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
     if in_cells:
-        found = integrable(formula, domain, degree)
-    else:
-        found = integrable_on_facets(formula, domain, boundary_facets(domain), degree)
-    return None if found == formula.ufl(ufl.SpatialCoordinate(domain)) else found
+        found = projected(formula, domain, degree)
+        return None if found is None else ufl.conditional(*found, smooth)
+    on_facets = integrable_on_facets(formula, domain, boundary_facets(domain), degree)
+    return None if on_facets == smooth else on_facets
 
 
 def _rule(
