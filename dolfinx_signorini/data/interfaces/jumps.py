@@ -9,7 +9,6 @@ are divided next to a pole until the integrals over the cell do not change any m
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 import basix
@@ -45,28 +44,26 @@ WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than 
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 
 
-def integrable(
-    formula: Formula, domain: mesh.Mesh, degree: int, follows: Expr | None = None
-) -> Expr:
+def integrable(formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True) -> Expr:
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
-        follows: For data that follow from a solution, the same data as an expression. The rules of
-            such data look for poles themselves, see `measure_for_load`.
+        poles_too: Whether poles matter: at those of data that follow from a solution, a quadrature
+            rule of many points is good enough.
 
     Returns:
         The formula itself, or where it is not smooth inside a cell, its projection on polynomials
         of the degree.
     """
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
-    if not (is_singular(formula) if follows is None else jumps(formula)):
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
+    if not (is_singular(formula) if poles_too else jumps(formula)):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    projected = Projection(formula, domain, element, _corners(domain), follows is None)
+    projected = Projection(formula, domain, element, _corners(domain), poles_too)
     cells, values = projected.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
@@ -93,14 +90,8 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
     """
     cells = _Cells(domain, _corners(domain), formulas)
     broken = cells.broken()
-    pieces, owners = _joined(list(cells.pieces(broken, degree)))
-    return pieces, broken[owners]
-
-
-def _joined(parts: Sequence[tuple[Array, Indices, int]]) -> tuple[Array, Indices]:
-    """Put pieces and their cells together."""
-    pieces, owners, _ = zip(*parts, strict=True)
-    return np.concatenate(pieces), np.concatenate(owners)
+    pieces, owners, _ = zip(*cells.pieces(broken, degree), strict=True)
+    return np.concatenate(pieces), broken[np.concatenate(owners)]
 
 
 def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
@@ -288,18 +279,10 @@ class Projection(_Cells):
         count, whole = len(cells), self.whole[cells]
         # Of the parts of cells next to poles, before their last division.
         self.before: Array = np.full((count, self.element.dim), np.inf)
-        coarse = self._moments([(whole, np.arange(count), 0)], self._degree(0), count)
+        coarse = self._moments(whole, np.arange(count), 0, count)
         moments = np.zeros_like(coarse)
-        waiting = defaultdict[int, list[tuple[Array, Indices, int]]](list)
-        for found in self.pieces(cells, self.element.degree):  # many of them are few pieces
-            same = waiting[self._degree(found[2])]
-            same.append(found)
-            if sum(len(owners) for _, owners, _ in same) > MOST_PIECES:
-                moments += self._moments(same, self._degree(found[2]), count)
-                same.clear()
-        for degree, same in waiting.items():
-            if same:
-                moments += self._moments(same, degree, count)
+        for pieces, owners, level in self.pieces(cells, self.element.degree):
+            moments += self._moments(pieces, owners, level, count)
         with np.errstate(invalid="ignore"):
             defect = np.abs(moments - coarse).max(axis=1, initial=0.0)
         kept = polar[cells] | (defect > self.rounding)
@@ -343,12 +326,9 @@ class Projection(_Cells):
         kind = self.element.cell_type
         return interior_rule(kind, degree).points(kind)
 
-    def _moments(
-        self, parts: Sequence[tuple[Array, Indices, int]], degree: int, count: int
-    ) -> Array:
+    def _moments(self, pieces: Array, owners: Indices, level: int, count: int) -> Array:
         """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
-        pieces, owners = _joined(parts)
-        return _summed(self._each(pieces, degree), owners, count)
+        return _summed(self._each(pieces, self._degree(level)), owners, count)
 
     def _each(self, pieces: Array, degree: int) -> Array:
         """The integrals of the formula with the basis on each piece, shape (pieces, basis)."""
