@@ -12,11 +12,11 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.ranks import largest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.cutting import planes
 from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
-from dolfinx_signorini.data.interfaces.sliding import planes
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -27,7 +27,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 
 NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
-SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
 
 
 def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
@@ -51,7 +50,7 @@ class _Vertices:
 
     Attributes:
         x: The coordinates of the vertices, shape (vertices, dimension).
-        altitudes: About the smallest altitude of the cells around each.
+        altitudes: The smallest altitude of the cells around each.
         normals: The mean of n n^T over the boundary facets around, 0 inside.
         free: Whether the boundary facets around a vertex are in a plane and on the same sides.
     """
@@ -69,9 +68,8 @@ class _Vertices:
         # The gradients of the barycentric coordinates are as long as altitudes are short.
         inverse = np.linalg.inv(cell_edges(self.domain, cells))
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
-        largest = highest(self.domain.comm, steep)
-        powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
-        self.altitudes = powers ** (-1.0 / SHARP) / largest
+        steepest = np.repeat(steep, dofs.shape[1])
+        self.altitudes = 1.0 / largest(self.space.dofmap.index_map, dofs[cells].ravel(), steepest)
         self._set_normals(sided)
 
     def _set_normals(self, sided: SidedMesh) -> None:
