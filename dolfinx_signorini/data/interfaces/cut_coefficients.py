@@ -2,12 +2,8 @@
 
 import functools
 
-import numpy as np
-
-from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.form_data import choices_in_diffusion
-from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -23,17 +19,9 @@ def warn_of_cut_coefficients(problem: BoundConstrainedProblem) -> None:
     if problem.space.mesh.topology.cell_name() not in ("triangle", "tetrahedron"):
         return
     for choice, formula, corners in choices_in_diffusion(problem):
-        if problem.comm.allreduce(_cuts(formula, corners)):
+        depths = [interface.depths(corners).any() for interface in interfaces(formula)]
+        if problem.comm.allreduce(any(depths)):
             _warn_once(str(choice))
-
-
-def _cuts(formula: Formula, corners: Array) -> bool:
-    """Whether an interface of a formula cuts the interior of a cell."""
-    for interface in interfaces(formula):
-        near = corners[interface.crosses(corners)[0]]
-        if len(near) and np.any(interface.depths(near)):
-            return True
-    return False
 
 
 @functools.cache

@@ -86,23 +86,17 @@ class Interface:
             The largest value of the sign that is less strong, over the largest value; 0 where
             rounding may have made this sign.
         """
+        result, near = np.zeros(len(corners)), crossed(self._at_middles(corners))[0]
         kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
         kinds = basix.LatticeType.equispaced
         lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
         lattice = lattice + ASIDE * (lattice.mean(axis=0) - lattice)
-        values = self.values(inside(corners, lattice))
+        values = self.values(inside(corners[near], lattice))
         low, high = -values.min(axis=0), values.max(axis=0)
         with np.errstate(all="ignore"):
             shares = np.minimum(low, high) / np.maximum(low, high)
-        return np.where(shares > SOLVED, shares, 0.0)
-
-    def crosses(self, corners: Array) -> tuple[Mask, Mask]:
-        """Return whether the interface may be in pieces, and whether it is curved there.
-
-        Args:
-            corners: The vertices of the pieces, shape (pieces, vertices, dimension).
-        """
-        return crossed(self._at_middles(corners))
+        result[near] = np.where(shares > SOLVED, shares, 0.0)
+        return result
 
     def cut(self, pieces: Array, dimension: int) -> tuple[Array, npt.NDArray[np.int64]]:
         """Cut pieces where the function is zero, as if it were linear in each of them.
