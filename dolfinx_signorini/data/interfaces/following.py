@@ -8,8 +8,6 @@ the boundary.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import largest, summed
@@ -21,8 +19,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     cell_edges,
-    facet_cells,
-    facet_vertices,
+    facet_nodes,
     owned_cells,
 )
 
@@ -46,7 +43,7 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
 
 
 class _Vertices:
-    """The vertices of a mesh as dofs of the linear elements.
+    """The vertices of a mesh, which are the nodes of its geometry.
 
     Attributes:
         x: The coordinates of the vertices, shape (vertices, dimension).
@@ -56,33 +53,28 @@ class _Vertices:
     """
 
     def __init__(self, sided: SidedMesh):
-        self.domain = sided.mesh
-        self.dimension = self.domain.topology.dim
-        self.space = fem.functionspace(self.domain, ("Lagrange", 1))
-        dofs, cells = self.space.dofmap.list, owned_cells(self.domain)
-        # Coordinates of dofs are rounded, which would move all vertices a little.
-        self._nodes = np.empty(dofs.max(initial=-1) + 1, dtype=np.int64)
-        self._nodes[dofs] = self.domain.geometry.dofmap
-        x: Array = np.asarray(self.domain.geometry.x, dtype=np.float64)
-        self.x = x[self._nodes, : self.dimension]
+        self.domain, self.dimension = sided.mesh, sided.mesh.topology.dim
+        self.places = self.domain.geometry.index_map()
+        self.x: Array = np.array(self.domain.geometry.x[:, : self.dimension], dtype=np.float64)
         # The gradients of the barycentric coordinates are as long as altitudes are short.
-        inverse = np.linalg.inv(cell_edges(self.domain, cells))
+        cells = owned_cells(self.domain)
+        inverse, corners = (
+            np.linalg.inv(cell_edges(self.domain, cells)),
+            self.domain.geometry.dofmap,
+        )
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
-        steepest = np.repeat(steep, dofs.shape[1])
-        self.altitudes = 1.0 / largest(self.space.dofmap.index_map, dofs[cells].ravel(), steepest)
-        self._set_normals(sided)
-
-    def _set_normals(self, sided: SidedMesh) -> None:
+        steepest = np.repeat(steep, corners.shape[1])
+        self.altitudes = 1.0 / largest(self.places, corners[cells].ravel(), steepest)
         facets = boundary_facets(self.domain)
-        pairs = facet_cells(self.domain, facets)
-        dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
-        numbers = self._summed(dofs, np.ones(dofs.shape))
+        nodes = facet_nodes(self.domain, facets)
+        numbers = summed(self.places, nodes)
 
         def mean(values: Array) -> Array:
-            sums = self._summed(dofs, np.repeat(values[:, None], self.dimension, axis=1))
-            return np.asarray(sums / np.maximum(numbers, 1.0))
+            return np.asarray(
+                summed(self.places, nodes, values[:, None]) / np.maximum(numbers, 1.0)
+            )
 
-        self.normals, self.free = planes(self.x[dofs], sided.combinations(facets)[1], mean)
+        self.normals, self.free = planes(self.x[nodes], sided.combinations(facets)[1], mean)
 
     def move(self, curve: Interface) -> None:
         """Move the vertices near an interface onto it."""
@@ -99,12 +91,6 @@ class _Vertices:
 
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""
-        for k in range(self.dimension):
-            f = fem.Function(self.space)
-            f.x.array[:] = self.x[:, k]
-            f.x.scatter_forward()
-            self.domain.geometry.x[self._nodes, k] = f.x.array
-
-    def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
-        """The sums of values at vertices over the cells or facets of all ranks."""
-        return summed(self.space.dofmap.index_map, dofs, values)
+        own = np.arange(self.places.size_local)
+        for k, values in enumerate(self.x.T):
+            self.domain.geometry.x[:, k] = summed(self.places, own, values[own])
