@@ -10,7 +10,6 @@ from functools import cache, reduce
 from itertools import product
 from typing import Any
 
-import basix
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
@@ -21,9 +20,10 @@ from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.rules import cell_rule
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, interior_rule
+from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -134,8 +134,7 @@ def _rule(
     degree = arguments[0].ufl_function_space().element.basix_element.degree
     needed, named = 2 * len(arguments) * degree, given.get("quadrature_degree")
     if integral.integral_type() == "cell":
-        rule = interior_rule(basix.CellType[domain.topology.cell_name()], needed)
-        rule = CELL_RULE if needed <= CELL_RULE.degree else rule
+        rule = cell_rule(domain, needed)
     else:
         rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
     fine = isinstance(named, int) and named >= max(needed, rule.degree)

@@ -68,16 +68,20 @@ def measure_for(
         return _dx(domain, _interior(domain, factor + data))
     # A projection that is integrated less well need not even be positive.
     needed = 2 * (factor if singular else degree)
-    if needed > CELL_RULE.degree:
-        return _dx(domain, _interior(domain, needed))
-    if domain.topology.index_map(domain.topology.dim).size_global <= MANY:
-        return _dx(domain, CELL_RULE)
+    many = domain.topology.index_map(domain.topology.dim).size_global > MANY
+    if needed > CELL_RULE.degree or not many:
+        return _dx(domain, cell_rule(domain, needed))
     middles, nodes = _places(domain)
     rough = np.zeros(len(middles), dtype=bool)
     for formula, known_degree in zip(formulas, degrees, strict=True):
         if known_degree is None or known_degree > 1:
             rough |= _rough(domain, *(evaluated(formula.root, x) for x in (middles, nodes)))
     return _split(domain, rough, degree)
+
+
+def cell_rule(domain: mesh.Mesh, degree: int) -> QuadratureRule:
+    """Return the rule of all data on cells, or one of a degree that this rule does not have."""
+    return CELL_RULE if degree <= CELL_RULE.degree else _interior(domain, degree)
 
 
 def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
