@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated, together
 from dolfinx_signorini.data.interfaces.interface import crossed, interfaces, middles
@@ -157,8 +157,7 @@ class _Cells:
             Pieces, the places of their cells among the cells, and how often these have been
             divided.
         """
-        longest = float(widths(self.whole[cells][..., self.dimension :]).max(initial=0.0))
-        width = self.comm.allreduce(longest, op=MPI.MAX)
+        width = highest(self.comm, widths(self.whole[cells][..., self.dimension :]))
         order = 3 if degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
         sizes = [self.mean(formula) for formula in self.formulas]
