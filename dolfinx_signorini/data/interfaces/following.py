@@ -92,5 +92,5 @@ class _Vertices:
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""
         own = np.arange(self.places.size_local)
-        for k, values in enumerate(self.x.T):
-            self.domain.geometry.x[:, k] = summed(self.places, own, values[own])
+        for k in range(self.dimension):
+            self.domain.geometry.x[:, k] = summed(self.places, own, self.x[own, k])
