@@ -22,6 +22,9 @@ class Number(ABC):
     def __sub__(self, other: Any) -> Any:
         return self + -other  # type: ignore[operator]
 
+    def __truediv__(self, other: Any) -> Any:
+        return self * other.reciprocal()  # type: ignore[operator]
+
     def __radd__(self, value: float) -> Any:
         return self.like(value) + self
 

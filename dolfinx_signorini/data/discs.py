@@ -49,9 +49,6 @@ class Disc(Number):
         radius = np.abs(self.centre) * other.radius + self.radius * other.size
         return Disc(self.centre * other.centre, radius)
 
-    def __truediv__(self, other: "Disc") -> "Disc":
-        return self * other.reciprocal()
-
     def reciprocal(self) -> "Disc":
         """Return 1 over the disc."""
         distance = np.abs(self.centre) - self.radius

@@ -4,8 +4,8 @@ The Taylor polynomial of degree n misses E with |E| <= e and |E'| <= e' on the s
 The interpolation with the Lebesgue constant L misses at most (1 + L) e of the values and, by
 Markov's inequality, e' + n^2 L e of the derivatives, on a segment of length 2. Where that is not
 known, the segment is divided into parts. On a part, the interpolation there may be known to follow
-the formula, and differs from the interpolation on the segment by a polynomial; or intervals around
-the derivatives of the formula on still smaller parts take its place.
+the formula, and differs from the interpolation on the segment by a polynomial; or an interval
+around the derivatives of the formula takes its place.
 
 At n + 1 Gauss-Lobatto points the squares of the Lagrange polynomials have a sum of at most 1, so
 that L is at most the root of n + 1. Source: Fejer, Bestimmung derjenigen Abszissen eines
@@ -26,7 +26,6 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
 
 PARTS = 64  # of a segment where a formula is not smooth
-LARGE = 16  # of these where interpolations may follow the formula
 # Of the values: derivatives so small need no parts, and continuous data change so little in
 # `SOLVED` of a segment.
 NEGLIGIBLE = 1e-6
@@ -52,8 +51,8 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
     root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
     broken = _jumps_at_ends(formula, corners)
-    parts = _divided(corners[rough], LARGE)
-    broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, LARGE).any(axis=1)
+    parts = _divided(corners[rough])
+    broken[rough] |= _jumps_at_ends(formula, parts).reshape(-1, PARTS).any(axis=1)
     slope[broken] = root[broken] = np.inf
     # The difference vanishes at both ends.
     return np.stack((0.5 * root, slope, root)) * UPWARDS
@@ -95,20 +94,20 @@ def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
     slopes = _derivatives(series)
     most = highest_on_parts(degree - 1, PARTS, slopes)
     least = -highest_on_parts(degree - 1, PARTS, -slopes)
-    low, high = PARTS * enclosed_slopes(formula, _divided(corners, PARTS)).reshape(2, -1, PARTS)
+    parts = _divided(corners)
+    low, high = PARTS * enclosed_slopes(formula, parts).reshape(2, -1, PARTS)
     apart = np.maximum(high - least, most - low)
-    parts = _divided(corners, LARGE)
-    places = ((np.arange(LARGE)[:, None] + nodes[:, 0]) / LARGE).reshape(-1, 1)
+    places = ((np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS).reshape(-1, 1)
     there = (series @ polynomials(1, degree, places)).reshape(-1, len(nodes))
     own = evaluated(formula.root, inside(parts, nodes)).T - there
     between = largest(1, degree - 1, _derivatives(own @ inverse))
-    by_discs = LARGE * (_by_discs(formula, parts, degree) + between).reshape(-1, LARGE)
-    return np.asarray(np.fmin(apart, np.repeat(by_discs, PARTS // LARGE, axis=1)))
+    by_discs = PARTS * (_by_discs(formula, parts, degree) + between).reshape(-1, PARTS)
+    return np.asarray(np.fmin(apart, by_discs))
 
 
-def _divided(corners: Array, count: int) -> Array:
+def _divided(corners: Array) -> Array:
     """Equal parts of segments, shape (segments x parts, 2, dimension)."""
-    places = np.linspace(0.0, 1.0, count + 1)[:, None]
+    places = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
     points = (1.0 - places) * corners[:, :1] + places * corners[:, 1:]
     parts = np.stack((points[:, :-1], points[:, 1:]), axis=2)
     return parts.reshape(-1, 2, corners.shape[2])

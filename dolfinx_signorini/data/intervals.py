@@ -60,9 +60,6 @@ class Interval(Number):
             products[unknown] = 0.0
         return outward(products.min(axis=(0, 1)), products.max(axis=(0, 1)))
 
-    def __truediv__(self, other: "Interval") -> "Interval":
-        return self * other.reciprocal()
-
     def __rtruediv__(self, value: float) -> "Interval":
         inverse = self.reciprocal()
         return inverse if value == 1.0 else value * inverse
@@ -143,24 +140,9 @@ def increasing(
     return enclosure
 
 
-def sine(a: Interval) -> Interval:
-    """Enclose sin a."""
-    return _wave(np.sin, a, 0.5 * math.pi)
-
-
-def cosine(a: Interval) -> Interval:
-    """Enclose cos a."""
-    return _wave(np.cos, a, 0.0)
-
-
 def tangent(a: Interval) -> Interval:
     """Enclose tan a."""
     return outward(*np.tan(a.ends)).line_where(_meets(a, 0.5 * math.pi, math.pi))
-
-
-def logarithm(a: Interval) -> Interval:
-    """Enclose log a."""
-    return outward(*np.log(np.maximum(a.ends, 0.0))).line_where(a.high <= 0.0)
 
 
 def cut(y: Interval, x: Interval) -> Mask:
@@ -194,14 +176,18 @@ def _truth(surely: Mask, possibly: Mask) -> Interval:
     return Interval(np.stack((surely, possibly)).astype(np.float64))
 
 
-def _wave(function: Callable[[Array], Array], a: Interval, top: float) -> Interval:
-    """Enclose a function that oscillates between 1, first at a place, and -1."""
-    ends = function(a.ends)
-    result = outward(ends.min(axis=0), ends.max(axis=0))
-    bottom = _meets(a, top + math.pi, 2.0 * math.pi)
-    low = np.where(bottom, -1.0, np.maximum(result.low, -1.0))
-    high = np.where(_meets(a, top, 2.0 * math.pi), 1.0, np.minimum(result.high, 1.0))
-    return Interval(np.stack((low, high)))
+def wave(function: Callable[[Array], Array], top: float) -> Callable[[Interval], Interval]:
+    """Return the interval form of a function that goes from 1, first at a place, to -1 and back."""
+
+    def enclosure(a: Interval) -> Interval:
+        ends = function(a.ends)
+        result = outward(ends.min(axis=0), ends.max(axis=0))
+        bottom = _meets(a, top + math.pi, 2.0 * math.pi)
+        low = np.where(bottom, -1.0, np.maximum(result.low, -1.0))
+        high = np.where(_meets(a, top, 2.0 * math.pi), 1.0, np.minimum(result.high, 1.0))
+        return Interval(np.stack((low, high)))
+
+    return enclosure
 
 
 def _meets(a: Interval, first: float, period: float) -> Mask:

@@ -16,20 +16,17 @@ import numpy as np
 import ufl
 
 from dolfinx_signorini.base.arrays import Mask
-from dolfinx_signorini.data.discs import COSH, COSINE, SINE, SINH, exponential, root
-from dolfinx_signorini.data.discs import logarithm as disc_logarithm
+from dolfinx_signorini.data.discs import COSH, COSINE, SINE, SINH, exponential, logarithm, root
 from dolfinx_signorini.data.intervals import (
     Interval,
     angle,
     choose,
-    cosine,
     cut,
     increasing,
     length,
-    logarithm,
     outward,
-    sine,
     tangent,
+    wave,
 )
 
 Function = Callable[..., Any]
@@ -198,11 +195,9 @@ OPERATIONS = {
         "sqrt", np.sqrt, lambda v, a: 0.5 / v, root, limits=POSITIVE, vanishes="with"
     ),
     "exp": _increasing("exp", np.exp, lambda v, a: v, exponential, vanishes="never"),
-    "log": _function(
-        "log", lambda v, a: 1.0 / a, logarithm, disc_logarithm, ufl=ufl.ln, limits=POSITIVE
-    ),
-    "sin": _function("sin", lambda v, a: applied("cos", a), sine, SINE),
-    "cos": _function("cos", lambda v, a: -applied("sin", a), cosine, COSINE),
+    "log": _increasing("log", np.log, lambda v, a: 1.0 / a, logarithm, ufl=ufl.ln, limits=POSITIVE),
+    "sin": _function("sin", lambda v, a: applied("cos", a), wave(np.sin, 0.5 * math.pi), SINE),
+    "cos": _function("cos", lambda v, a: -applied("sin", a), wave(np.cos, 0.0), COSINE),
     "tan": _function("tan", lambda v, a: 1.0 + v**2.0, tangent, lambda a: SINE(a) / COSINE(a)),
     "asin": _increasing("asin", np.arcsin, lambda v, a: _of_arcsine(a), limits=(-1.0, 1.0)),
     "acos": _function(

@@ -253,15 +253,6 @@ class FormulaAtPoints:
             data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)
         return list(self._evaluated(data).reshape(self.count, *points.x[0].shape))
 
-    def at(self, x: Sequence[Array]) -> list[Array]:
-        """Return the values of expressions of the coordinates alone, each of shape (n,).
-
-        Args:
-            x: For each direction of space the coordinates, shape (n,).
-        """
-        assert not self._inputs and not self._normal
-        return list(self._evaluated(list(zip(self._x, x, strict=True))))
-
     def _evaluated(self, data: list[tuple[fem.Function, Array]]) -> Array:
         """The values for the data in the slots, shape (expressions, points)."""
         flat = [(f.x.array, np.ravel(array)) for f, array in data]

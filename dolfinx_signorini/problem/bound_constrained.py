@@ -564,9 +564,9 @@ class BoundConstrainedProblem:
         """Warn where the diffusion jumps inside of cells and is not integrated piece by piece."""
         if self.assembled_forms[0] is self.a and has_choices(self.a):
             # The room of data, which knows problems, is loaded by those alone whose data choose.
-            from dolfinx_signorini.data.interfaces import cut_coefficients
+            from dolfinx_signorini.data.interfaces import piecewise_forms
 
-            cut_coefficients.warn_of_cut_coefficients(self)
+            piecewise_forms.warn_of_cut_coefficients(self)
 
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""

@@ -16,7 +16,7 @@ from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for, measure_for_load
+from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
@@ -187,13 +187,10 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
         return {} if force is None else {"body force": force}, {}
     sources: Terms = {}
     reactions: Terms = {}
-    exact, formula = setting.exact if scene.manufactured else None, coefficients(scene).load
-    follows = None if exact is None else exact.load
-    if formula is not None and not isinstance(follows, Zero):
-        load = integrable(formula, domain, degree, follows)
-        dx = measure_for_load(domain, exact or formula, degree)
-        if dx is not None and not isinstance(load, Zero):
-            sources[LOAD] = load, dx
+    formula = coefficients(scene).load
+    if formula is not None and formula.constant != 0.0:
+        load = integrable(formula, domain, degree, poles_too=not scene.manufactured)
+        sources[LOAD] = load, measure_for(domain, [formula], degree, degree)
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         c = integrable(scene.reaction, domain, 2 * degree)  # of u v
         reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)

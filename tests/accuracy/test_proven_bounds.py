@@ -397,6 +397,37 @@ def test_a_solution_with_a_kink_has_a_load_that_no_formula_has(comm):
     assert bound.sampled and any("continuous" in note for note in bound.notes)
 
 
+SINGULAR = """
+[domain]
+shape = "square"
+cells = {cells}
+[equation]
+load = "{load}"
+[contact]
+sides = "bottom"
+obstacle = -3
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = 0
+"""
+
+
+@pytest.mark.parametrize("load", ["{r}^-0.5", "log({r})", "(x - 0.4)/{r}"])
+def test_a_load_that_is_singular_at_a_point_inside_a_cell(load, comm):
+    """Without contact the energy of the solution on a finer mesh is larger by the squared error."""
+    energies = []
+    for cells in (64, 8):
+        text = SINGULAR.format(cells=cells, load=load.format(r="hypot(x - 0.4, y - 0.61)"))
+        posed = solved(text, comm)
+        assert posed.problem.u.x.array.min() > -2.9  # and the obstacle is at -3
+        u = posed.problem.u
+        form = fem.form(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx)
+        energies.append(comm.allreduce(fem.assemble_scalar(form)))
+    error, bound = math.sqrt(energies[0] - energies[1]), bound_of_scene(posed)
+    assert not bound.sampled and bound.notes == ()
+    assert error <= bound.total <= 1.2 * error
+
+
 def test_what_has_no_bounded_enclosure_is_called_sampled(comm):
     text, _ = wave(4, 1, 1.0, 1.0)
     text = text.replace('load = "', 'load = "abs(x - 0.31)^-0.4 + ')

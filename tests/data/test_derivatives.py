@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from dolfinx_signorini.data.derivatives import Derivative, load_and_current
+from dolfinx_signorini.data.derivatives import Derivative, load_and_current, simplified
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided
 from dolfinx_signorini.data.parsing import parse
-from dolfinx_signorini.data.simplification import simplified
 from dolfinx_signorini.data.singular import root_mean_squares
 
 pytestmark = pytest.mark.pure

@@ -8,6 +8,7 @@ Source of the order of the two: Labelle and Shewchuk, Isosurface stuffing, ACM T
 """
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,6 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.pieces import widths
-from dolfinx_signorini.data.interfaces.sliding import planes
 
 NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
 SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
@@ -145,6 +145,30 @@ def _slides(whole: Simplices, vertices: Indices, ways: Array) -> Mask:
     normal, free = planes(whole.x[facets], whole.sides, mean)
     across = np.linalg.norm(np.einsum("vij,vj->vi", normal[vertices], ways), axis=1)
     return free[vertices] & (across <= SOLVED * np.linalg.norm(ways, axis=1))
+
+
+def planes(corners: Array, sides: Indices, mean: Callable[[Array], Array]) -> tuple[Array, Mask]:
+    """Return the planes of the boundary at vertices, and whether the vertices slide in them.
+
+    Args:
+        corners: The vertices of the facets of the boundary, shape (facets, dimension, dimension).
+        sides: For each facet a number that stands for the sides of the facet.
+        mean: Returns for each vertex the mean of one value per facet over the facets around the
+            vertex, and 0 where no facet is.
+
+    Returns:
+        For each vertex the mean of n n^T over the normals n around the vertex, shape (vertices,
+        dimension, dimension): 0 inside of the domain, and n n^T in a plane. And whether the facets
+        around the vertex are in one plane and on the same sides, as for all vertices inside.
+    """
+    normals = np.linalg.svd(corners[:, 1:] - corners[:, :1], full_matrices=True)[2][:, -1]
+    products = np.moveaxis(normals[:, :, None] * normals[:, None], 0, -1)
+    result = np.array([[mean(values) for values in row] for row in products])
+    result = np.moveaxis(result, -1, 0)
+    parallel = (result**2).sum(axis=(1, 2)) >= (1.0 - SOLVED) * np.trace(result, axis1=1, axis2=2)
+    numbers = sides.astype(np.float64)
+    same = mean(numbers**2) - mean(numbers) ** 2 <= SOLVED * mean(numbers**2)
+    return result, parallel & same
 
 
 def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:

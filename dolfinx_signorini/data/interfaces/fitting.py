@@ -125,14 +125,13 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))
     new = mesh.create_mesh(comm, cells, x=x, e=element)
     tagged, sides = comm.bcast(whole and (np.sort(whole.facets, axis=1), whole.sides))
-    order = np.lexsort(tagged.T)
     facets = boundary_facets(new)
     nodes = facet_nodes(new, facets)
     mine = np.sort(new.geometry.input_global_indices[nodes], axis=1)
-    _, place = np.unique(np.concatenate((tagged[order], mine)), axis=0, return_inverse=True)
+    _, place = np.unique(np.concatenate((tagged, mine)), axis=0, return_inverse=True)
     found = np.empty(place.max(initial=-1) + 1, dtype=np.int64)
-    found[place.ravel()[: len(order)]] = sides[order]
+    found[place.ravel()[: len(tagged)]] = sides
     combinations, _ = sided.combinations(boundary_facets(domain))
-    on = combinations[found[place.ravel()[len(order) :]]]
+    on = combinations[found[place.ravel()[len(tagged) :]]]
     named = {name: facets[on[:, k]] for k, name in enumerate(sided.sides)}
     return SidedMesh(new, named)

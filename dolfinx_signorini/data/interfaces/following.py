@@ -8,26 +8,22 @@ the boundary.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.ranks import largest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces.cutting import planes
 from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
-from dolfinx_signorini.data.interfaces.sliding import planes
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     cell_edges,
-    facet_cells,
-    facet_vertices,
+    facet_nodes,
     owned_cells,
 )
 
 NEAR = 0.25  # of the altitudes of the cells around: vertices that far from a curve are moved
-SHARP = 16.0  # power of the mean of altitudes that stands for the smallest one
 
 
 def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
@@ -47,44 +43,38 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
 
 
 class _Vertices:
-    """The vertices of a mesh as dofs of the linear elements.
+    """The vertices of a mesh, which are the nodes of its geometry.
 
     Attributes:
         x: The coordinates of the vertices, shape (vertices, dimension).
-        altitudes: About the smallest altitude of the cells around each.
+        altitudes: The smallest altitude of the cells around each.
         normals: The mean of n n^T over the boundary facets around, 0 inside.
         free: Whether the boundary facets around a vertex are in a plane and on the same sides.
     """
 
     def __init__(self, sided: SidedMesh):
-        self.domain = sided.mesh
-        self.dimension = self.domain.topology.dim
-        self.space = fem.functionspace(self.domain, ("Lagrange", 1))
-        dofs, cells = self.space.dofmap.list, owned_cells(self.domain)
-        # Coordinates of dofs are rounded, which would move all vertices a little.
-        self._nodes = np.empty(dofs.max(initial=-1) + 1, dtype=np.int64)
-        self._nodes[dofs] = self.domain.geometry.dofmap
-        x: Array = np.asarray(self.domain.geometry.x, dtype=np.float64)
-        self.x = x[self._nodes, : self.dimension]
+        self.domain, self.dimension = sided.mesh, sided.mesh.topology.dim
+        self.places = self.domain.geometry.index_map()
+        self.x: Array = np.array(self.domain.geometry.x[:, : self.dimension], dtype=np.float64)
         # The gradients of the barycentric coordinates are as long as altitudes are short.
-        inverse = np.linalg.inv(cell_edges(self.domain, cells))
+        cells = owned_cells(self.domain)
+        inverse, corners = (
+            np.linalg.inv(cell_edges(self.domain, cells)),
+            self.domain.geometry.dofmap,
+        )
         steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
-        largest = highest(self.domain.comm, steep)
-        powers = self._summed(dofs[cells], (steep / largest)[:, None] ** SHARP)
-        self.altitudes = powers ** (-1.0 / SHARP) / largest
-        self._set_normals(sided)
-
-    def _set_normals(self, sided: SidedMesh) -> None:
+        steepest = np.repeat(steep, corners.shape[1])
+        self.altitudes = 1.0 / largest(self.places, corners[cells].ravel(), steepest)
         facets = boundary_facets(self.domain)
-        pairs = facet_cells(self.domain, facets)
-        dofs = self.space.dofmap.list[pairs[:, :1], facet_vertices(self.domain)[pairs[:, 1]]]
-        numbers = self._summed(dofs, np.ones(dofs.shape))
+        nodes = facet_nodes(self.domain, facets)
+        numbers = summed(self.places, nodes)
 
         def mean(values: Array) -> Array:
-            sums = self._summed(dofs, np.repeat(values[:, None], self.dimension, axis=1))
-            return np.asarray(sums / np.maximum(numbers, 1.0))
+            return np.asarray(
+                summed(self.places, nodes, values[:, None]) / np.maximum(numbers, 1.0)
+            )
 
-        self.normals, self.free = planes(self.x[dofs], sided.combinations(facets)[1], mean)
+        self.normals, self.free = planes(self.x[nodes], sided.combinations(facets)[1], mean)
 
     def move(self, curve: Interface) -> None:
         """Move the vertices near an interface onto it."""
@@ -101,12 +91,6 @@ class _Vertices:
 
     def store(self) -> None:
         """Give the mesh the vertices, those of the ranks that own them."""
+        own = np.arange(self.places.size_local)
         for k in range(self.dimension):
-            f = fem.Function(self.space)
-            f.x.array[:] = self.x[:, k]
-            f.x.scatter_forward()
-            self.domain.geometry.x[self._nodes, k] = f.x.array
-
-    def _summed(self, dofs: npt.NDArray[np.int32], values: Array) -> Array:
-        """The sums of values at vertices over the cells or facets of all ranks."""
-        return summed(self.space.dofmap.index_map, dofs, values)
+            self.domain.geometry.x[:, k] = summed(self.places, own, self.x[own, k])

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import basix
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize.elementwise import find_root
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.tolerances import PRECISION, ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import (
@@ -66,27 +67,17 @@ class Interface:
     def zeros(self, start: Array, end: Array) -> Array:
         """Return where segments cross the interface, as shares of their lengths.
 
-        Newton's method, and bisection where Newton's step leaves the part of the segment in which
-        the sign changes, or is more than half as long as the step before.
-
         Args:
             start, end: The ends of the segments, with different signs of the function.
         """
-        sign, way = np.sign(self.values(start)), end - start
-        low: Array = np.zeros(len(start))
-        high: Array = np.ones(len(start))
-        share, step = 0.5 * (low + high), high
-        while (step > PRECISION).any():
-            x = start + share[:, None] * way
-            value = self.values(x)
-            before = np.sign(value) == sign
-            low, high = np.where(before, share, low), np.where(before, high, share)
-            with np.errstate(all="ignore"):
-                new = share - value / (self.gradients(x) * way).sum(axis=1)
-                good = (np.abs(new - share) <= 0.5 * step) & (new >= low - PRECISION)
-            new = np.where(good & (new <= high + PRECISION), new, 0.5 * (low + high))
-            share, step = new, np.abs(new - share)
-        return share
+        dimension = start.shape[1]
+
+        def along(share: Array, *ends: Array) -> Array:
+            start, end = np.array(ends[:dimension]), np.array(ends[dimension:])
+            return self.values((start + share * (end - start)).T)
+
+        both = np.zeros(len(start)), np.ones(len(start))
+        return np.asarray(find_root(along, both, args=(*start.T, *end.T)).x)
 
     def depths(self, corners: Array) -> Array:
         """Return how far the function changes its sign inside of cells.
@@ -98,23 +89,17 @@ class Interface:
             The largest value of the sign that is less strong, over the largest value; 0 where
             rounding may have made this sign.
         """
+        result, near = np.zeros(len(corners)), crossed(self._at_middles(corners))[0]
         kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
         kinds = basix.LatticeType.equispaced
         lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
         lattice = lattice + ASIDE * (lattice.mean(axis=0) - lattice)
-        values = self.values(inside(corners, lattice))
+        values = self.values(inside(corners[near], lattice))
         low, high = -values.min(axis=0), values.max(axis=0)
         with np.errstate(all="ignore"):
             shares = np.minimum(low, high) / np.maximum(low, high)
-        return np.where(shares > SOLVED, shares, 0.0)
-
-    def crosses(self, corners: Array) -> tuple[Mask, Mask]:
-        """Return whether the interface may be in pieces, and whether it is curved there.
-
-        Args:
-            corners: The vertices of the pieces, shape (pieces, vertices, dimension).
-        """
-        return crossed(self._at_middles(corners))
+        result[near] = np.where(shares > SOLVED, shares, 0.0)
+        return result
 
     def cut(self, pieces: Array, dimension: int) -> tuple[Array, npt.NDArray[np.int64]]:
         """Cut pieces where the function is zero, as if it were linear in each of them.

@@ -10,7 +10,6 @@ are divided next to a pole until the integrals over the cell do not change any m
 
 import functools
 import math
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 import basix
@@ -18,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated, together
 from dolfinx_signorini.data.interfaces.interface import crossed, interfaces, middles
@@ -46,27 +45,23 @@ WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than 
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 
 
-def integrable(
-    formula: Formula, domain: mesh.Mesh, degree: int, follows: Expr | None = None
-) -> Expr:
+def integrable(formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True) -> Expr:
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
-        formula, domain, degree: See `projected`.
-        follows: For data that follow from a solution, the same data as an expression. The rules of
-            such data look for poles themselves, see `measure_for_load`.
+        formula, domain, degree, poles_too: See `projected`.
 
     Returns:
         The formula itself, or where it is not smooth inside a cell, its projection on polynomials
         of the degree.
     """
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain)) if follows is None else follows
-    found = projected(formula, domain, degree, follows is None)
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
+    found = projected(formula, domain, degree, poles_too)
     return smooth if found is None else ufl.conditional(*found, smooth)
 
 
 def projected(
-    formula: Formula, domain: mesh.Mesh, degree: int, look_for_poles: bool = True
+    formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True
 ) -> tuple[Expr, Expr] | None:
     """Return in which cells a formula is not smooth, and its projection on polynomials there.
 
@@ -74,16 +69,17 @@ def projected(
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
-        look_for_poles: Whether a formula is not smooth at poles.
+        poles_too: Whether poles matter: at those of data that follow from a solution, a quadrature
+            rule of many points is good enough.
 
     Returns:
         The condition and the projection; None where the formula is smooth in all cells.
     """
-    if not (is_singular(formula) if look_for_poles else jumps(formula)):
+    if not (is_singular(formula) if poles_too else jumps(formula)):
         return None
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    found = Projection(formula, domain, element, _corners(domain), look_for_poles)
+    found = Projection(formula, domain, element, _corners(domain), poles_too)
     cells, values = found.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return None
@@ -110,14 +106,8 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
     """
     cells = _Cells(domain, _corners(domain), formulas)
     broken = cells.broken()
-    pieces, owners = _joined(list(cells.pieces(broken, degree)))
-    return pieces, broken[owners]
-
-
-def _joined(parts: Sequence[tuple[Array, Indices, int]]) -> tuple[Array, Indices]:
-    """Put pieces and their cells together."""
-    pieces, owners, _ = zip(*parts, strict=True)
-    return np.concatenate(pieces), np.concatenate(owners)
+    pieces, owners, _ = zip(*cells.pieces(broken, degree), strict=True)
+    return np.concatenate(pieces), broken[np.concatenate(owners)]
 
 
 def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
@@ -183,8 +173,7 @@ class _Cells:
             Pieces, the places of their cells among the cells, and how often these have been
             divided.
         """
-        longest = float(widths(self.whole[cells][..., self.dimension :]).max(initial=0.0))
-        width = self.comm.allreduce(longest, op=MPI.MAX)
+        width = highest(self.comm, widths(self.whole[cells][..., self.dimension :]))
         order = 3 if degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
 
@@ -307,18 +296,10 @@ class Projection(_Cells):
         count, whole = len(cells), self.whole[cells]
         # Of the parts of cells next to poles, before their last division.
         self.before: Array = np.full((count, self.element.dim), np.inf)
-        coarse = self._moments([(whole, np.arange(count), 0)], self._degree(0), count)
+        coarse = self._moments(whole, np.arange(count), 0, count)
         moments = np.zeros_like(coarse)
-        waiting = defaultdict[int, list[tuple[Array, Indices, int]]](list)
-        for found in self.pieces(cells, self.element.degree):  # many of them are few pieces
-            same = waiting[self._degree(found[2])]
-            same.append(found)
-            if sum(len(owners) for _, owners, _ in same) > MOST_PIECES:
-                moments += self._moments(same, self._degree(found[2]), count)
-                same.clear()
-        for degree, same in waiting.items():
-            if same:
-                moments += self._moments(same, degree, count)
+        for pieces, owners, level in self.pieces(cells, self.element.degree):
+            moments += self._moments(pieces, owners, level, count)
         with np.errstate(invalid="ignore"):
             defect = np.abs(moments - coarse).max(axis=1, initial=0.0)
         kept = polar[cells] | (defect > self.rounding)
@@ -362,12 +343,9 @@ class Projection(_Cells):
         kind = self.element.cell_type
         return interior_rule(kind, degree).points(kind)
 
-    def _moments(
-        self, parts: Sequence[tuple[Array, Indices, int]], degree: int, count: int
-    ) -> Array:
+    def _moments(self, pieces: Array, owners: Indices, level: int, count: int) -> Array:
         """The integrals of the formula with the basis for each cell, shape (cells, basis)."""
-        pieces, owners = _joined(parts)
-        return _summed(self._each(pieces, degree), owners, count)
+        return _summed(self._each(pieces, self._degree(level)), owners, count)
 
     def _each(self, pieces: Array, degree: int) -> Array:
         """The integrals of the formula with the basis on each piece, shape (pieces, basis)."""

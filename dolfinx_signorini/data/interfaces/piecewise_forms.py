@@ -1,25 +1,29 @@
-"""Forms whose data jump inside of cells, integrated piece by piece.
+"""Forms whose data jump inside of cells: integrated piece by piece, or with a warning.
 
 Summands f v of loads and c u v of bilinear forms have projections in place of f and c, see
-`jumps.projected`; so have the entries of the diffusion A in grad u . A grad v.
+`jumps.projected`; so have the entries of the diffusion A in grad u . A grad v. A problem that is
+solved without them tells where its diffusion jumps inside of cells, where no polynomial follows.
 """
 
 from collections.abc import Sequence
-from functools import reduce
+from functools import cache, reduce
 from itertools import product
 from typing import Any
 
-import basix
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.data.form_data import choices_in_diffusion
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import projected
+from dolfinx_signorini.data.interfaces.rules import cell_rule
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, interior_rule
+from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -131,9 +135,34 @@ def _rule(
     degree = arguments[0].ufl_function_space().element.basix_element.degree
     needed, named = 2 * len(arguments) * degree, given.get("quadrature_degree")
     if integral.integral_type() == "cell":
-        rule = interior_rule(basix.CellType[domain.topology.cell_name()], needed)
-        rule = CELL_RULE if needed <= CELL_RULE.degree else rule
+        rule = cell_rule(domain, needed)
     else:
         rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
     fine = isinstance(named, int) and named >= max(needed, rule.degree)
     return given if fine else rule.metadata
+
+
+def warn_of_cut_coefficients(problem: BoundConstrainedProblem) -> None:
+    """Warn, once for each conditional, where the diffusion chooses inside of cells.
+
+    Conditionals that are unreadable, such as those of finite element functions, are passed over.
+
+    Args:
+        problem: The problem; the call is collective.
+    """
+    if problem.space.mesh.topology.cell_name() not in ("triangle", "tetrahedron"):
+        return
+    for choice, formula, corners in choices_in_diffusion(problem):
+        depths = [interface.depths(corners).any() for interface in interfaces(formula)]
+        if problem.comm.allreduce(any(depths)):
+            _warn_once(str(choice))
+
+
+@cache
+def _warn_once(choice: str) -> None:
+    log.warning(
+        "a: the coefficient %s chooses inside of cells, which leaves an error of order h^(1/2) in "
+        "the energy norm for any degree; let facets follow the jump, and give the coefficient on "
+        'cells: the page "Coefficients that jump" (docs/howto/jumps.md)',
+        choice,
+    )

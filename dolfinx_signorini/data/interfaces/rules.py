@@ -17,20 +17,14 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
-from dolfinx_signorini.data.interfaces.singular_sets import jumps
-from dolfinx_signorini.meshes.points import FormulaAtPoints
+from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import longest_side, owned_cells
-from dolfinx_signorini.norms.manufactured import ManufacturedSolution
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
 
 ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points
-# A load that follows from u is rounding where its mean is at most `SOLVED` and its largest value at
-# most `NOISE` of u over the squared size of the domain: next to singular points rounding is larger.
-NOISE = 1e-6
 
 
 def polynomial_degree(node: Node) -> int | None:
@@ -61,70 +55,33 @@ def measure_for(
 
     Args:
         domain: The mesh; the call is collective.
-        formulas: The formulas. Where one of them jumps in a cell, a polynomial of the degree of the
-            factor stands in its place, see `jumps.integrable`.
+        formulas: The formulas. Where one of them is singular in a cell, a polynomial of the degree
+            of the factor stands in its place, see `jumps.integrable`.
         factor: The degree of the polynomials that the formulas are multiplied with.
         degree: The degree of the elements.
     """
-    if 2 * factor > CELL_RULE.degree and any(jumps(formula) for formula in formulas):
-        # A projection that is integrated less well need not even be positive.
-        return _dx(domain, _interior(domain, 2 * factor))
+    singular = any(map(is_singular, formulas))
     degrees = [polynomial_degree(formula.root) for formula in formulas]
     known = _known(degrees)
-    if len(known) == len(degrees):
-        data = max([*known, factor if any(jumps(formula) for formula in formulas) else 0])
-        if factor + data <= CELL_RULE.degree:
-            return _dx(domain, _interior(domain, factor + data))
-    if not _economical(domain, degree):
-        return _dx(domain, CELL_RULE)
+    data = max([*known, factor if singular else 0])
+    if len(known) == len(degrees) and factor + data <= CELL_RULE.degree:
+        return _dx(domain, _interior(domain, factor + data))
+    # A projection that is integrated less well need not even be positive.
+    needed = 2 * (factor if singular else degree)
+    many = domain.topology.index_map(domain.topology.dim).size_global > MANY
+    if needed > CELL_RULE.degree or not many:
+        return _dx(domain, cell_rule(domain, needed))
     middles, nodes = _places(domain)
-    curved = [f for f, d in zip(formulas, degrees, strict=True) if d is None or d > 1]
     rough = np.zeros(len(middles), dtype=bool)
-    for f in curved:
-        rough |= _rough(domain, evaluated(f.root, middles), evaluated(f.root, nodes), 0.0)
+    for formula, known_degree in zip(formulas, degrees, strict=True):
+        if known_degree is None or known_degree > 1:
+            rough |= _rough(domain, *(evaluated(formula.root, x) for x in (middles, nodes)))
     return _split(domain, rough, degree)
 
 
-def measure_for_load(
-    domain: mesh.Mesh, load: Formula | ManufacturedSolution, degree: int
-) -> CellMeasure | None:
-    """Return the measure of the integrals of a load with the basis functions.
-
-    Args:
-        domain: The mesh; the call is collective.
-        load: The load, or the solution that the load follows from.
-        degree: The degree of the elements.
-
-    Returns:
-        The measure; None where the load is zero up to rounding.
-    """
-    if isinstance(load, Formula) and polynomial_degree(load.root) is not None:
-        return measure_for(domain, [load], degree, degree)
-    if not _economical(domain, degree):
-        # The projection that stands for a rough load has the degree of the elements.
-        exact = 2 * degree <= CELL_RULE.degree
-        return _dx(domain, CELL_RULE if exact else _interior(domain, 2 * degree))
-    points, reach = _places(domain), 0.0
-    if isinstance(load, Formula):
-        values = [evaluated(load.root, x) for x in points]
-    else:
-        formula = FormulaAtPoints(domain, [load.load, load.u])
-        both = [formula.at(list(x.T)) for x in points]
-        values = [f for f, _ in both]
-        size = longest_side(domain.comm, points[1])
-        reach = _largest(domain.comm, [u for _, u in both]) / size**2
-    finite = np.abs(values[0][np.isfinite(values[0])])
-    total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
-    mean = float(total / max(count, 1.0))
-    if mean <= SOLVED * reach and _largest(domain.comm, values) <= NOISE * reach:
-        return None
-    return _split(domain, _rough(domain, values[0], values[1], ROUGH * mean), degree)
-
-
-def _economical(domain: mesh.Mesh, degree: int) -> bool:
-    """Whether a smaller rule than that of all data saves time."""
-    cells = domain.topology.index_map(domain.topology.dim).size_global
-    return bool(cells > MANY and 2 * degree < CELL_RULE.degree)
+def cell_rule(domain: mesh.Mesh, degree: int) -> QuadratureRule:
+    """Return the rule of all data on cells, or one of a degree that this rule does not have."""
+    return CELL_RULE if degree <= CELL_RULE.degree else _interior(domain, degree)
 
 
 def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
@@ -135,15 +92,17 @@ def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
     return np.asarray(middles), x
 
 
-def _rough(domain: mesh.Mesh, middles: Array, nodes: Array, floor: float) -> Mask:
+def _rough(domain: mesh.Mesh, middles: Array, nodes: Array) -> Mask:
     """Whether a function is not nearly linear in each of the owned cells.
 
     Args:
         domain: The mesh.
         middles, nodes: The values of the function in the middles of the cells, and at all nodes.
-        floor: The size up to which deviations never matter.
     """
     corners = domain.geometry.dofmap[: len(middles)].T
+    finite = np.abs(middles[np.isfinite(middles)])
+    total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
+    floor = ROUGH * float(total / max(count, 1.0))  # smaller deviations never matter
     with np.errstate(invalid="ignore"):
         deviation = np.abs(middles - sum(nodes[corner] for corner in corners) / len(corners))
         return np.asarray(~(deviation <= ROUGH * np.abs(middles) + floor))
@@ -169,9 +128,3 @@ def _interior(domain: mesh.Mesh, degree: int) -> QuadratureRule:
 
 def _known(degrees: Sequence[int | None]) -> list[int]:
     return [degree for degree in degrees if degree is not None]
-
-
-def _largest(comm: MPI.Comm, values: Sequence[Array]) -> float:
-    """The largest finite size of some values on all ranks."""
-    sizes = [np.abs(part[np.isfinite(part)]).max(initial=0.0) for part in values]
-    return float(comm.allreduce(float(max(sizes)), op=MPI.MAX))

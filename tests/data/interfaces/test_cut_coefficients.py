@@ -10,7 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.data.interfaces import cut_coefficients
+from dolfinx_signorini.data.interfaces import piecewise_forms
 from dolfinx_signorini.problem.arguments import has_choices
 
 COMM = MPI.COMM_WORLD
@@ -30,7 +30,7 @@ def circle(x, y, radius):
 @pytest.fixture(autouse=True)
 def forget():
     """Each coefficient is told once in a process."""
-    cut_coefficients._warn_once.cache_clear()
+    piecewise_forms._warn_once.cache_clear()
 
 
 def warnings(caplog, domain, form, solves=1):
@@ -152,7 +152,7 @@ def test_the_adaptive_loop_which_follows_the_jump_is_silent(caplog):
 
 
 def test_forms_without_choices_are_not_read(monkeypatch, caplog):
-    monkeypatch.setattr(cut_coefficients, "choices_in_diffusion", None)
+    monkeypatch.setattr(piecewise_forms, "choices_in_diffusion", None)
     assert warnings(caplog, SQUARE, diffusion(lambda x: 1.0 + x[1])) == []
     x = ufl.SpatialCoordinate(SQUARE)
     assert has_choices(between(x[1] < 0.4) * ufl.dx)
