@@ -7,6 +7,7 @@ import numpy as np
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.data.formulas import Formula, evaluated
@@ -111,7 +112,7 @@ class Elasticity:
 
     def stresses(self, u: Expr) -> tuple[Expr, Expr]:
         """Return the stress of a displacement, a matrix, and its von Mises stress."""
-        x = ufl.SpatialCoordinate(u.ufl_domain())
+        x = ufl.SpatialCoordinate(extract_unique_domain(u))
         constants = self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain"
         return stress(u, *constants), von_mises(u, *constants)
 
