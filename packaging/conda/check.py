@@ -55,7 +55,10 @@ def differences() -> list[str]:
     """Return what the conda files lack, a line each."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe, lines = rendered_recipe(), []
-    needed = {CONDA_NAMES.get(name, name) for name in project["dependencies"]}
+    needed = {}
+    for dependency in map(MatchSpec, project["dependencies"]):
+        name = dependency.name.normalized
+        needed[CONDA_NAMES.get(name, name)] = dependency.version
     run = names(recipe["requirements"]["run"], "recipe.yaml")
     names(recipe["requirements"]["host"] + recipe["requirements"]["run_constraints"], "recipe.yaml")
     if recipe["package"]["version"] != project["version"]:
@@ -67,11 +70,14 @@ def differences() -> list[str]:
     for environment in ENVIRONMENTS:
         content = yaml.safe_load((ROOT / environment).read_text())
         found[environment] = names(content["dependencies"], environment)
-    python = "python " + project["requires-python"]
+    needed["python"] = MatchSpec("python " + project["requires-python"]).version
     for where, specs in found.items():
-        lines += [f"{where}: no {name}" for name in sorted((needed | ADDED) - specs.keys())]
-        if str(MatchSpec(specs["python"])) != python:
-            lines.append(f"{where}: {specs['python']}, not {python}")
+        lines += [f"{where}: no {name}" for name in sorted((needed.keys() | ADDED) - specs.keys())]
+        lines += [
+            f"{where}: {specs[name]}, not {name} {version or 'of any version'}"
+            for name, version in needed.items()
+            if name in specs and MatchSpec(specs[name]).version != version
+        ]
     return lines
 
 
