@@ -133,9 +133,9 @@ class ActiveSetSolver:
     ) -> Start:
         """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
 
-        The coarser meshes of multigrid tell more of the contact set than solutions that are too far
-        away, and with an obstacle in the domain more of its long ends than a solution on another
-        mesh. A problem without any of these starts with all contact dofs held.
+        With an obstacle in the domain the coarser meshes of multigrid tell more of the long ends of
+        the contact set than a solution on another mesh, or solutions that are too far away. A
+        problem without any of these starts with all contact dofs held.
         """
         if held is not None:
             return Start(x, held)
@@ -143,7 +143,7 @@ class ActiveSetSolver:
         if guess is not None:
             rough = system.layout.in_domain and not self.linear.exact
             held = _settled(system, measure, guess, x, rough)
-            if measure.relative <= LOOSEST:
+            if not rough or measure.relative <= LOOSEST:
                 return Start(x, held)
         elif coarse is None and out_of_reach(system, x):
             return Start(x, np.full(len(system.contact_dofs), False), predicted=True)
