@@ -48,10 +48,10 @@ class Densities:
         self._comm, self._map = space.mesh.comm, space.dofmap.index_map
         in_cells = entities.ndim == 1
         self._dofs = space.dofmap.list[entities] if in_cells else facet_dofs(space, entities)
-        self._shares = 1.0 / np.maximum(summed(self._map, self._dofs), 1.0)
         self._values: Array | None = None
         dim = space.mesh.topology.dim - (not in_cells)
         if _needs_bernstein(space, dim):
+            self._shares = 1.0 / np.maximum(summed(self._map, self._dofs), 1.0)
             numbers = np.zeros_like(entities) if in_cells else entities[:, 1]
             self._values = bernstein_at_nodes(space, dim)[numbers]
         self.integrals: Array = _integrals(space, entities)
