@@ -65,7 +65,7 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     if len(triangulation.coplanar):  # some vertices are left out
         return None
-    P = _interpolation(triangulation, places, order)
+    P = _interpolation(triangulation, places, order, chosen, comm.exscan(len(chosen)) or 0)
     P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0
     solution, forces = _solution(*_galerkin(system, P), lower, upper, start)
     if not np.isfinite(solution).all():
@@ -141,27 +141,34 @@ def _unequal(shape: tuple[int, ...]) -> Array:
     return np.random.default_rng(0).uniform(-1.0, 1.0, shape)
 
 
-def _interpolation(triangulation: Delaunay, places: Array, order: LocalIndices) -> sp.csr_matrix:
+def _interpolation(
+    triangulation: Delaunay, places: Array, order: LocalIndices, chosen: LocalIndices, first: int
+) -> sp.csr_matrix:
     """The values at points of the functions that are linear on the simplices.
 
-    A point outside of all simplices has the value of the nearest vertex.
+    A point outside of all simplices has the value of the nearest vertex, and a vertex its own.
 
     Args:
         triangulation: The simplices.
         places: The points.
         order: All points in the order in which they are looked for, each search starting from the
             last: three times as fast for neighbours.
+        chosen: The points that are vertices.
+        first: The number of the first of these vertices in the triangulation.
     """
     dim, cells = places.shape[1], np.empty(len(places), dtype=np.int32)
     cells[order] = triangulation.find_simplex(places[order], tol=NEAR)
+    cells[chosen] = 0
     outside = np.flatnonzero(cells < 0)
     nearest = cKDTree(triangulation.points).query(places[outside])[1]
-    cells[outside] = triangulation.vertex_to_simplex[nearest]
+    own = np.concatenate((chosen, outside))
+    vertex = np.concatenate((first + np.arange(len(chosen)), nearest))
+    cells[own] = triangulation.vertex_to_simplex[vertex]
     maps, columns = triangulation.transform[cells], triangulation.simplices[cells]
     weights = np.empty(columns.shape)
     weights[:, :dim] = np.einsum("nij,nj->ni", maps[:, :dim], places - maps[:, dim])
     weights[:, dim] = 1.0 - weights[:, :dim].sum(axis=1)
-    weights[outside] = columns[outside] == nearest[:, None]
+    weights[own] = columns[own] == vertex[:, None]
     starts = np.arange(0, columns.size + 1, dim + 1, dtype=np.int32)
     shape = len(places), len(triangulation.points)
     return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=shape)

@@ -8,7 +8,13 @@ from mpi4py import MPI
 from scipy.spatial import Delaunay
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
-from dolfinx_signorini.solvers.coarse_space import _interpolation, coarse_start, out_of_reach
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
+from dolfinx_signorini.solvers.coarse_space import (
+    _interpolation,
+    _unequal,
+    coarse_start,
+    out_of_reach,
+)
 
 
 def shaken(comm, dim, cells, seed=3):
@@ -45,15 +51,28 @@ def test_linear_functions_are_interpolated_exactly(dim):
     vertices, slope = rng.uniform(size=(60, dim)), rng.normal(size=dim)
     centres = vertices[Delaunay(vertices).simplices].mean(axis=1)
     places = np.vstack((centres, vertices))
-    P = _interpolation(Delaunay(vertices), places, rng.permutation(len(places)))
+    chosen = len(centres) + np.arange(len(vertices))
+    P = _interpolation(Delaunay(vertices), places, rng.permutation(len(places)), chosen, 0)
     expected = np.concatenate((centres @ slope, vertices @ slope))
     assert P @ (vertices @ slope) == pytest.approx(expected, abs=1e-12)
     assert np.asarray(P.sum(axis=1)).ravel() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_each_vertex_has_its_own_function_however_near_the_next(dim):
+    """A lattice with many planes, graded towards a corner: steps smaller than what is near."""
+    ticks = [np.concatenate(([0.0], np.geomspace(1e-6, 1.0, 7)))] * dim
+    vertices = np.stack(np.meshgrid(*ticks), axis=-1).reshape(-1, dim)
+    shifted = Delaunay(vertices + HALF_OF_THE_DIGITS * _unequal(vertices.shape))
+    chosen = np.arange(len(vertices))
+    P = _interpolation(shifted, vertices, chosen, chosen, 0)
+    assert P.toarray() == pytest.approx(np.eye(len(vertices)))
+
+
 def test_outside_of_the_triangulation_the_nearest_vertex_counts():
     square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    P = _interpolation(Delaunay(square), np.array([[1.2, 1.1], [-0.5, 0.1]]), np.arange(2))
+    places, none = np.array([[1.2, 1.1], [-0.5, 0.1]]), np.array([], dtype=np.int32)
+    P = _interpolation(Delaunay(square), places, np.arange(2), none, 0)
     assert P.toarray() == pytest.approx(np.array([[0, 0, 0, 1.0], [1.0, 0, 0, 0]]))
 
 
