@@ -65,7 +65,8 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     if len(triangulation.coplanar):  # some vertices are left out
         return None
-    P = _interpolation(triangulation, places, order, chosen, comm.exscan(len(chosen)) or 0)
+    first = sum(comm.allgather(len(chosen))[: comm.rank])
+    P = _interpolation(triangulation, places, order, chosen, first)
     P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0
     solution, forces = _solution(*_galerkin(system, P), lower, upper, start)
     if not np.isfinite(solution).all():
