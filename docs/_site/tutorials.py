@@ -16,6 +16,7 @@ TUTORIALS = (
     "membrane",
     "hertz",
     "growing_load",
+    "falling_block",
     "american_put",
     "irreversible",
 )
