@@ -78,12 +78,15 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         chosen = _Chosen(signs, names)
         return [Formula(f.text, chosen(f.root)) for f in formulas]
 
-    others = [list(formulas)]
-    if 2 ** len(known) <= MOST_PATTERNS:
-        others = [made(pattern) for pattern in product((True, False), repeat=len(known))]
     parts = []
     for k, pattern in enumerate(patterns.T):
         cells = np.flatnonzero(which.ravel() == k)
+        open_ = [bool((share[cells] > 0.0).any()) for _, share in found]
+        both = zip(open_, pattern, strict=True)
+        others = [list(formulas)]
+        if 2 ** sum(open_) <= MOST_PATTERNS:
+            signs = product(*((True, False) if free else (bool(sign),) for free, sign in both))
+            others = [made(pattern) for pattern in signs]
         parts.append(Decided(cells, made(pattern.tolist()), shares[cells], others))
     return parts
 
