@@ -201,7 +201,8 @@ def _moved(solved: Solved, near: Feasible) -> Feasible:
     change, rest = near.change, in_cells(solved)
     if highest(solved.comm, np.array([apart for _, apart in rest])) == 0.0:
         return near
-    frames = solved.frames.some(np.isin(solved.frames.cells, solved.problem.contact))
+    rows = np.flatnonzero(np.isin(solved.frames.cells, solved.problem.contact))
+    frames = solved.frames.some(rows)
     lacks, more = _lacks(solved, change), fem.Function(change.function_space)
     for side, lack in zip(sides_of(solved), lacks, strict=True):
         hats = _hats(frames, frames.order, lack)

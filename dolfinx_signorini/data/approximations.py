@@ -173,7 +173,8 @@ def _by_parts(
 ) -> tuple[Array, Array]:
     """What `followed_in_parts` has on simplices, by parts."""
     dimension, count = corners.shape[1] - 1, len(corners)
-    parts, owners = with_reference(corners), np.arange(count)
+    parts = with_reference(corners)
+    owners: Numbers = np.arange(count)
     for _ in range(divisions):
         parts, owners = divided(parts, owners)
     order = np.argsort(owners, kind="stable")  # all simplices have the same parts

@@ -43,8 +43,8 @@ class Decided:
         cells: The numbers of the simplices.
         formulas: The branches of the formulas, without switches.
         shares: Of each simplex, where the formulas may have other branches.
-        others: Formulas that enclose all other values together: with all possible branches, or with
-            their own ones.
+        others: Formulas that enclose all other values together: with all branches that some of the
+            simplices may have, or with their own ones.
     """
 
     cells: Indices
@@ -85,8 +85,8 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         both = zip(open_, pattern, strict=True)
         others = [list(formulas)]
         if 2 ** sum(open_) <= MOST_PATTERNS:
-            signs = product(*((True, False) if free else (bool(sign),) for free, sign in both))
-            others = [made(pattern) for pattern in signs]
+            choices = ((True, False) if free else (bool(sign),) for free, sign in both)
+            others = [made(other) for other in product(*choices)]
         parts.append(Decided(cells, made(pattern.tolist()), shares[cells], others))
     return parts
 
