@@ -261,6 +261,7 @@ def test_inverses_of_matrices(n):
         ("sqrt(max(x - 0.3, 0)^3 + 0.1)", 0.02),
         ("abs(x - y + 0.1)", 0.15),
         ("where(x < 0.4, 1, 2)*y", 1.0),
+        ("where(hypot(x - 0.4, y - 0.3) < 0.012, 1, 0)", 1.1),
     ],
 )
 def test_what_follows_a_formula_with_branches_is_near_at_every_point(text, most):
