@@ -516,7 +516,7 @@ def test_cells_that_are_unknown_are_refused(folder, capfd):
 @pytest.mark.parametrize("more", [(), ("--accuracy", "0.5", "--norm", "H1")])
 def test_a_proven_bound_is_printed_and_written(folder, capfd, more):
     out = folder / "out"
-    path = write(folder, BALL)
+    path = write(folder, BALL.replace("cells = 8", "cells = 16"))
     assert main(["solve", path, "--bound", "--out", str(out), "--report", *more]) == 0
     COMM.barrier()
     told = "".join(COMM.allgather(capfd.readouterr().out))
