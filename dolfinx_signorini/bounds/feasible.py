@@ -176,13 +176,14 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
     for g, entities in zip(obstacles, closed, strict=True):
         touching = marked(space, dofs_on_entities(space, dim, entities))
         v = np.where(touching & ~changed, g, v)
-    met = here.copy()
+    met, given, loose = here.copy(), np.zeros(len(v), dtype=bool), False
     for data, facets in solved.terms.dirichlet:
         dofs, fixed = dofs_on_facets(space, facets), u.x.array
         if data is not None:
             fixed = problem.sign * _coefficients(space, data, dofs)
-        v = np.where(marked(space, dofs), fixed, v)
-        met |= marked(space, dofs)
+        at = marked(space, dofs)
+        loose |= bool((np.abs(v - fixed)[at & given] > tiny).any())
+        v, met, given = np.where(at, fixed, v), met | at, given | at
     beyond = [side.side * (g - v)[here] for side, g in zip(sides, obstacles, strict=True)]
     held = highest(solved.comm, np.array(beyond)) > tiny
     change = fem.Function(space)
@@ -193,7 +194,10 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
         nodal.interpolate(change)
         nodal.x.array[~met] = 0.0
         change = nodal
-    return Feasible(change, notes=_unknown(solved, degree) + (BEYOND,) * held)
+    loose = solved.comm.allreduce(loose, op=MPI.LOR)
+    return Feasible(
+        change, missing=LOOSE * loose, notes=_unknown(solved, degree) + (BEYOND,) * held
+    )
 
 
 def _moved(solved: Solved, near: Feasible) -> Feasible:

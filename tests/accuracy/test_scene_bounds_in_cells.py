@@ -221,3 +221,9 @@ def test_a_needle_of_dirichlet_data_is_in_the_bound(parse, comm):
     assert energy_bound(posed.problem, energy_terms(posed)).total < 0.5
     bound = bound_of_scene(posed)
     assert 1.0 <= bound.total < math.inf and not bound.sampled
+
+
+def test_dirichlet_data_that_jump_have_no_bound(parse, comm):
+    text = NEEDLE.format(obstacle=-10, left=1).replace('["right"]', '["right", "top"]')
+    bound = bound_of_scene(solved(parse(text), comm))
+    assert bound.total == math.inf and "at a vertex" in bound.notes[0]
