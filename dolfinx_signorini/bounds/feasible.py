@@ -176,7 +176,7 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
     for g, entities in zip(obstacles, closed, strict=True):
         touching = marked(space, dofs_on_entities(space, dim, entities))
         v = np.where(touching & ~changed, g, v)
-    met, given, loose = here.copy(), np.zeros(len(v), dtype=bool), False
+    met, given, loose = here.copy(), np.zeros_like(here), False
     for data, facets in solved.terms.dirichlet:
         dofs, fixed = dofs_on_facets(space, facets), u.x.array
         if data is not None:
