@@ -304,7 +304,7 @@ def quadrature_degree(solved: Solved, degree: int) -> tuple[int, list[str]]:
     terms, rest, dimension = solved.terms, solved.rest, solved.dimension
     load, c = polynomial_degree(terms.load), polynomial_degree(terms.reaction)
     A = [polynomial_degree(entry) for entry in terms.entries(dimension)]
-    current = max(degree + 1, degree - 1 + max(a or 0 for a in A))
+    current = max(degree + 1, max(degree, solved.order) - 1 + max(a or 0 for a in A))
     need = 2 * max(degree + 1, load or 0, (c or 0) + degree)
     found = {"diffusion": any(a != 0 for a in A), "reaction": c != 0, "load": load is None}
     if rest.inverse_entries:
@@ -314,8 +314,7 @@ def quadrature_degree(solved: Solved, degree: int) -> tuple[int, list[str]]:
         found["reaction"] = c is None
     if rest.obstacle_in_space is not None:
         need = max(need, 2 * (degree + MORE[3]))
-    if solved.change is not None:
-        need = max(need, 2 * solved.change.function_space.element.basix_element.degree)
+    need = max(need, 2 * solved.order)
     if any(found.values()):
         need = max(need, 2 * degree + SAMPLED[dimension])
     if need > BEST[dimension]:

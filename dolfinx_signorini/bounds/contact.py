@@ -10,10 +10,11 @@ from dolfinx_signorini.bounds.boundary_facets import weightless
 from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
 from dolfinx_signorini.bounds.condensation import CLOSED
-from dolfinx_signorini.bounds.feasible import Feasible, feasible, known, sides_of, tiny_of
+from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of, tiny_of
 from dolfinx_signorini.bounds.frames import datum
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 
 
@@ -56,7 +57,7 @@ def _cells(solved: Solved) -> tuple[Indices, Mask]:
 
 
 def _rises(solved: Solved, near: Feasible, number: Indices) -> Array:
-    """The means of v - g times polynomial over cells; 0 in cells that nothing presses on.
+    """The means over cells of v - g, or more, times polynomial; 0 where nothing presses.
 
     Args:
         solved: The problem; the call is collective.
@@ -66,16 +67,18 @@ def _rises(solved: Solved, near: Feasible, number: Indices) -> Array:
     comm, d, change = solved.comm, solved.dimension, near.change
     degree = solved.degree + RAISED[d]
     result = np.zeros((len(number), len(polynomials(d, degree, np.zeros((1, d))))))
-    order, sides = change.function_space.element.basix_element.degree, sides_of(solved)
-    exact = all(known(side.data, order) for side in sides)
-    points, weights = rule(d, min(degree + order + (0 if exact else SAMPLED[d]), BEST[d]))
-    for k, side in enumerate(sides):
-        obstacle, cells = datum(solved.frames.domain, side.data), np.flatnonzero(number == k)
+    order, told = change.function_space.element.basix_element.degree, in_cells(solved)
+    degrees = [polynomial_degree(data) for data, _ in told]
+    order = max(order, *(n or 0 for n in degrees)) + SAMPLED[d] * (None in degrees)
+    points, weights = rule(d, min(degree + order, BEST[d]))
+    for k, (side, (data, apart)) in enumerate(zip(sides_of(solved), told, strict=True)):
+        obstacle, cells = datum(solved.frames.domain, data), np.flatnonzero(number == k)
         count = comm.allreduce(1 + len(cells) * len(weights) // BLOCK, op=MPI.MAX)
         for some in np.array_split(cells, count):
             frames = solved.frames.some(some)
             at = frames.points(points)
             v = solved.problem.sign * at.values(solved.problem.u)[0] + at.values(change)[0]
-            gap = np.maximum(side.side * (v - side.sign * obstacle(at)), 0.0)
+            gap = side.side * (v - side.sign * obstacle(at)) + apart[some, None]
+            gap = np.maximum(gap, 0.0)
             result[some] = side.side * frames.moments(gap, points, weights, degree)
     return result

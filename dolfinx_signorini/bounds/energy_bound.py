@@ -38,7 +38,7 @@ from dolfinx_signorini.bounds.flux_parts import (
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.gaps import gap_means, gaps
-from dolfinx_signorini.bounds.lifted_energy import lifted_energy, lifting_norms, robin_energy
+from dolfinx_signorini.bounds.lifted_energy import cone_norms, lifted_energy, robin_energy
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -91,11 +91,11 @@ def energy_bound(
         problem: The solved problem, of any degree on triangles or tetrahedra, with an obstacle on
             the boundary, or one or two in the domain; the call is collective.
         terms: The strong form of the problem, where polynomials may stand for other data.
-        rest: What the data have beside the polynomials that stand for the data, for obstacles on
-            the boundary.
+        rest: What the data have beside the polynomials that stand for the data.
 
     Raises:
-        InputError: The terms contradict each other, or the mesh has curved or other cells.
+        InputError: The terms contradict each other, the mesh has curved or other cells, or what is
+            told of obstacles is for obstacles elsewhere.
     """
     check(
         problem=(problem, with_bound),
@@ -105,9 +105,9 @@ def energy_bound(
     domain = problem.space.mesh
     _check_mesh(problem)
     terms.check_on(domain)
-    pairs = zip(vars(rest).values(), vars(NOTHING).values(), strict=True)
-    exact = not problem.in_domain or all(one is other for one, other in pairs)
-    require(domain.comm, exact, "known for obstacles on the boundary only", "rest")
+    on_boundary = [each for each in (rest.obstacle, rest.obstacle_in_space) if each is not None]
+    elsewhere = on_boundary if problem.in_domain else rest.obstacles_in_cells
+    require(domain.comm, not elsewhere, "tells of obstacles that are elsewhere", "rest")
     return _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
 
 
@@ -144,11 +144,11 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     # Rounding alone outside of ends.
     own = replace(own, left=np.where(ends, scales.l2_weight, 0.0) * own.left)
     # By what the norms of reaction and Robin conditions miss v, where y aims at v.
-    change = np.sqrt(in_cells * (lifted[:, 1] + robin_energy(solved, near.change)))
-    lifting = lifting_norms(solved, scales, near, lifted)
+    robin, cones = robin_energy(solved, near.change), cone_norms(solved, scales, near)
+    change, lifting = np.sqrt(in_cells * (lifted[:, 1] + robin)), lifted.sum(axis=1) + robin
     constant, doubt = _mean_constant(solved, scales, kinds, beside.stray, ends)
     notes = [*notes, *sampled, *near.notes, *solved.rest.sampled, *doubt]
-    parts = own, beside, lifting, change
+    parts = own, beside, np.sqrt(lifting), cones, change
     return _bound(solved, parts, scales, ends, constant, near.missing or reason, notes)
 
 
@@ -221,7 +221,7 @@ def _mean_constant(
 
 def _bound(
     solved: Solved,
-    parts: tuple[FluxParts, Oscillation, Array, Array],
+    parts: tuple[FluxParts, Oscillation, Array, Array, Array],
     scales: CellScales,
     ends: Mask,
     constant: float,
@@ -229,7 +229,7 @@ def _bound(
     notes: list[str],
 ) -> EnergyBound:
     """Put together the parts that are tested with grad e, and the ones tested with c^(1/2) e."""
-    (own, data, lifted, change), weak, comm = parts, scales.weak, solved.comm
+    (own, data, lifted, cones, change), weak, comm = parts, scales.weak, solved.comm
     beside = data.on_facets + np.where(weak, data.projected + data.missed, 0.0)
     by_gradient = own.flux + beside
     # What is left of the polynomial part is orthogonal to the rest.
@@ -244,11 +244,14 @@ def _bound(
         return math.sqrt(comm.allreduce(float(values.sum())))
 
     free = constant * root(stray**2)
-    eta, contact, lifting = root(square) + free, root(own.contact), root(lifted**2)
+    far = lifted + cones
+    eta, contact, lifting = root(square) + free, root(own.contact), root(far**2)
     total = math.sqrt(eta**2 + lifting**2 + 2.0 * contact**2)
-    cells = np.sqrt(square + (constant * stray) ** 2 + lifted**2 + 2.0 * own.contact)
+    cells = np.sqrt(square + (constant * stray) ** 2 + far**2 + 2.0 * own.contact)
     if solved.problem.in_domain:
-        middle = root((own.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * free
+        apart = free + root(cones**2)  # the flux is compared with grad v without cones
+        eta = root(square) + apart
+        middle = root((own.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * apart
         total = middle + math.sqrt(0.25 * eta**2 + contact**2)
         cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(

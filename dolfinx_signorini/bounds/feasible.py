@@ -4,11 +4,11 @@ The discrete solution is feasible at its nodes. Where that is not enough, the fe
 polynomial of higher degree on each cell: its Bernstein coefficients are raised to those of a lower
 obstacle, and lowered to those of an upper one. On facets and in cells that touch all over the
 function is the obstacle, and on Dirichlet facets it has the data. What the polynomials miss of
-formulas comes on top: in the plane by extensions from facets, see `lifted_energy`, and in space by
-hat functions that raise the function until the obstacle is nowhere above it.
+formulas comes on top: on facets in the plane by extensions, see `lifted_energy`, and else by hat
+functions that move the function until no obstacle is beyond it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import basix
 import numpy as np
@@ -23,20 +23,17 @@ from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import Cones, cones_on, fitted, lattice
-from dolfinx_signorini.bounds.frames import cells_around, on_frames
+from dolfinx_signorini.bounds.frames import Frames, cells_around, datum, on_frames
 from dolfinx_signorini.bounds.nearer import nearer
-from dolfinx_signorini.bounds.reference_flux import lowest, others
-from dolfinx_signorini.bounds.remainders import MORE, Solved
+from dolfinx_signorini.bounds.reference_flux import lowest, others, rule
+from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.elements import is_bernstein, lagrange_space
 from dolfinx_signorini.problem.assembly import dofs_on_entities, dofs_on_facets
 from dolfinx_signorini.problem.values import Data, evaluator
 
-# By dimension, for obstacles in cells: see `MORE`. For P3 on the square with 32 cells per side the
-# bound is 1.74 times the error with 3, 1.81 with 2, 1.98 with 1.
-IN_CELLS = {2: 3, 3: 1}
 OBSTACLE = "the obstacle is known at points of {} only"
-BELOW = "Dirichlet data are below a lower obstacle, or above an upper one, between nodes"
+BEYOND = "an obstacle may be beyond Dirichlet data, or beyond the other obstacle, between nodes"
 DATA = "Dirichlet data are known at points of facets only"
 LOOSE = "Dirichlet data or the obstacle are not those of the problem at a vertex"
 
@@ -123,10 +120,10 @@ def feasible(solved: Solved, kinds: Indices, closed: list[LocalIndices], partly:
     degree, d, in_cells = solved.degree, solved.dimension, solved.problem.in_domain
     if d == 2 and not in_cells:
         return _on_facets(solved, kinds)
-    near = _feasible(solved, closed, partly, degree)
-    exact = all(known(side.data, degree) for side in sides_of(solved))
-    size = highest(solved.comm, np.abs(near.change.x.array))
-    if exact and all(known(data, degree) for data, _ in solved.terms.dirichlet):
+    given = [side.data for side in sides_of(solved)] + [data for data, _ in solved.terms.dirichlet]
+    if all(known(data, degree) for data in given):
+        near = _feasible(solved, closed, partly, degree)
+        size = highest(solved.comm, np.abs(near.change.x.array))
         if size <= tiny_of(solved):
             near.change.x.array[:] = 0.0
             return near
@@ -134,7 +131,24 @@ def feasible(solved: Solved, kinds: Indices, closed: list[LocalIndices], partly:
             return near
     more = IN_CELLS if in_cells else MORE
     near = _feasible(solved, closed, partly, degree + more[d])
+    if in_cells:
+        return _moved(solved, replace(near, cones=_beside_data(solved)))
     return near if solved.rest.obstacle_in_space is None else _raised(solved, kinds, near)
+
+
+def in_cells(solved: Solved) -> list[tuple[Data, Array]]:
+    """Return what stands for each obstacle in the domain, and how far apart both may be on cells.
+
+    What Dirichlet data have beside polynomials, with its extensions, counts as apart, too: so much
+    may the feasible function be off its own polynomials.
+    """
+    rest, sides = solved.rest, sides_of(solved)
+    cones = np.zeros(len(solved.frames.order))
+    if rest.dirichlet is not None:
+        cones += rest.dirichlet[0].sum(axis=1)
+    told = rest.obstacles_in_cells or [None] * len(sides)
+    pairs = zip(sides, told, strict=True)
+    return [(side.data, cones) if t is None else (t[0], t[1] + cones) for side, t in pairs]
 
 
 def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: int) -> Feasible:
@@ -162,13 +176,14 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
     for g, entities in zip(obstacles, closed, strict=True):
         touching = marked(space, dofs_on_entities(space, dim, entities))
         v = np.where(touching & ~changed, g, v)
-    met = here.copy()
+    met, given, loose = here.copy(), np.zeros_like(here), False
     for data, facets in solved.terms.dirichlet:
         dofs, fixed = dofs_on_facets(space, facets), u.x.array
         if data is not None:
             fixed = problem.sign * _coefficients(space, data, dofs)
-        v = np.where(marked(space, dofs), fixed, v)
-        met |= marked(space, dofs)
+        at = marked(space, dofs)
+        loose |= bool((np.abs(v - fixed)[at & given] > tiny).any())
+        v, met, given = np.where(at, fixed, v), met | at, given | at
     beyond = [side.side * (g - v)[here] for side, g in zip(sides, obstacles, strict=True)]
     held = highest(solved.comm, np.array(beyond)) > tiny
     change = fem.Function(space)
@@ -179,14 +194,83 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
         nodal.interpolate(change)
         nodal.x.array[~met] = 0.0
         change = nodal
-    return Feasible(change, notes=_unknown(solved, degree) + (BELOW,) * held)
+    loose = solved.comm.allreduce(loose, op=MPI.LOR)
+    return Feasible(
+        change, missing=LOOSE * loose, notes=_unknown(solved, degree) + (BEYOND,) * held
+    )
+
+
+def _moved(solved: Solved, near: Feasible) -> Feasible:
+    """Move a function in cells by hat functions until no obstacle is beyond it."""
+    change, rest = near.change, in_cells(solved)
+    if highest(solved.comm, np.array([apart for _, apart in rest])) == 0.0:
+        return near
+    rows = np.flatnonzero(np.isin(solved.frames.cells, solved.problem.contact))
+    frames = solved.frames.some(rows)
+    lacks, more = _lacks(solved, change), fem.Function(change.function_space)
+    for side, lack in zip(sides_of(solved), lacks, strict=True):
+        hats = _hats(frames, frames.order, lack)
+        for _, facets in solved.terms.dirichlet:
+            fixed = dofs_on_facets(hats.function_space, facets)
+            hats.x.array[marked(hats.function_space, fixed)] = 0.0
+        more.interpolate(hats)
+        change.x.array[:] += side.side * more.x.array
+    tiny = tiny_of(solved) + ROUNDING * highest(solved.comm, np.array(lacks))
+    held = highest(solved.comm, np.array(_lacks(solved, change))) > tiny
+    return replace(near, notes=tuple(dict.fromkeys((*near.notes, *(BEYOND,) * held))))
+
+
+def _lacks(solved: Solved, change: fem.Function) -> list[Array]:
+    """How far obstacles may be beyond a function, on each cell of this rank that has obstacles."""
+    problem, d, result = solved.problem, solved.dimension, []
+    rows = np.flatnonzero(np.isin(solved.frames.cells, problem.contact))
+    frames = solved.frames.some(rows)
+    for side, (data, apart) in zip(sides_of(solved), in_cells(solved), strict=True):
+        obstacle = datum(frames.domain, data)
+        order = change.function_space.element.basix_element.degree
+        order = max(order, polynomial_degree(data) or 0)
+        points, weights = rule(d, 2 * order)
+        at = frames.points(points)
+        v = problem.sign * at.values(problem.u)[0] + at.values(change)[0]
+        gap = frames.moments(side.side * (v - side.sign * obstacle(at)), points, weights, order)
+        result.append(np.maximum(apart[rows] - lowest(d, order, gap), 0.0))
+    return result
+
+
+def _beside_data(solved: Solved) -> Cones | None:
+    """What Dirichlet data in the plane have beside the polynomials of a feasible function."""
+    missed = solved.rest.dirichlet
+    if missed is None:
+        return None
+    cells, facets = np.nonzero(missed[0])
+    nothing, any_sign = np.zeros((len(cells), 2)), np.zeros(len(cells), dtype=bool)
+    rest = missed[:, cells, facets]
+    return Cones(solved.frames, cells, facets, nothing, rest, any_sign, 0.0)
+
+
+def _hats(frames: Frames, vertices: Indices, heights: Array) -> fem.Function:
+    """The sum of hat functions that has at least some heights at vertices of cells.
+
+    Args:
+        frames: The cells; the call is collective.
+        vertices: Local vertices of each cell in the mesh, shape (cells, vertices).
+        heights: For each cell.
+    """
+    hats = fem.Function(fem.functionspace(frames.domain, ("Lagrange", 1)))
+    space = hats.function_space
+    dofs = np.take_along_axis(space.dofmap.list[frames.cells], vertices, axis=1)
+    heights = np.broadcast_to(heights[:, None], dofs.shape)
+    hats.x.array[:] = largest(space.dofmap.index_map, dofs, heights)
+    return hats
 
 
 def _unknown(solved: Solved, degree: int) -> tuple[str, ...]:
     """Which data are no polynomials of a degree, and known at points only."""
     rest, sides = solved.rest, sides_of(solved)
-    told = rest.obstacle is not None or rest.obstacle_in_space is not None
-    unknown = not (told or all(known(side.data, degree) for side in sides))
+    told = [rest.obstacle is not None or rest.obstacle_in_space is not None] * len(sides)
+    if rest.obstacles_in_cells:
+        told = [each is not None for each in rest.obstacles_in_cells]
+    unknown = not all(t or known(side.data, degree) for t, side in zip(told, sides, strict=True))
     unmet = not all(known(value, degree) for value, _ in solved.terms.dirichlet)
     where = "cells" if solved.problem.in_domain else "facets"
     found = (OBSTACLE.format(where),) * unknown
@@ -248,11 +332,8 @@ def _raised(solved: Solved, kinds: Indices, near: Feasible) -> Feasible:
     gap = above(solved, near, points)
     low = lowest(2, order, np.einsum("q,nq,njq->nj", points.weights, gap, p))
     lack = np.maximum(missed[kinds >= OPEN] - low, 0.0)
-    hats = fem.Function(fem.functionspace(frames.domain, ("Lagrange", 1)))
-    local = np.take_along_axis(frames.order[points.cells], others(3)[points.facets], axis=1)
-    dofs = np.take_along_axis(hats.function_space.dofmap.list[points.cells], local, axis=1)
-    index_map = hats.function_space.dofmap.index_map
-    hats.x.array[:] = largest(index_map, dofs, np.broadcast_to(lack[:, None], dofs.shape))
+    local = np.take_along_axis(points.owners.order, others(3)[points.facets], axis=1)
+    hats = _hats(points.owners, local, lack)
     sides = frames.local_facets[kinds == DIRICHLET].astype(np.int32)
     fixed = hats.x.array[dofs_on_facets(hats.function_space, sides)]
     if solved.comm.allreduce(bool((fixed > 0.0).any()), op=MPI.LOR):

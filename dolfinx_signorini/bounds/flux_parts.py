@@ -94,30 +94,26 @@ def _in_cells(
     """The parts of the bound that the flux has inside of cells."""
     field = coefficients(data, reference, moments)
     y, rest = flux_values(values, field, reference), polynomial_residual(data, field, reference)
-    flux = _distance(values, y, reference.degree)
+    flux = _distance(values, values.aim, y, reference.degree)
     left = np.sqrt(np.square(rest).sum(axis=1) * data.sizes[:, 0])
     if values.aim is values.gradient:
         return flux, 0.5 * flux, left
-    apart = 0.5 * (y + values.diffusion.times(values.aim)) - values.current
-    middle = np.sqrt(values.integrals(dots(apart, values.diffusion.divided(apart))))
-    return flux, middle, left
+    slope = values.gradient - 0.5 * values.aim
+    return flux, _distance(values, slope, 0.5 * y, reference.degree), left
 
 
-def _distance(values: CellValues, y: Array, degree: int) -> Array:
-    """The norm of A^(1/2) grad v - A^(-1/2) y on each cell, with `CellValues.aim` for grad v.
-
-    The solution is of a degree, y of one more.
-    """
-    apart, rest = values.diffusion.times(values.aim) - y, values.rest
+def _distance(values: CellValues, slope: Array, y: Array, degree: int) -> Array:
+    """The norm of A^(1/2) s - A^(-1/2) y on each cell, with a gradient s and y of a degree + 1."""
+    apart, rest = values.diffusion.times(slope) - y, values.rest
     square = values.integrals(dots(apart, values.diffusion.divided(apart)))
     square += rest.inverse * values.integrals(dots(apart, apart))
     if rest.thin is not None:
         share, least, largest = rest.thin
-        most = np.sqrt(largest) * values.largest(values.gradient, degree)
+        most = np.sqrt(largest) * values.largest(slope, values.solved.order)
         most += values.largest(y, degree + 1) / np.sqrt(least)
         square += share * values.frames.volumes * most**2
-    slope = np.sqrt(values.integrals(dots(values.gradient, values.gradient)))
-    missed = rest.diffusion * slope / np.sqrt(values.diffusion.lowest)
+    size = np.sqrt(values.integrals(dots(slope, slope)))
+    missed = rest.diffusion * size / np.sqrt(values.diffusion.lowest)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) + missed)
 
 

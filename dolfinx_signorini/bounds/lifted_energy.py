@@ -47,16 +47,15 @@ def _strip(rest: Remainders) -> Array | float:
     return 0.0 if rest.thin is None else rest.thin[0] * rest.thin[2]
 
 
-def lifting_norms(solved: Solved, scales: CellScales, near: Feasible, energy: Array) -> Array:
-    """Return the energy norm of v - u_h on each cell.
+def cone_norms(solved: Solved, scales: CellScales, near: Feasible) -> Array:
+    """Return the energy norm of the cones in v - u_h on each cell.
 
     Args:
-        solved: The problem; the call is collective.
+        solved: The problem.
         scales: What bounds functions in the cells.
         near: The difference.
-        energy: See `lifted_energy`.
     """
-    norms = np.sqrt(energy.sum(axis=1) + robin_energy(solved, near.change))
+    norms = np.zeros(len(scales.volumes))
     if near.cones is not None:
         strip = np.broadcast_to(_strip(solved.rest), norms.shape)
         norms += near.cones.norms(scales.upper, scales.largest_reaction, strip)

@@ -18,10 +18,11 @@ from math import comb
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import UPWARDS
 from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
 from dolfinx_signorini.data.analytic import missed_by_discs
+from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import (
@@ -38,7 +39,7 @@ from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
-KINKED = 1e-3  # of a formula: where polynomials miss more, a formula is bounded in parts
+KINKED = 1e-5  # of a formula: where polynomials miss more, a formula is bounded in parts
 
 
 @dataclass(frozen=True)
@@ -148,34 +149,62 @@ def followed_in_parts(
 ) -> tuple[Array, Array]:
     """Return the same as `followed`, with less beside polynomials where a formula has kinks.
 
-    On simplices with kinks the polynomials follow the formula in the mean. Bernstein coefficients
-    bound the differences from polynomials that follow the formula on small parts of the simplices.
+    On simplices with kinks the polynomials follow those in the mean that follow the formula, or a
+    branch of it, on small parts. Bernstein coefficients bound the differences of both.
 
     Args:
         formula, corners, degree: See `followed`.
         divisions: How often the simplices are divided into parts: the bound of a cube above an
             obstacle with kinks is 16 % smaller with 4 than with 2.
     """
-    dimension = corners.shape[1] - 1
     coefficients, bounds = followed(formula, corners, degree)
     height = np.abs(coefficients).max(axis=1, initial=0.0)
     rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
-    ones = np.ones((2, len(rough)))
-    whole = approximated(formula, MPI.COMM_SELF, corners[rough], degree, ones, KINKED).coefficients
-    parts = with_reference(corners[rough])
-    owners: Numbers = np.arange(len(rough))
+    count = len(rough) * 2 ** (divisions * (corners.shape[1] - 1))
+    for some in np.array_split(rough, 1 + count // BLOCK) if count else ():
+        whole, found = _by_parts(formula, corners[some], degree, divisions, height[some])
+        better = found < bounds[some]
+        coefficients[some[better]], bounds[some[better]] = whole[better], found[better]
+    return coefficients, bounds
+
+
+def _by_parts(
+    formula: Formula, corners: Array, degree: int, divisions: int, height: Array
+) -> tuple[Array, Array]:
+    """What `followed_in_parts` has on simplices, by parts."""
+    dimension, count = corners.shape[1] - 1, len(corners)
+    parts = with_reference(corners)
+    owners: Numbers = np.arange(count)
     for _ in range(divisions):
         parts, owners = divided(parts, owners)
+    order = np.argsort(owners, kind="stable")  # all simplices have the same parts
+    parts, small = parts[order], height[owners[order]] * KINKED
     own, apart = followed(formula, parts[..., dimension:], degree)
+    kinked = np.flatnonzero(np.isfinite(apart) & (apart > small))
+    for part in decided([formula], parts[kinked][..., dimension:]):
+        cells = kinked[part.cells]
+        series, far = _beside_branches(part, parts[cells][..., dimension:], degree)
+        better = far < apart[cells]
+        own[cells[better]], apart[cells[better]] = series[better], far[better]
     points, weights = rule(dimension, 2 * degree)
-    values = np.einsum("ni,niq->nq", whole[owners], _table(parts, points, degree))
-    there = (values * weights) @ polynomials(dimension, degree, points).T
+    size = 2 ** (dimension * divisions)
+    table = _table(parts[:size], points, degree) * weights
+    moments = table @ polynomials(dimension, degree, points).T
+    whole = np.einsum("npo,pwo->nw", own.reshape(count, size, own.shape[1]), moments) / size
+    there = np.einsum("nw,pwo->npo", whole, moments).reshape(own.shape)
     apart += largest(dimension, degree, own - there) * UPWARDS
-    found = np.zeros(len(rough))
-    np.maximum.at(found, owners, apart)
-    better = found < bounds[rough]
-    coefficients[rough[better]], bounds[rough[better]] = whole[better], found[better]
-    return coefficients, bounds
+    return whole, apart.reshape(count, size).max(axis=1, initial=0.0)
+
+
+def _beside_branches(part: Decided, corners: Array, degree: int) -> tuple[Array, Array]:
+    """Polynomials that follow one branch of a formula, and bounds of their distance to all."""
+    own, apart = followed(part.formulas[0], corners, degree)
+    open_ = np.flatnonzero(part.shares > 0.0)
+    for (other,) in part.others:
+        theirs, more = followed(other, corners[open_], degree)
+        far = largest(corners.shape[1] - 1, degree, own[open_] - theirs)
+        apart[open_] = np.maximum(apart[open_], (far + more) * UPWARDS)
+    return own, apart
 
 
 def _parts(

@@ -43,8 +43,8 @@ class Decided:
         cells: The numbers of the simplices.
         formulas: The branches of the formulas, without switches.
         shares: Of each simplex, where the formulas may have other branches.
-        others: Formulas that enclose all other values together: with all possible branches, or with
-            their own ones.
+        others: Formulas that enclose all other values together: with all branches that some of the
+            simplices may have, or with their own ones.
     """
 
     cells: Indices
@@ -78,12 +78,15 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
         chosen = _Chosen(signs, names)
         return [Formula(f.text, chosen(f.root)) for f in formulas]
 
-    others = [list(formulas)]
-    if 2 ** len(known) <= MOST_PATTERNS:
-        others = [made(pattern) for pattern in product((True, False), repeat=len(known))]
     parts = []
     for k, pattern in enumerate(patterns.T):
         cells = np.flatnonzero(which.ravel() == k)
+        open_ = [bool((share[cells] > 0.0).any()) for _, share in found]
+        both = zip(open_, pattern, strict=True)
+        others = [list(formulas)]
+        if 2 ** sum(open_) <= MOST_PATTERNS:
+            choices = ((True, False) if free else (bool(sign),) for free, sign in both)
+            others = [made(other) for other in product(*choices)]
         parts.append(Decided(cells, made(pattern.tolist()), shares[cells], others))
     return parts
 

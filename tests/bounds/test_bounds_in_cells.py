@@ -248,9 +248,9 @@ def test_what_is_sampled_is_called_so(comm):
         assert bound.sampled == sampled and any("obstacle" in n for n in bound.notes) == sampled
 
 
-def test_remainders_are_refused(comm):
+def test_remainders_of_obstacles_on_the_boundary_are_refused(comm):
     problem, terms, *_ = bowl(comm, 1, 4)
     problem.solve()
-    with pytest.raises(InputError, match="on the boundary only") as caught:
-        energy_bound(problem, terms, Remainders(load=1.0))
+    with pytest.raises(InputError, match="obstacles that are elsewhere") as caught:
+        energy_bound(problem, terms, Remainders(obstacle=np.zeros((3, 32, 3))))
     assert caught.value.subject == "rest"

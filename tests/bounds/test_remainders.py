@@ -23,6 +23,7 @@ from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 NEEDS_PREFIX = "petsc_options_prefix" in signature(LinearProblem.__init__).parameters
@@ -86,13 +87,16 @@ class Data:
         dofs = fem.locate_dofs_topological(space, self.domain.topology.dim - 1, self.left)
         return [fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space)]
 
-    def solution(self, degree):
+    def solution(self, degree, in_cells=False):
         """The solved problem, and its strong form; the obstacle is far away."""
         space = fem.functionspace(self.domain, ("Lagrange", degree))
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         forms, bcs = (self.energy(u, v), self.work(v)), self.conditions(space)
         contact = np.setdiff1d(boundary_facets(self.domain), np.union1d(self.right, self.left))
-        problem = SignoriniProblem(*forms, contact=contact, obstacle=-10.0, bcs=bcs)
+        if in_cells:
+            problem = ObstacleProblem(*forms, lower=-10.0, bcs=bcs)
+        else:
+            problem = SignoriniProblem(*forms, contact=contact, obstacle=-10.0, bcs=bcs)
         problem.solve(rtol=1e-8)
         A, c, f, q = self.data
         neumann, dirichlet = [(q, self.right)], [(0.0, self.left)]
@@ -177,12 +181,13 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_one_number_covers_what_the_data_miss(name, comm):
+@pytest.mark.parametrize("in_cells", [False, True])
+def test_one_number_covers_what_the_data_miss(in_cells, name, comm):
     make, told, wrong, rest, most = CASES[name]
     domain = make(comm)
     x = ufl.SpatialCoordinate(domain)
     told = {key: value(x) if callable(value) else value for key, value in told.items()}
-    problem, terms = Data(domain, **told).solution(1)
+    problem, terms = Data(domain, **told).solution(1, in_cells)
     true = Data(domain, **told | {key: value(x) for key, value in wrong.items()})
     rest = {key: value(domain) if callable(value) else value for key, value in rest.items()}
     error, bound = true.least_error(problem.u), energy_bound(problem, terms, Remainders(**rest))

@@ -14,7 +14,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.data import approximations
 from dolfinx_signorini.data.analytic import discs
-from dolfinx_signorini.data.approximations import approximated, followed
+from dolfinx_signorini.data.approximations import approximated, followed, followed_in_parts
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.pieces import divided, inside
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
@@ -252,3 +252,22 @@ def test_inverses_of_matrices(n):
     entries = inverse_entries([parse(repr(float(v)), 3) for v in matrix.ravel()])
     values = [entry.value((0.0, 0.0, 0.0)) for entry in entries]
     assert np.array(values).reshape(n, n) == pytest.approx(np.linalg.inv(matrix))
+
+
+@pytest.mark.parametrize(
+    ("text", "most"),
+    [
+        ("where(x + y < 0.7, sin(x), sin(x) + (x + y - 0.7)^2)", 0.02),
+        ("sqrt(max(x - 0.3, 0)^3 + 0.1)", 0.02),
+        ("abs(x - y + 0.1)", 0.15),
+        ("where(x < 0.4, 1, 2)*y", 1.0),
+        ("where(hypot(x - 0.4, y - 0.3) < 0.012, 1, 0)", 1.1),
+    ],
+)
+def test_what_follows_a_formula_with_branches_is_near_at_every_point(text, most):
+    formula, corners = parse(text), np.array([[[0.0, 0.0], [1.0, 0.1], [0.2, 0.9]]])
+    places = np.random.default_rng(1).dirichlet(np.ones(3), 4000)
+    coefficients, missed = followed_in_parts(formula, corners, 4)
+    own = coefficients[0] @ polynomials(2, 4, places[:, 1:])
+    apart = np.abs(evaluated(formula.root, places @ corners[0]) - own).max()
+    assert 0.0 < apart <= missed[0] <= most

@@ -23,6 +23,7 @@ from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import masks
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
+from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 
@@ -121,15 +122,18 @@ def write(folder, text):
     return str(folder / "scene.toml")
 
 
-def write_halves(folder, n=8):
-    """The unit square in n x n squares, each cut in two; cells left of x = 1/2 have the tag 5."""
+def write_halves(folder, n=8, ends=False):
+    """The unit square in n x n squares, each cut in two; cells left of x = 1/2 have the tag 5.
+
+    The rim is all of the boundary, or the ends at the left and at the right.
+    """
     x = np.array([(i, j) for j in range(n + 1) for i in range(n + 1)], dtype=float) / n
     low = np.array([i + (n + 1) * j for j in range(n) for i in range(n)])[:, None]
     cells = np.concatenate((low + np.array([0, 1, n + 2]), low + np.array([0, n + 2, n + 1])))
     tags = np.where(x[cells].mean(axis=1)[:, 0] < 0.5, 5, 7)
     side, across = np.arange(n), n * (n + 1)
     starts = np.concatenate((side, side + across, side * (n + 1), side * (n + 1) + n))
-    edges = np.column_stack((starts, starts + np.repeat((1, n + 1), 2 * n)))
+    edges = np.column_stack((starts, starts + np.repeat((1, n + 1), 2 * n)))[2 * n * ends :]
     elements = [(1, 1, ends) for ends in edges] + [(2, *c) for c in zip(tags, cells, strict=True)]
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
     lines += ['1 1 "rim"', '2 5 "left"', '2 7 "right"', "$EndPhysicalNames", "$Nodes", str(len(x))]
@@ -509,10 +513,37 @@ def test_cells_that_are_unknown_are_refused(folder, capfd):
     assert "obstacle.cells: unknown cell tag 'lft'; did you mean 'left'?" in told
 
 
-def test_a_proven_bound_is_refused_before_the_solve(folder, capfd):
-    assert main(["solve", write(folder, BALL), "--bound"]) == 2
-    told = "".join(COMM.allgather(capfd.readouterr().err))
-    assert "--bound: " in told and "not for [obstacle]" in told
+@pytest.mark.parametrize("more", [(), ("--accuracy", "0.5", "--norm", "H1")])
+def test_a_proven_bound_is_printed_and_written(folder, capfd, more):
+    out = folder / "out"
+    path = write(folder, BALL.replace("cells = 8", "cells = 16"))
+    assert main(["solve", path, "--bound", "--out", str(out), "--report", *more]) == 0
+    COMM.barrier()
+    told = "".join(COMM.allgather(capfd.readouterr().out))
+    summary = json.loads((out / "record.json").read_text())["summary"]
+    (line,) = (line for line in told.splitlines() if "  energy error" in line)
+    said, kind = summary["bound"]["energy error"].split(", ")
+    assert kind == "proven" and f"{said}, proven" in line
+    assert said in (out / "report.html").read_text()
+    bound = float(said.removeprefix("at most "))
+    assert summary["errors"]["H1"] <= 1.01 * bound <= 3.0 * summary["errors"]["H1"]
+
+
+def test_a_bound_with_an_obstacle_in_some_cells(folder):
+    """Contact up to x = 0.3; where there is no obstacle the solution is below it at last."""
+    write_halves(folder, 10, ends=True)
+    text = HALVES.format(refinements=0, cells=5).replace("lower = -0.1", "lower = 0")
+    text = text.replace("load = -8", 'load = "where(x < 0.3, -2, 6*x - 2.6)"')
+    scene = load_scene(write(folder, text.replace("value = 0", 'value = "-0.147*x"')), COMM)
+    result = solve_scene(scene, COMM)
+    x = ufl.SpatialCoordinate(result.u.function_space.mesh)
+    t = ufl.max_value(x[0] - 0.3, 0.0)
+    slope = ufl.as_vector([0.8 * t - 3.0 * t**2, 0.0])
+    e = ufl.grad(result.u) - slope
+    square = fem.assemble_scalar(fem.form(ufl.inner(e, e) * ufl.dx))
+    error, bound = np.sqrt(COMM.allreduce(square)), bound_of_scene(result.posed)
+    assert not bound.sampled and error <= bound.total <= 1.3 * error
+    result.destroy()
 
 
 def test_what_is_foretold(folder, capfd):

@@ -39,7 +39,6 @@ REFUSED = {
     "obstacle": "not with [elasticity]: a body meets its obstacle on the boundary, [contact]",
     "neumann": "not with [elasticity], where the load on sides is [[traction]]",
 }
-IN_DOMAIN = "proven bounds of scenes are for obstacles on the boundary, not for [obstacle]"
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class Scene:
         Raises:
             InputError: One of the names is refused, which is the subject.
         """
-        refused = REFUSED if self.elasticity else {} if self.contact else {"bound": IN_DOMAIN}
+        refused = REFUSED if self.elasticity else {}
         for name in names:
             if name in refused:
                 subject = "--" + name.replace("_", "-") if option else name

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
-from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.files.condition import Setting
 from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann
 from dolfinx_signorini.scenes.posing import PosedScene, diffusion, facets_by_kind
@@ -29,13 +28,12 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
     """
     posed.scene.refuse(["bound"], option=True)
     contact, problem = posed.scene.contact, posed.problem
-    assert contact is not None and isinstance(problem, SignoriniProblem)
     known, terms = KnownData(posed), energy_terms(posed)
     tolerance = HIDDEN * known.size
     bound = energy_bound(problem, *known.enclosed(terms, tolerance))
     if known.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
         bound = energy_bound(problem, *known.enclosed(terms, HIDDEN * bound.flux))
-    if contact.value is None:
+    if contact is not None and contact.value is None:
         return replace(bound, sampled=True, notes=(*bound.notes, MADE))
     return bound
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
@@ -20,7 +21,7 @@ from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, UPWARDS
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import others
-from dolfinx_signorini.bounds.remainders import MORE, Remainders
+from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.data.approximations import ORDERS, approximated, followed_in_parts
 from dolfinx_signorini.data.branches import decided
@@ -78,6 +79,7 @@ class KnownData:
         made, self.load = self.scene.manufactured, coefficients(self.scene).load
         self.solution = self.scene.solution if made else None
         self.current = load_and_flux(self.scene)[1] if made else []
+        self.contact = np.isin(frames.cells, posed.problem.contact)
         self.free = facets_by_kind(posed.parts)[Neumann.acts_like]
         self.size, self.hidden = self._load_on_cells(), 0.0
 
@@ -108,6 +110,7 @@ class KnownData:
             obstacle=self._interpolated(Contact),
             dirichlet=self._interpolated(Dirichlet),
             obstacle_in_space=self._obstacle_in_space(),
+            obstacles_in_cells=self._obstacles_in_cells(),
         )
 
     def _load_on_cells(self) -> float:
@@ -201,7 +204,8 @@ class KnownData:
 
     def _interpolated(self, kind: type[BoundaryCondition]) -> Array | None:
         """What interpolations miss of values on the boundary; None for nothing, or if not known."""
-        degree, result = self.degree + MORE[2], np.zeros((3, *self.frames.facets.shape))
+        more = MORE if self.scene.obstacle is None else IN_CELLS
+        degree, result = self.degree + more[2], np.zeros((3, *self.frames.facets.shape))
         found = self._on_boundary(kind, degree)
         for value, cells, facets, corners in found if self.d == 2 else ():
             result[:, cells, facets] = missed_by_interpolation(value, corners, degree)
@@ -218,6 +222,30 @@ class KnownData:
             coefficients[cells, facets], missed[cells, facets] = both
         known = len(found) > 0 and not self._any(np.isinf(missed))
         return (FacetPolynomials(degree, coefficients), missed) if known else None
+
+    def _obstacles_in_cells(self) -> tuple[tuple[fem.Function, Array] | None, ...]:
+        """Polynomials for the obstacles in the domain, and what these polynomials miss."""
+        obstacle = self.scene.obstacle
+        found = [] if obstacle is None else [self._in_cells(g) for _, g in obstacle.named]
+        return tuple(found) if any(found) else ()
+
+    def _in_cells(self, formula: Formula) -> tuple[fem.Function, Array] | None:
+        """Polynomials for an obstacle; None where the obstacle is one, or is not known."""
+        if is_polynomial(formula, self.domain, self.degree + IN_CELLS[self.d]):
+            return None
+        degree, missed = ORDERS[self.d] // 2, np.zeros(len(self.corners))
+        coefficients = np.zeros((len(missed), math.comb(degree + self.d, degree)))
+        for part in decided([formula], self.corners):
+            clear = part.shares == 0.0
+            for chosen, own in ((part.formulas[0], clear), (formula, ~clear)):
+                cells = part.cells[own & self.contact[part.cells]]
+                both = followed_in_parts(chosen, self.corners[cells], degree, 8 // self.d)
+                coefficients[cells], missed[cells] = both
+                if is_polynomial(chosen, self.domain, degree):
+                    missed[cells] = 0.0
+        if self._any(np.isinf(missed)):
+            return None
+        return cell_function(self.domain, coefficients, degree), missed
 
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
         """Facets of the mesh as facets of frames, with their vertices."""
