@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh, require_no_jumps
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
@@ -29,9 +29,7 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.form_data import coefficients_of, data_of
 from dolfinx_signorini.data.interfaces.following import follow
-from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise
-from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -269,7 +267,7 @@ def _first_mesh(
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
     if problem.space.dofmap.bs > 1:
-        _require_no_jumps(data, sided)
+        require_no_jumps(data, sided, "pose")
     problem.destroy()
 
     def data_on(level: SidedMesh) -> list[Datum]:
@@ -282,13 +280,3 @@ def _first_mesh(
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
     return first_mesh(sided, data_on, known, most), known
-
-
-def _require_no_jumps(data: Sequence[Datum], sided: SidedMesh) -> None:
-    """Refuse data of vectors that jump inside of cells, where no term of the error sees them."""
-    integrated = [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
-    found = [d.name for d in integrated if len(broken_cells([d.formula], sided.mesh))]
-    names = sorted(set().union(*sided.mesh.comm.allgather(found)))
-    if names:
-        message = f"{', '.join(names)} of displacements jumps inside of cells of the first mesh"
-        raise InputError(f"{message}; let facets follow the jump", "pose")

@@ -18,12 +18,15 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
+from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side, owned_cells
@@ -73,6 +76,25 @@ def first_mesh(
     resolved = resolved_mesh(data(sided), sided, most)
     # Narrow layers are found by `resolved_mesh` only.
     return replace(resolved, sided=fit(resolved.sided))
+
+
+def require_no_jumps(data: Sequence[Datum], sided: SidedMesh, subject: str) -> None:
+    """Refuse data of vectors that jump inside of cells, where no term of the error sees them.
+
+    Args:
+        data: The data on the mesh; the call is collective.
+        sided: The mesh.
+        subject: The subject of the error.
+
+    Raises:
+        InputError: A datum that is integrated jumps inside of a cell.
+    """
+    integrated = [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
+    found = [d.name for d in integrated if len(broken_cells([d.formula], sided.mesh))]
+    names = sorted(set().union(*sided.mesh.comm.allgather(found)))
+    if names:
+        message = f"{', '.join(names)} of displacements jumps inside of cells of the first mesh"
+        raise InputError(f"{message}; let facets follow the jump", subject)
 
 
 def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:

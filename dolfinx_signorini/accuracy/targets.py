@@ -86,7 +86,8 @@ class Target:
     def on_cells(self, f: fem.Function) -> Array:
         """Return the norm that is meant of a function on each owned cell; collective."""
         assert self.norm is not None
-        return cell_norms(f, self.norm if self.of is None else parse_norm(self.name), self.of)
+        norm = self.norm if self.of is None else replace(self.norm, derivatives=0.0)
+        return cell_norms(f, norm, self.of)
 
 
 def target(norm: str | Functional, of: Quantity | None = None) -> Target:

@@ -66,7 +66,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="seconds for all meshes together; files come on top",
     )
     dial.add_argument(
-        "--norm", help="norm of this error: L4, Linf, W1_4, ... (default: the scene's, or L2)"
+        "--norm",
+        help="norm of this error: L4, Linf, W1_4, ..., of bodies also energy or stress_L2 "
+        "(default: the scene's, or L2)",
     )
     dial.add_argument(
         "--degree",

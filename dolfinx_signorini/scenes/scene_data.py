@@ -14,12 +14,13 @@ def data_of(scene: Scene, sided: SidedMesh) -> list[Datum]:
     whole, degree = on_cells(sided.mesh, owned_cells(sided.mesh)), max(DEGREE, scene.degree)
     found = [Datum(*datum, degree, *whole) for datum in _on_cells(scene)]
     for condition in scene.conditions:
-        if condition.value is not None:
-            parts = on_boundary(sided.mesh, sided.facets(condition.sides))
-            nodal = condition.acts_like != "Neumann"
-            measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
-            name = f"the {condition.value_key} of '{condition.key}'"
-            found.append(Datum(name, condition.value, measure, degree, *parts))
+        parts = on_boundary(sided.mesh, sided.facets(condition.sides))
+        nodal = condition.acts_like != "Neumann"
+        measure, degree = ("height", scene.degree) if nodal else ("mass", DEGREE)
+        found += [
+            Datum(f"the {key} of '{condition.key}'", formula, measure, degree, *parts)
+            for key, formula in condition.data
+        ]
     if scene.obstacle is not None:
         inside = on_cells(sided.mesh, sided.cells(scene.obstacle.cells))
         found += [
@@ -37,6 +38,8 @@ def _on_cells(scene: Scene) -> Iterator[tuple[str, Formula, str]]:
         yield "the load", scene.load, "mass"
     if scene.reaction is not None:
         yield "the reaction", scene.reaction, "mass"
+    if scene.elasticity is not None:
+        yield from scene.elasticity.data
     for i, row in enumerate(scene.diffusion):
         for entry in (*with_reciprocal(row[i]), *row[i + 1 :]):
             yield "the diffusion", entry, "mass"

@@ -12,9 +12,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, adapt
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh, require_no_jumps
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
-from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
     TEXT,
@@ -33,7 +32,6 @@ from dolfinx_signorini.data.interfaces.jumps import projected
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
-from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_errors, check_norms, expect
 from dolfinx_signorini.scenes.files.scene import Scene
@@ -162,10 +160,11 @@ def solve_scene(
         comm: The communicator that shares the mesh.
         accuracy: The largest error allowed, in the unit of the norm; the scene's by default.
         budget: In place of an accuracy, the seconds that may be spent.
-        norm: The norm of the error; the scene's by default.
+        norm: The norm of the error, see `Scene.target`; the scene's by default.
         max_unknowns: The limit on the dofs of adapted meshes.
         degree: The degree of the elements on adapted meshes. By default the loop chooses: in the
-            plane from 2 to 4, in space 2, and in any case not below that of the scene.
+            plane from 2 to 4, in space and for bodies 2, and in any case not below that of the
+            scene.
         on_step: Is told of every step of the adaptive loop when the step is done.
         phases: A stopwatch that runs already; a new one by default.
 
@@ -184,8 +183,7 @@ def solve_scene(
         on_step=(on_step, callable_),
         phases=(phases, optional(instance(Phases, "a stopwatch, Phases"))),
     )
-    if norm is not None:
-        parse_norm(norm)
+    wanted = scene.target(scene.norm if norm is None else norm)
     if accuracy is None and budget is None:
         accuracy = scene.accuracy
     asked = {"accuracy": accuracy, "budget": budget, "norm": norm}
@@ -194,7 +192,6 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
     degrees = _degrees(scene) if degree is None else (degree,)
-    wanted = target(scene.norm if norm is None else norm)
     request = Request(wanted, accuracy, budget, max_unknowns)
     return _solve_on_adapted_meshes(scene, comm, phases, degrees, request, on_step)
 
@@ -254,7 +251,8 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
 
 def _degrees(scene: Scene) -> tuple[int, ...]:
     """Return the degrees of elements that the adaptive loop may choose."""
-    highest = HIGHEST_DEGREE if scene.domain.dimension == 2 else DEGREE
+    chooses = scene.domain.dimension == 2 and scene.elasticity is None
+    highest = HIGHEST_DEGREE if chooses else DEGREE
     lowest = max(scene.degree, DEGREE)
     return tuple(range(lowest, max(lowest, highest) + 1))
 
@@ -265,6 +263,8 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
     sided = scene.domain.make(comm)
+    if scene.elasticity is not None:
+        require_no_jumps(data_of(scene, sided), sided, "elasticity")
     return first_mesh(sided, partial(data_of, scene), known, max_unknowns // per_cell)
 
 

@@ -6,8 +6,6 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.commands.main import main
-from dolfinx_signorini.scenes import load_scene, solve_scene
-from dolfinx_signorini.scenes.files.scene import REFUSED
 
 COMM = MPI.COMM_WORLD
 GOOD = {
@@ -106,8 +104,6 @@ CASES = {
         "neumann: not with [elasticity], where the load on sides is [[traction]]",
     ),
     "not with a solution": (write(GOOD | {"solution": {"u": "1"}}), "solution: not with"),
-    "not with an accuracy": (write(GOOD, "accuracy = 0.1"), "accuracy: not with [elasticity]"),
-    "not with a norm": (write(GOOD, 'norm = "L2"'), "norm: not with [elasticity]"),
     "tractions of scalars": (
         write(without("elasticity", "[dirichlet]")),
         "traction: goes with [elasticity]",
@@ -211,20 +207,9 @@ def test_what_makes_no_sense_is_refused_by_name(case, folder, capsys):
     assert COMM.rank or wanted in message
 
 
-@pytest.mark.parametrize(
-    ("arguments", "subject"),
-    [
-        (["--accuracy", "1e-3"], "--accuracy"),
-        (["--budget", "5"], "--budget"),
-        (["--accuracy", "1e-3", "--norm", "L2"], "--accuracy"),
-        (["--bound"], "--bound"),
-    ],
-)
-def test_options_that_are_not_known_for_displacements_are_refused(
-    arguments, subject, folder, capsys
-):
-    message = refused(folder, capsys, write(GOOD), *arguments)
-    assert COMM.rank or message.startswith(f"error: {subject}: not with [elasticity]")
+def test_a_bound_is_not_known_for_displacements(folder, capsys):
+    message = refused(folder, capsys, write(GOOD), "--bound")
+    assert COMM.rank or message.startswith("error: --bound: not with [elasticity]")
 
 
 def test_errors_are_not_compared(folder, capsys):
@@ -232,14 +217,3 @@ def test_errors_are_not_compared(folder, capsys):
     message = refused(folder, capsys, write(GOOD), "--out", str(out), job="tradeoff")
     assert COMM.rank or "a scene with [elasticity] has no errors" in message
     assert not out.exists()
-
-
-@pytest.mark.parametrize("name", ["accuracy", "budget"])
-def test_python_refuses_what_is_not_known(name, folder):
-    if COMM.rank == 0:
-        (folder / "scene.toml").write_text(write(GOOD))
-    COMM.barrier()
-    scene = load_scene(folder / "scene.toml", COMM)
-    with pytest.raises(ValueError, match=r"not with \[elasticity\]") as error:
-        solve_scene(scene, COMM, **{name: 1.0})
-    assert error.value.subject == name and name in REFUSED

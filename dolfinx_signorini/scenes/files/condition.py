@@ -116,6 +116,11 @@ class BoundaryCondition(ABC):
         """The numbers of the components of u that the condition is on; () for all."""
         return ()
 
+    @property
+    def data(self) -> list[tuple[str, Formula]]:
+        """The data with their keys."""
+        return [] if self.value is None else [(self.value_key, self.value)]
+
     @abstractmethod
     def words(self) -> str:
         """Return what the condition adds to a problem, in words."""

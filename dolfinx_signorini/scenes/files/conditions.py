@@ -231,6 +231,10 @@ class Traction(Neumann):
         table.finish()
         return cls(sides, pressure, force)
 
+    @property
+    def data(self) -> list[tuple[str, Formula]]:
+        return super().data + [("force", part) for part in self.parts]
+
     def words(self) -> str:
         if self.value is not None:
             return f"pressure {self.value.text} {self.on_sides()}"

@@ -1,6 +1,7 @@
 """The table [elasticity] of a scene: the material of a body, with the terms of its equation."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,17 +10,21 @@ from dolfinx import mesh
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
+from dolfinx_signorini.accuracy.targets import Target, target
 from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.data.form_data import with_reciprocal
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.jumps import integrable
 from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-from dolfinx_signorini.problem.elasticity import stress, von_mises
+from dolfinx_signorini.problem.elasticity import stress, von_mises, weighted_strain
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.condition import Setting
 from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
 
+# The energy norm, and what the names of norms of the stress begin with.
+ENERGY, STRESS = "energy", "stress_"
 PLANES = one_of(("strain", "stress"))
 RATIO: Rule = "must lie between -1 and 1/2", lambda number: (number > -1.0) & (number < 0.5)
 
@@ -82,6 +87,15 @@ class Elasticity:
         force = f"body force [{', '.join(f.text for f in self.force)}]"
         return [f"elasticity with {constants}{plane}", *([force] if self.force else [])]
 
+    @property
+    def data(self) -> Iterator[tuple[str, Formula, str]]:
+        """The names, formulas and measures of the data on cells."""
+        for entry in with_reciprocal(self.young):
+            yield "young", entry, "mass"
+        yield "poisson", self.poisson, "mass"
+        for part in self.force:
+            yield "the body force", part, "mass"
+
     def form(self, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
         """Return the bilinear form of the body; collective.
 
@@ -109,6 +123,29 @@ class Elasticity:
         domain, degree = setting.sided.mesh, setting.degree
         parts = [integrable(part, domain, degree) for part in self.force]
         return ufl.as_vector(parts), measure_for(domain, self.force, degree, degree)
+
+    def target(self, norm: str) -> Target:
+        """Return what is to be accurate where an error of a body is asked for in a norm.
+
+        Args:
+            norm: The name of a norm of the displacement, see `norm_names.parse_norm`; "stress_L2"
+                or another L^p norm of the stress; or "energy", whose square is the integral of
+                stress times strain.
+
+        Raises:
+            InputError: The name is that of no norm.
+        """
+        if norm == ENERGY:
+            return replace(target("L2", self.weighted_strain), name=norm)
+        if norm.startswith(STRESS):
+            of_stress = target(norm.removeprefix(STRESS), lambda u: self.stresses(u)[0])
+            return replace(of_stress, name=norm)
+        return target(norm)
+
+    def weighted_strain(self, u: Expr) -> Expr:
+        """Return the strain of a displacement whose square is the product of stress and strain."""
+        x = ufl.SpatialCoordinate(extract_unique_domain(u))
+        return weighted_strain(u, self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain")
 
     def stresses(self, u: Expr) -> tuple[Expr, Expr]:
         """Return the stress of a displacement, a matrix, and its von Mises stress."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
 from dolfinx_signorini.base.tolerances import ROUNDING
@@ -100,9 +101,10 @@ def parse_scene(
     solution.check_needed("norms", "u", "there is no solution 'u' to measure an error against")
     obstacle, domain = DomainObstacle.read(top, domain, comm)
     manufactured = _manufactured(solution, equation, obstacle)
+    material = Elasticity.read(top, domain)
     scene = Scene(
         domain=domain,
-        elasticity=Elasticity.read(top, domain),
+        elasticity=material,
         conditions=read_conditions(top, domain, manufactured),
         obstacle=obstacle,
         diffusion=_diffusion(equation, domain.dimension),
@@ -114,7 +116,7 @@ def parse_scene(
         degree=top.integer("degree", 1, HIGHEST_DEGREE, Scene.degree),
         rtol=top.real("rtol", SHARE, Scene.rtol),
         accuracy=accuracy,
-        norm=top.text("norm", Scene.norm, parse_norm),
+        norm=top.text("norm", Scene.norm, target if material is None else material.target),
         title=top.text("title", path.stem),
         outputs=top.texts("outputs", Scene.outputs, one_of(OUTPUTS)),
         text=text,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dolfinx_signorini.accuracy.targets import Target, target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formulas import Formula
@@ -25,13 +26,8 @@ OUTPUTS = {
     "pictures": "the solution and the contact boundary, or the contact set, as PNG",
     "report": "one HTML page with all results",
 }
-NOT_ESTIMATED = "not with [elasticity]: errors of displacements are not estimated in scenes"
 # What scenes of displacements cannot have or do, by keys of files and options of commands.
 REFUSED = {
-    "accuracy": NOT_ESTIMATED,
-    "budget": NOT_ESTIMATED,
-    "norm": NOT_ESTIMATED,
-    "max_unknowns": NOT_ESTIMATED,
     "bound": "not with [elasticity]: no bound of the energy error of displacements is proven",
     "tradeoff": "a scene with [elasticity] has no errors that could be compared",
     "solution": "not with [elasticity]: errors of displacements are not measured in scenes",
@@ -71,7 +67,7 @@ class Scene:
             the discretisation error hides the rest, see `SignoriniProblem.solve`.
         accuracy: The largest error allowed: mesh, degree and tolerance are chosen for it. None for
             a solution on the domain's mesh.
-        norm: The norm of this error.
+        norm: The norm of this error, see `target`.
         title: What the scene shows.
         outputs: The names of the `OUTPUTS` that are to be written.
         text: The scene file that the scene is from.
@@ -122,6 +118,17 @@ class Scene:
             if name in refused:
                 subject = "--" + name.replace("_", "-") if option else name
                 raise InputError(refused[name], subject)
+
+    def target(self, norm: str) -> Target:
+        """Return what is to be accurate where an error is asked for in a norm.
+
+        Args:
+            norm: The name, see `norm_names.parse_norm`; of a body see `Elasticity.target`.
+
+        Raises:
+            InputError: The name is that of no norm.
+        """
+        return target(norm) if self.elasticity is None else self.elasticity.target(norm)
 
     @property
     def diffusion_entries(self) -> list[Formula]:

@@ -118,7 +118,7 @@ def indicator(result: SceneResult) -> list[fem.Function]:
     """Return the estimated errors of cells as a function: at each dof the largest one around."""
     if result.found is None:
         return []
-    space = result.posed.problem.space
+    space = result.gap.function_space
     error = fem.Function(space, name="error_indicator")
     dofs = space.dofmap.list[: len(result.found.cells)]
     error.x.array[:] = largest(space.dofmap.index_map, dofs, result.found.cells[:, None])

@@ -1,0 +1,146 @@
+"""Scene files of elastic bodies to an accuracy, against closed forms that the scene is not told."""
+
+import elastic_known as known
+import hertz
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+
+import dolfinx_signorini as ds
+from dolfinx_signorini import InputError
+from dolfinx_signorini.scenes import posing, solve_scene
+
+COMM = MPI.COMM_WORLD
+# The block of tests/problem/hertz.py: the potential of the half-plane in real and imaginary parts.
+HERTZ = f"""
+[domain]
+shape = "polygon"
+vertices = [[-2, 0], [2, 0], [2, 2], [-2, 2]]
+[define]
+a = "{hertz.A:.16g}"
+p = "{hertz.P0:.16g}"
+root = "sqrt(hypot(x - a, y)*hypot(x + a, y))"
+angle = "0.5*(atan2(y, x - a) + atan2(y, x + a))"
+s = "root*cos(angle)"
+t = "root*sin(angle)"
+slope_re = "-0.5*p/a*(t - y)"
+slope_im = "0.5*p/a*(s - x)"
+inner_re = "x*s - y*t - a^2*log(hypot(x + s, y + t)) - x^2 + y^2"
+inner_im = "x*t + y*s - a^2*atan2(y + t, x + s) - 2*x*y"
+scale = "1.3/200"
+across = "scale*(-0.25*p/a*(2 - 1.2)*inner_im - 2*y*slope_im)"
+down = "scale*(0.25*p/a*(4 - 1.2)*inner_re - 2*y*slope_re)"
+[elasticity]
+young = 200
+poisson = 0.3
+[contact]
+sides = 1
+gap = "(x^2 + a^2*log(a))/16"
+direction = [0, -1]
+[[dirichlet]]
+sides = [2, 3, 4]
+value = ["across", "down"]
+"""
+ON_A_MESH = HERTZ.replace("[define]", "width = 0.5\n[define]")
+# The norm in a file, its name in `elastic_known`, and the accuracy.
+REQUESTS = (
+    ("L2", "L2", 1e-4),
+    ("Linf", "Linf", 2e-4),
+    ("W1_4", "W1_4", 5e-3),
+    ("energy", "energy", 0.05),
+    ("stress_L2", "stress", 0.8),
+    ("stress_Linf", "largest stress", 3.0),
+)
+# A pressed block of which one datum is narrow: wherever the first mesh has no point.
+NARROW = """
+[domain]
+shape = "square"
+cells = 8
+[elasticity]
+young = "{young}"
+poisson = 0.3
+force = ["{force}", 0]
+[contact]
+sides = "bottom"
+direction = [0, -1]
+[[traction]]
+sides = "right"
+force = ["{traction}", 0]
+[[dirichlet]]
+sides = "top"
+value = [0, -0.1]
+"""
+SPIKE = "400*exp(-((y - 0.3137)/0.002)^2)"
+
+
+@pytest.mark.parametrize(("norm", "what", "accuracy"), REQUESTS)
+def test_requests_for_hertz(norm, what, accuracy, parse):
+    text = f'accuracy = {accuracy}\nnorm = "{norm}"\n{HERTZ}'
+    result = solve_scene(parse(text), COMM)
+    true = known.true_error(result.u, hertz, what)
+    found = result.found
+    assert found.reached and true <= found.estimate <= accuracy, (true, found)
+    assert found.request.target.name == norm
+    assert result.posed.problem.force[1] == pytest.approx(hertz.FORCE, rel=2e-2)
+    result.destroy()
+
+
+def test_a_scene_and_python_do_the_same(parse):
+    """The stress of a varying stiffness is that of the file."""
+    text = ON_A_MESH.replace("young = 200", 'young = "200 + 50*y"')
+    result = solve_scene(parse(text), COMM, accuracy=0.8, norm="stress_L2", degree=2)
+    posed = []
+
+    def pose(sided):
+        posed[:] = [posing.pose(result.posed.scene, COMM, sided)]
+        return posed[0].problem
+
+    def stress(u):
+        x = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
+        return ds.stress(u, 200.0 + 50.0 * x[1], 0.3)
+
+    first = result.posed.scene.domain.first().make(COMM)
+    found = ds.solve_adaptively(pose, first, norm="L2", of=stress, accuracy=0.8)
+    assert [step.unknowns for step in found.steps] == [s.unknowns for s in result.found.steps]
+    assert found.estimate == pytest.approx(result.found.estimate, rel=1e-6)
+    found.problem.destroy()
+    result.destroy()
+
+
+@pytest.mark.parametrize("narrow", ["young", "force", "traction"])
+def test_a_narrow_datum_is_seen_by_the_first_mesh(narrow, parse):
+    data = {"young": "100", "force": "0", "traction": "0"}
+    spike = SPIKE if narrow != "young" else f"100 + 100*{SPIKE}"
+    plain, narrowed = (
+        solve_scene(parse(NARROW.format(**given)), COMM, accuracy=3e-2, norm="L2")
+        for given in (data, data | {narrow: spike})
+    )
+    # The cells around the spike are about as wide as the spike.
+    domain = narrowed.posed.sided.mesh
+    count = domain.topology.index_map(2).size_local
+    x = domain.geometry.x[domain.geometry.dofmap[:count]]
+    at = (x[..., 1].min(axis=1) <= 0.3137) & (x[..., 1].max(axis=1) >= 0.3137)
+    at &= ((x[..., 0] > 1.0 - 1e-9).sum(axis=1) == 2) | (narrow != "traction")
+    height = np.ptp(x[at, :, 1], axis=1).max(initial=0.0)
+    assert COMM.allreduce(float(height), op=MPI.MAX) <= 0.01
+    assert narrowed.found.steps[0].unknowns > 2 * plain.found.steps[0].unknowns
+    for result in (plain, narrowed):
+        result.destroy()
+
+
+@pytest.mark.parametrize("name", ["stress", "stress_H1", "stress_L0.5", "energy_L2", "power"])
+def test_norms_that_bodies_do_not_have_are_refused(name, parse):
+    with pytest.raises(InputError) as error:
+        parse(f'accuracy = 0.1\nnorm = "{name}"\n{HERTZ}')
+    assert "norm" in str(error.value)
+    with pytest.raises(InputError) as error:
+        solve_scene(parse(ON_A_MESH), COMM, norm=name)
+    assert error.value.subject == "norm"
+
+
+def test_data_that_jump_inside_of_cells_are_refused(parse):
+    jump = "where(x + y > 0.777, 3, 1)"
+    scene = parse(NARROW.format(young="100", force=jump, traction="0"))
+    with pytest.raises(InputError, match="the body force of displacements jumps inside of cells"):
+        solve_scene(scene, COMM, accuracy=0.1)
