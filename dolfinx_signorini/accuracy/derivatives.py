@@ -71,7 +71,8 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
         for part in component_arrays(f):
             values = part[dofs] @ rows.T
             for _ in range(degree):  # from directions of the reference cell to coordinates
-                values = np.swapaxes(values.reshape(len(block), dim, -1), 1, 2) @ maps
-            sizes.append(np.linalg.norm(values.reshape(len(block), -1), axis=1))
+                values = values.reshape(len(block), dim, dim ** (degree - 1))
+                values = np.swapaxes(values, 1, 2) @ maps
+            sizes.append(np.linalg.norm(values.reshape(len(block), dim**degree), axis=1))
         found.append(length(sizes) / size**derivatives)
     return np.concatenate(found)

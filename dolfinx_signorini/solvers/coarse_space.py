@@ -67,7 +67,7 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     first = sum(comm.allgather(len(chosen))[: comm.rank])
     P = _interpolation(triangulation, places, order, chosen, first)
-    P.data.reshape(len(places), -1)[system.fixed_dofs] = 0.0
+    P.data.reshape(-1, domain.geometry.dim + 1)[system.fixed_dofs] = 0.0
     solution, forces = _solution(*_galerkin(system, P), lower, upper, start)
     if not np.isfinite(solution).all():
         return None
