@@ -12,36 +12,7 @@ from dolfinx_signorini import InputError
 from dolfinx_signorini.scenes import posing, solve_scene
 
 COMM = MPI.COMM_WORLD
-# The block of tests/problem/hertz.py: the potential of the half-plane in real and imaginary parts.
-HERTZ = f"""
-[domain]
-shape = "polygon"
-vertices = [[-2, 0], [2, 0], [2, 2], [-2, 2]]
-[define]
-a = "{hertz.A:.16g}"
-p = "{hertz.P0:.16g}"
-root = "sqrt(hypot(x - a, y)*hypot(x + a, y))"
-angle = "0.5*(atan2(y, x - a) + atan2(y, x + a))"
-s = "root*cos(angle)"
-t = "root*sin(angle)"
-slope_re = "-0.5*p/a*(t - y)"
-slope_im = "0.5*p/a*(s - x)"
-inner_re = "x*s - y*t - a^2*log(hypot(x + s, y + t)) - x^2 + y^2"
-inner_im = "x*t + y*s - a^2*atan2(y + t, x + s) - 2*x*y"
-scale = "1.3/200"
-across = "scale*(-0.25*p/a*(2 - 1.2)*inner_im - 2*y*slope_im)"
-down = "scale*(0.25*p/a*(4 - 1.2)*inner_re - 2*y*slope_re)"
-[elasticity]
-young = 200
-poisson = 0.3
-[contact]
-sides = 1
-gap = "(x^2 + a^2*log(a))/16"
-direction = [0, -1]
-[[dirichlet]]
-sides = [2, 3, 4]
-value = ["across", "down"]
-"""
+HERTZ = hertz.SCENE
 ON_A_MESH = HERTZ.replace("[define]", "width = 0.5\n[define]")
 # The norm in a file, its name in `elastic_known`, and the accuracy.
 REQUESTS = (

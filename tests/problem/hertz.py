@@ -27,6 +27,37 @@ def constants(poisson):
 
 NU, MU, LAMBDA, KAPPA, E_STAR, A, P0 = constants(0.3)
 
+# The block as a scene without a mesh: the potential in real and imaginary parts.
+SCENE = f"""
+[domain]
+shape = "polygon"
+vertices = [[-2, 0], [2, 0], [2, 2], [-2, 2]]
+[define]
+a = "{A:.16g}"
+p = "{P0:.16g}"
+root = "sqrt(hypot(x - a, y)*hypot(x + a, y))"
+angle = "0.5*(atan2(y, x - a) + atan2(y, x + a))"
+s = "root*cos(angle)"
+t = "root*sin(angle)"
+slope_re = "-0.5*p/a*(t - y)"
+slope_im = "0.5*p/a*(s - x)"
+inner_re = "x*s - y*t - a^2*log(hypot(x + s, y + t)) - x^2 + y^2"
+inner_im = "x*t + y*s - a^2*atan2(y + t, x + s) - 2*x*y"
+scale = "1.3/200"
+across = "scale*(-0.25*p/a*(2 - 1.2)*inner_im - 2*y*slope_im)"
+down = "scale*(0.25*p/a*(4 - 1.2)*inner_re - 2*y*slope_re)"
+[elasticity]
+young = 200
+poisson = 0.3
+[contact]
+sides = 1
+gap = "(x^2 + a^2*log(a))/16"
+direction = [0, -1]
+[[dirichlet]]
+sides = [2, 3, 4]
+value = ["across", "down"]
+"""
+
 
 def _potential(x):
     """z, s, Phi and phi, the integral of Phi."""

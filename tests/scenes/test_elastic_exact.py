@@ -1,6 +1,8 @@
 """Scenes of elastic bodies against closed forms on curved sides: Hertz's and Lame's solutions."""
 
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,43 +12,15 @@ from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 
+sys.path.append(str(Path(__file__).parents[1] / "problem"))
+import hertz
+
 COMM = MPI.COMM_WORLD
 pytest.importorskip("gmsh")
 
-# The block of demos/hertz.py: E = 200, nu = 0.3, R = 8, F = 10 in plane strain. The complex
-# potential of the half-plane is written in real and imaginary parts.
+# The block of demos/hertz.py: E = 200, nu = 0.3, R = 8, F = 10 in plane strain.
 FORCE, HALF_WIDTH, PEAK = 10.0, 0.680778, 9.351351
-HERTZ = """
-rtol = 1e-10
-[domain]
-shape = "polygon"
-vertices = [[-2, 0], [2, 0], [2, 2], [-2, 2]]
-width = {width}
-[define]
-a = "0.680778"
-p = "9.351351"
-root = "sqrt(hypot(x - a, y)*hypot(x + a, y))"
-angle = "0.5*(atan2(y, x - a) + atan2(y, x + a))"
-s = "root*cos(angle)"
-t = "root*sin(angle)"
-slope_re = "-0.5*p/a*(t - y)"
-slope_im = "0.5*p/a*(s - x)"
-inner_re = "x*s - y*t - a^2*log(hypot(x + s, y + t)) - x^2 + y^2"
-inner_im = "x*t + y*s - a^2*atan2(y + t, x + s) - 2*x*y"
-scale = "1.3/200"
-across = "scale*(-0.25*p/a*(2 - 1.2)*inner_im - 2*y*slope_im)"
-down = "scale*(0.25*p/a*(4 - 1.2)*inner_re - 2*y*slope_re)"
-[elasticity]
-young = 200
-poisson = 0.3
-[contact]
-sides = 1
-gap = "(x^2 + a^2*log(a))/16"
-direction = [0, -1]
-[[dirichlet]]
-sides = [2, 3, 4]
-value = ["across", "down"]
-"""
+HERTZ = "rtol = 1e-10" + hertz.SCENE.replace("[define]", "width = {width}\n[define]")
 
 
 def figures(width, parse):
