@@ -176,10 +176,11 @@ class _Cells:
         width = highest(self.comm, widths(self.whole[cells][..., self.dimension :]))
         order = 3 if degree > 1 else 2  # of the error of the solution, at best
         target = self.size * min(WIDTH, (width / self.size) ** order)
+        sizes = self.sizes  # collective, and only some ranks have curved pieces
 
         def look(pieces: Array, owners: Indices, level: int) -> tuple[Mask, list[Mask]]:
             broken, polar, values = self._near(pieces)
-            curved = self._curved(pieces, values)
+            curved = self._curved(pieces, values, sizes)
             if width * 0.5**level <= target or self._count(curved) > MOST_PIECES:
                 curved[:] = False
             settled = self._settled(pieces, owners, polar, curved)
@@ -221,12 +222,13 @@ class _Cells:
             polar |= sizes.min(axis=0) < NEAR_POLE * sizes.max(axis=0)
         return broken, polar, values
 
-    def _curved(self, pieces: Array, values: Sequence[Array]) -> Mask:
+    def _curved(self, pieces: Array, values: Sequence[Array], sizes: Sequence[float]) -> Mask:
         """Whether interfaces are too curved in pieces for cuts as if they were flat.
 
         Args:
             pieces: The pieces.
             values: The values of each interface, see `_near`.
+            sizes: The mean sizes of the formulas.
         """
         marks = np.zeros((len(values), 2, len(pieces)), dtype=bool)
         for mark, value in zip(marks, values, strict=True):
@@ -236,7 +238,7 @@ class _Cells:
             rows = np.flatnonzero(curved & alone)
             if len(rows):
                 corners = pieces[rows, :, self.dimension :]
-                curved[rows] = curve.matters(corners, value[:, rows], self.formulas, self.sizes)
+                curved[rows] = curve.matters(corners, value[:, rows], self.formulas, sizes)
         return np.asarray(marks[:, 1].any(axis=0))
 
     @functools.cached_property
