@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh, require_no_jumps
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
@@ -266,8 +266,7 @@ def _first_mesh(
     if not isinstance(problem, BoundConstrainedProblem):
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
-    if problem.space.dofmap.bs > 1:
-        require_no_jumps(data, sided, "pose")
+    bodies = "pose" if problem.space.dofmap.bs > 1 else ""
     problem.destroy()
 
     def data_on(level: SidedMesh) -> list[Datum]:
@@ -279,4 +278,4 @@ def _first_mesh(
 
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
-    return first_mesh(sided, data_on, known, most), known
+    return first_mesh(sided, data_on, known, most, bodies), known

@@ -60,41 +60,48 @@ def first_mesh(
     data: Callable[[SidedMesh], Sequence[Datum]],
     coefficients: Coefficients,
     max_cells: int,
+    bodies: str = "",
 ) -> Resolved:
     """Return a mesh that resolves data and is fitted to their jumps; the call is collective.
 
     Args:
         sided: A coarse mesh.
         data: Returns the data on a mesh.
-        coefficients: The coefficients of the problem.
+        coefficients: The coefficients of a scalar problem.
         max_cells: The limit on the number of cells.
+        bodies: For displacements of elastic bodies the subject of the error; else "".
+
+    Raises:
+        InputError: Data of an elastic body jump or have a kink inside of cells.
     """
-    most = min(MOST_CELLS, max_cells)
-    loads = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
-    fit = partial(fitted_mesh, formulas=coefficients.entries, max_cells=most, straight=loads)
-    sided = fit(sided)
-    resolved = resolved_mesh(data(sided), sided, most)
+    most, known = min(MOST_CELLS, max_cells), data(sided)
+    straight = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
+    if bodies:
+        straight = [datum.formula for datum in _with_jumps(known)]
+    fit = partial(fitted_mesh, formulas=coefficients.entries, max_cells=most, straight=straight)
+    fitted = fit(sided)
+    if fitted is not sided:
+        known = data(fitted)
+    if bodies:
+        _require_no_jumps(known, fitted, bodies)
+    resolved = resolved_mesh(known, fitted, most)
     # Narrow layers are found by `resolved_mesh` only.
     return replace(resolved, sided=fit(resolved.sided))
 
 
-def require_no_jumps(data: Sequence[Datum], sided: SidedMesh, subject: str) -> None:
-    """Refuse data of vectors that jump inside of cells, where no term of the error sees them.
+def _with_jumps(data: Sequence[Datum]) -> list[Datum]:
+    """Return the data that are integrated and that may jump or have a kink."""
+    return [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
 
-    Args:
-        data: The data on the mesh; the call is collective.
-        sided: The mesh.
-        subject: The subject of the error.
 
-    Raises:
-        InputError: A datum that is integrated jumps inside of a cell.
-    """
-    integrated = [datum for datum in data if datum.measure == "mass" and jumps(datum.formula)]
-    found = [d.name for d in integrated if len(broken_cells([d.formula], sided.mesh))]
+def _require_no_jumps(data: Sequence[Datum], sided: SidedMesh, subject: str) -> None:
+    """Refuse data of vectors that jump inside of cells, where no term of the error sees them."""
+    found = [d.name for d in _with_jumps(data) if len(broken_cells([d.formula], sided.mesh))]
     names = sorted(set().union(*sided.mesh.comm.allgather(found)))
     if names:
         message = f"{', '.join(names)} of displacements jumps inside of cells of the first mesh"
-        raise InputError(f"{message}; let facets follow the jump", subject)
+        advice = "facets are moved to straight jumps alone; let facets of the mesh follow this one"
+        raise InputError(f"{message}; {advice}", subject)
 
 
 def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST_CELLS) -> Resolved:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, adapt
 from dolfinx_signorini.accuracy.data_errors import data_errors
-from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh, require_no_jumps
+from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
@@ -263,9 +263,8 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
     sided = scene.domain.make(comm)
-    if scene.elasticity is not None:
-        require_no_jumps(data_of(scene, sided), sided, "elasticity")
-    return first_mesh(sided, partial(data_of, scene), known, max_unknowns // per_cell)
+    bodies = "" if scene.elasticity is None else "elasticity"
+    return first_mesh(sided, partial(data_of, scene), known, max_unknowns // per_cell, bodies)
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:

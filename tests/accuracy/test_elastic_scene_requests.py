@@ -108,10 +108,3 @@ def test_norms_that_bodies_do_not_have_are_refused(name, parse):
     with pytest.raises(InputError) as error:
         solve_scene(parse(ON_A_MESH), COMM, norm=name)
     assert error.value.subject == "norm"
-
-
-def test_data_that_jump_inside_of_cells_are_refused(parse):
-    jump = "where(x + y > 0.777, 3, 1)"
-    scene = parse(NARROW.format(young="100", force=jump, traction="0"))
-    with pytest.raises(InputError, match="the body force of displacements jumps inside of cells"):
-        solve_scene(scene, COMM, accuracy=0.1)

@@ -1,0 +1,251 @@
+"""Bodies whose data jump or bend along straight lines, against closed forms."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+import dolfinx_signorini as ds
+from dolfinx_signorini import InputError
+from dolfinx_signorini.scenes import solve_scene
+
+COMM = MPI.COMM_WORLD
+NU, PUSH, AT = 0.3, 0.1, 0.337
+STIFFENING = (1 - NU) / ((1 + NU) * (1 - 2 * NU))  # of a column whose sides stay where they are
+SOFT, HARD = 10.0, 400.0
+
+# A column that is pressed on the ground between smooth walls.
+COLUMN = """
+[domain]
+shape = "square"
+cells = 4
+[elasticity]
+young = "{young}"
+poisson = 0.3
+force = [0, "{force}"]
+[contact]
+sides = "bottom"
+direction = [0, -1]
+[[dirichlet]]
+sides = ["left", "right"]
+components = "x"
+value = 0
+[[dirichlet]]
+sides = "top"
+value = [0, -0.1]
+"""
+
+
+class Column:
+    """The displacement along the column from (M u')' + f = 0, u(0) = 0 and u(1) = -PUSH."""
+
+    def __init__(self, young, force=lambda y: 0.0 * y):
+        points, weights = np.polynomial.legendre.leggauss(12)
+        ends = np.unique([*np.linspace(0.0, 1.0, 41), AT])
+        halves = 0.5 * np.diff(ends)[:, None]
+        y = ends[:-1, None] + halves * (1 + points)
+        self.inner = np.unique(ends)
+        loads = [0.0, *np.cumsum((force(y) * weights * halves).sum(axis=1))]
+        self.young, self.force_at, self.loads = young, force, np.array(loads)
+        compliance = 1.0 / (STIFFENING * young(y))
+        whole = (compliance * weights * halves).sum()
+        loaded = (self.load(y) * compliance * weights * halves).sum()
+        self.pressure = (PUSH - loaded) / whole  # -M u'(0)
+        steps = (-(self.pressure + self.load(y)) * compliance * weights * halves).sum(axis=1)
+        self.steps = np.array([0.0, *np.cumsum(steps)])
+
+    def load(self, y):
+        """The integral of the force from 0."""
+        return self._from_knots(y, self.loads, self.force_at)
+
+    def u(self, y):
+        """The displacement along the column."""
+        return self._from_knots(y, self.steps, self.slope)
+
+    def slope(self, y):
+        """The derivative of u."""
+        return -(self.pressure + self.load(y)) / (STIFFENING * self.young(y))
+
+    def _from_knots(self, y, at_knots, integrand):
+        points, weights = np.polynomial.legendre.leggauss(12)
+        k = np.clip(np.searchsorted(self.inner, y) - 1, 0, len(self.inner) - 2)
+        half = 0.5 * (y - self.inner[k])
+        places = self.inner[k][..., None] + half[..., None] * (1 + points)
+        return at_knots[k] + half * (integrand(places) * weights).sum(axis=-1)
+
+
+def layered(y):
+    return np.where(y < AT, SOFT, HARD)
+
+
+def uniform(y):
+    return 100.0 + 0.0 * y
+
+
+COLUMNS = {
+    "layers": (f"where(y < {AT}, {SOFT}, {HARD})", "0", Column(layered)),
+    "a force that jumps": (
+        "100",
+        f"where(y < {AT}, -20, 5*y)",
+        Column(uniform, lambda y: np.where(y < AT, -20.0, 5.0 * y)),
+    ),
+    "a force that bends": (
+        "100",
+        f"-40*abs(y - {AT})",
+        Column(uniform, lambda y: -40.0 * np.abs(y - AT)),
+    ),
+    "layers with a force": (
+        f"where(y < {AT}, {SOFT}, {HARD})*(1 + y)",
+        f"-max(y - {AT}, 0)",
+        Column(lambda y: layered(y) * (1 + y), lambda y: -np.maximum(y - AT, 0.0)),
+    ),
+}
+
+
+def true_errors(u, column):
+    """The L2 norm of the error, its largest value, and the L2 norm of its gradient on a lattice."""
+    domain = u.function_space.mesh
+    count = domain.topology.index_map(2).size_local
+    s, t = np.meshgrid(*2 * [(np.arange(12) + 0.5) / 12])
+    points = np.stack([s * (1 - t), t], axis=-1).reshape(-1, 2)
+    weights = (1 - t).ravel() / 144
+    table = u.function_space.element.basix_element.tabulate(1, points)[:, :, :, 0]
+    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :, :2]
+    edges = (x[:, 1:] - x[:, :1]).transpose(0, 2, 1)
+    y = (x[:, :1] + np.einsum("cij,qj->cqi", edges, points))[..., 1]
+    nodal = u.x.array.reshape(-1, 2)[u.function_space.dofmap.list[:count]]
+    e = np.einsum("qd,cdk->cqk", table[0], nodal)
+    slopes = np.einsum("jqd,cdk->cqkj", table[1:], nodal)
+    slopes = np.einsum("cqkj,cji->cqki", slopes, np.linalg.inv(edges))
+    e[..., 1] -= column.u(y)
+    slopes[..., 1, 1] -= column.slope(y)
+    areas = np.abs(np.linalg.det(edges))[:, None] * weights
+    squares = (areas * (e**2).sum(axis=-1)).sum(), (areas * (slopes**2).sum(axis=(2, 3))).sum()
+    largest = COMM.allreduce(np.hypot(*e.T).max(initial=0.0), op=MPI.MAX)
+    return np.sqrt(COMM.allreduce(squares[0])), largest, np.sqrt(COMM.allreduce(squares[1]))
+
+
+@pytest.mark.parametrize("what", COLUMNS)
+@pytest.mark.parametrize(("norm", "accuracy"), [("L2", 1e-5), ("Linf", 2e-5), ("H1", 1e-3)])
+def test_columns_to_an_accuracy(what, norm, accuracy, parse):
+    young, force, column = COLUMNS[what]
+    result = solve_scene(
+        parse(COLUMN.format(young=young, force=force)), COMM, accuracy=accuracy, norm=norm
+    )
+    l2, largest, slope = true_errors(result.u, column)
+    true = {"L2": l2, "Linf": largest, "H1": np.hypot(l2, slope)}[norm]
+    assert result.found.reached
+    assert true <= max(1.05 * result.found.estimate, 1e-8) <= 1.05 * accuracy, (true, result.found)
+    assert result.posed.problem.force[1] == pytest.approx(column.pressure, rel=5e-3)
+    result.destroy()
+
+
+def test_layers_follow_facets(parse):
+    """In each of two layers u is linear: on a fitted mesh the first solution is exact."""
+    young, force, column = COLUMNS["layers"]
+    result = solve_scene(
+        parse(COLUMN.format(young=young, force=force)), COMM, accuracy=1e-4, norm="L2"
+    )
+    assert result.found.steps[0].estimate <= 1e-7
+    assert true_errors(result.u, column)[1] <= 1e-7
+    problem = result.posed.problem
+    pressure = problem.pressure.x.array[problem.contact_nodes]
+    assert pressure == pytest.approx(np.full(len(pressure), column.pressure), rel=1e-5)
+    result.destroy()
+
+
+class Slanted:
+    """Two materials on either side of a slanted line; u = A x, and A x + b d beyond the line.
+
+    d is the distance to the line. The tractions of both sides agree on the line.
+    """
+
+    normal = np.array([0.8, 0.6])
+    at = 0.613
+    A = np.array([[0.02, 0.01], [0.03, -0.08]])
+    young = 20.0, 300.0
+
+    @classmethod
+    def stress(cls, side, gradient):
+        """The stress of a displacement gradient in plane strain."""
+        mu = cls.young[side] / (2 * (1 + NU))
+        first = cls.young[side] * NU / ((1 + NU) * (1 - 2 * NU))
+        strain = 0.5 * (gradient + gradient.T)
+        return 2 * mu * strain + first * np.trace(strain) * np.eye(2)
+
+    def __init__(self):
+        unit = [self.stress(1, np.outer(e, self.normal)) @ self.normal for e in np.eye(2)]
+        jump = (self.stress(0, self.A) - self.stress(1, self.A)) @ self.normal
+        self.b = np.linalg.solve(np.stack(unit, axis=1), jump)
+        self.stresses = (
+            self.stress(0, self.A),
+            self.stress(1, self.A + np.outer(self.b, self.normal)),
+        )
+
+    def displacement(self, x):
+        beyond = np.maximum(self.normal @ x[:2] - self.at, 0.0)
+        return self.A @ x[:2] + self.b[:, None] * beyond
+
+    def pose(self, sided):
+        """All sides but the lower one are held; friction below is a given shear."""
+        V = fem.functionspace(sided.mesh, ("Lagrange", 2, (2,)))
+        u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+        far = self.normal[0] * x[0] + self.normal[1] * x[1] > self.at
+        young = ufl.conditional(far, self.young[1], self.young[0])
+        shear = ufl.conditional(far, -self.stresses[1][0, 1], -self.stresses[0][0, 1])
+        data = fem.Function(V)
+        data.interpolate(self.displacement)
+        bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 1, sided.sides["held"]))
+        facets = np.sort(sided.sides["below"])
+        tags = mesh.meshtags(sided.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
+        below = ufl.Measure("ds", sided.mesh, subdomain_data=tags)(1)
+        return ds.ContactProblem(
+            ds.elasticity(u, v, young, NU),
+            shear * v[0] * below,
+            contact=sided.sides["below"],
+            gap=lambda x: -self.displacement(x)[1],
+            direction=(0.0, -1.0),
+            bcs=[bc],
+        )
+
+
+def square(n):
+    """The unit square with a lower side and the others."""
+    domain = mesh.create_unit_square(COMM, n, n)
+    below = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    others = np.setdiff1d(ds.boundary_facets(domain), below).astype(np.int32)
+    return ds.SidedMesh(domain, {"below": below, "held": others})
+
+
+def test_a_slanted_line():
+    """Stiffness and a traction jump along a line that no mesh line follows, in Python."""
+    slanted = Slanted()
+    assert all(stress[1, 1] < 0.0 for stress in slanted.stresses)  # the pressure presses
+    found = ds.solve_adaptively(slanted.pose, square(5), norm="L2", accuracy=1e-4)
+    u = found.problem.u
+    exact = fem.Function(u.function_space)
+    exact.interpolate(slanted.displacement)
+    assert found.reached and found.steps[0].estimate <= 1e-7
+    assert np.abs(u.x.array - exact.x.array).max(initial=0.0) <= 1e-7
+    nodes, pressure = found.problem.contact_nodes, found.problem.pressure
+    x = pressure.function_space.tabulate_dof_coordinates()[nodes]
+    side = (x[:, 0] > slanted.at / slanted.normal[0]).astype(int)
+    inner = (x[:, 0] > 0.1) & (x[:, 0] < 0.9)  # the weights of others reach held corners
+    inner &= np.abs(x[:, 0] - slanted.at / slanted.normal[0]) > 0.1
+    expected = -np.array(slanted.stresses)[side, 1, 1]
+    assert pressure.x.array[nodes][inner] == pytest.approx(expected[inner], rel=1e-5)
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize(
+    ("young", "force"),
+    [("where(x^2 + y^2 < 0.31, 10, 400)", "0"), ("100", "where(x^2 + y^2 < 0.31, -3, 0)")],
+)
+def test_curves_are_refused(young, force, parse):
+    """Before any solve, with the name of the datum."""
+    scene = parse(COLUMN.format(young=young, force=force))
+    name = "the body force" if young == "100" else "of displacements jumps inside of cells"
+    with pytest.raises(InputError, match=name) as error:
+        solve_scene(scene, COMM, accuracy=0.1)
+    assert error.value.subject == "elasticity"
