@@ -144,14 +144,17 @@ class Elasticity:
 
     def weighted_strain(self, u: Expr) -> Expr:
         """Return the strain of a displacement whose square is the product of stress and strain."""
-        x = ufl.SpatialCoordinate(extract_unique_domain(u))
-        return weighted_strain(u, self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain")
+        return weighted_strain(u, *self._constants(u))
 
     def stresses(self, u: Expr) -> tuple[Expr, Expr]:
         """Return the stress of a displacement, a matrix, and its von Mises stress."""
-        x = ufl.SpatialCoordinate(extract_unique_domain(u))
-        constants = self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain"
+        constants = self._constants(u)
         return stress(u, *constants), von_mises(u, *constants)
+
+    def _constants(self, u: Expr) -> tuple[Expr, Expr, str]:
+        """Return Young's modulus, Poisson's ratio and the kind of plane on the mesh of u."""
+        x = ufl.SpatialCoordinate(extract_unique_domain(u))
+        return self.young.ufl(x), self.poisson.ufl(x), self.plane or "strain"
 
 
 def _check_values(domain: mesh.Mesh, name: str, formula: Formula, rule: Rule) -> None:
