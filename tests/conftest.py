@@ -103,10 +103,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _dealt_out(tests: list[list[pytest.Item]]) -> list[list[pytest.Item]]:
-    """On two ranks two parameters of each test, on more ranks another one of every other test:
-    three ranks on two processors take three times as long as two."""
+    """Give each test two runs: on two ranks with two parameters or, every other test, on two ranks
+    with one and on three with another. Three ranks on two processors take three times as long."""
     if RANKS.size == 2:
-        return [items[:: (len(items) + 1) // 2] for items in tests]
+        every_other = [(items, k % 2 == 0) for k, items in enumerate(tests)]
+        return [items[:: (len(items) + 1) // 2][: 1 if both else 2] for items, both in every_other]
     return [items[len(items) // 3 :][:1] for items in tests[::2]]
 
 
