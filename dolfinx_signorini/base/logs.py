@@ -30,6 +30,7 @@ class _Bar(tqdm):  # type: ignore[type-arg]
     """The bars of this program, which leaves the bars of the user alone."""
 
     monitor_interval = 0  # no thread beside the one of Progress
+    disable = True  # until the bar is complete: a signal may end the program before
 
 
 _Bar.set_lock(RLock())
