@@ -2,6 +2,7 @@
 
     python3 benchmarks/elastic_requests.py --seed 1 --requests 60       # the table
     python3 benchmarks/elastic_requests.py --seed 1 --only 17           # one request
+    python3 benchmarks/elastic_requests.py --seed 1 --choose            # the loop chooses degrees
 
 Blocks by chance are turned by an angle and pressed against a rigid obstacle: with the pressure of
 Hertz and its two ends of contact, or with full contact and a smooth solution by a body force. Asked
@@ -17,7 +18,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import basix
@@ -172,6 +173,7 @@ class Request:
 
     seed: int
     index: int
+    chooses: bool = False
 
     @cached_property
     def drawn(self) -> tuple[Block, str, int, float, int]:
@@ -190,8 +192,8 @@ class Request:
         domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ shape.turn.T
         return ds.SidedMesh(domain, {"contact": bottom, "held": others})
 
-    def pose(self, sided: ds.SidedMesh) -> ds.ContactProblem:
-        shape, _, degree, *_ = self.drawn
+    def pose(self, degree: int, sided: ds.SidedMesh) -> ds.ContactProblem:
+        shape = self.drawn[0]
         V = fem.functionspace(sided.mesh, ("Lagrange", degree, (2,)))
         u, v, data = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
         data.interpolate(lambda x: shape.turn @ shape.u(shape.turn.T @ x[:2]))
@@ -232,10 +234,15 @@ class Request:
         E, nu = shape.young, shape.poisson
         norm: Any = "L2" if of else self.functional if what in ("force", "pressure") else what
         given = {"of": lambda u: of(u, E, nu)} if of else {}
+        degrees = range(2, 5) if self.chooses else [degree]
+        poses = {k: partial(self.pose, k) for k in degrees}
         found = ds.solve_adaptively(
-            self.pose, self.mesh(), norm=norm, accuracy=asked, max_unknowns=100_000, **given
+            poses, self.mesh(), norm=norm, accuracy=asked, max_unknowns=100_000, **given
         )
-        true = abs(self.error(found.problem.u))
+        true, degree = (
+            abs(self.error(found.problem.u)),
+            found.problem.space.element.basix_element.degree,
+        )
         found.problem.destroy()
         return {
             "index": self.index, "kind": type(shape).__name__, "what": what, "degree": degree,
@@ -349,11 +356,12 @@ def main() -> None:
     parser.add_argument("--requests", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="the index of the first request")
     parser.add_argument("--only", type=int, metavar="INDEX", help="one request")
+    parser.add_argument("--choose", action="store_true", help="degrees by the loop, from 2 to 4")
     args = parser.parse_args()
     chosen = range(args.first, args.first + args.requests)
     rows = []
     for index in chosen if args.only is None else [args.only]:
-        rows.append(Request(args.seed, index).run())
+        rows.append(Request(args.seed, index, args.choose).run())
         if COMM.rank == 0:
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     if COMM.rank == 0:

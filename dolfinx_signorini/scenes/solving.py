@@ -163,8 +163,7 @@ def solve_scene(
         norm: The norm of the error, see `Scene.target`; the scene's by default.
         max_unknowns: The limit on the dofs of adapted meshes.
         degree: The degree of the elements on adapted meshes. By default the loop chooses: in the
-            plane from 2 to 4, in space and for bodies 2, and in any case not below that of the
-            scene.
+            plane from 2 to 4, in space 2, and in any case not below that of the scene.
         on_step: Is told of every step of the adaptive loop when the step is done.
         phases: A stopwatch that runs already; a new one by default.
 
@@ -251,8 +250,7 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
 
 def _degrees(scene: Scene) -> tuple[int, ...]:
     """Return the degrees of elements that the adaptive loop may choose."""
-    chooses = scene.domain.dimension == 2 and scene.elasticity is None
-    highest = HIGHEST_DEGREE if chooses else DEGREE
+    highest = HIGHEST_DEGREE if scene.domain.dimension == 2 else DEGREE
     lowest = max(scene.degree, DEGREE)
     return tuple(range(lowest, max(lowest, highest) + 1))
 

@@ -57,6 +57,15 @@ def test_requests_for_hertz(norm, what, accuracy, parse):
     result.destroy()
 
 
+def test_a_high_accuracy_takes_a_high_degree(parse):
+    text = f'accuracy = 5e-3\nnorm = "energy"\n{HERTZ}'
+    result = solve_scene(parse(text), COMM)
+    true = known.true_error(result.u, hertz, "energy")
+    assert true <= result.found.estimate <= 5e-3
+    assert result.u.function_space.element.basix_element.degree > 2
+    result.destroy()
+
+
 def test_a_scene_and_python_do_the_same(parse):
     """The stress of a varying stiffness is that of the file."""
     text = ON_A_MESH.replace("young = 200", 'young = "200 + 50*y"')
