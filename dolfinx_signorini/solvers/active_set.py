@@ -122,7 +122,7 @@ def solve_active_set(
         if stop is not None:
             stop.allowed = LOOSEST * measure.scale
         local = not (careful or rough)
-        probe = Probe(measure, x, held) if trusted and local else None
+        probe = Probe(measure, solver, x, held) if trusted and local else None
         check = None if probe is None else probe.enough
         known = None if rough else measure.multiplier
         solver.solve(system, x, held, target * measure.scale, known, stop, check)
@@ -155,18 +155,19 @@ class Probe:
 
     While the set holds, conjugate gradients go on undisturbed:
 
-        probe = Probe(measure, x, held)
+        probe = Probe(measure, solver, x, held)
         solver.solve(system, x, held, atol, multiplier, stop, probe.enough)
         corrected, norm = probe.take()
 
     Args:
         measure: Measures natural residuals.
+        solver: The solver.
         x: The vector that the solve improves, at its start while the solve goes on.
         held: The active set of the solve.
     """
 
-    def __init__(self, measure: NaturalResidual, x: PETSc.Vec, held: Mask):
-        self._measure, self._x, self._held = measure, x, held
+    def __init__(self, measure: NaturalResidual, solver: LinearSolver, x: PETSc.Vec, held: Mask):
+        self._measure, self._solver, self._x, self._held = measure, solver, x, held
         self._iterate: PETSc.Vec | None = None
         self._due = self._norm = math.inf
         self._corrected: Mask | None = None
@@ -186,8 +187,10 @@ class Probe:
             return False
         self._iterate = self._x.copy(self._iterate)
         self._iterate.axpy(unit, correction)
-        self._measure(self._iterate)
-        self._norm = self._measure.norm
+        measure = self._measure
+        self._solver.multiply(measure.system, self._iterate, unit, measure.multiplier)
+        measure.with_multiplier(self._iterate)
+        self._norm = measure.norm
         self._due = self._norm / unit / NOISE
         if norm < self._due:
             self._due = 0.0  # where so many digits show no local change, more digits do not either

@@ -68,10 +68,13 @@ class NaturalResidual:
 
         The attributes `scale`, `norm` and `multiplier` then belong to this vector.
         """
-        system = self.system
-        system.A.mult(x, self.multiplier)
-        self.multiplier.axpy(-1.0, system.b)
-        residual = self.multiplier.array_r.copy()
+        self.system.A.mult(x, self.multiplier)
+        self.multiplier.axpy(-1.0, self.system.b)
+        return self.with_multiplier(x)
+
+    def with_multiplier(self, x: PETSc.Vec) -> float:
+        """As a call, where `multiplier` has been set to A x - b already."""
+        system, residual = self.system, self.multiplier.array_r.copy()
         pressing = system.natural(x, self.multiplier.array_r, residual)
         residual[system.fixed_dofs] = 0.0
         self.norm = parallel_norm(system.comm, residual)

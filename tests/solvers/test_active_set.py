@@ -1,13 +1,18 @@
 """The primal-dual active set method: its short cuts, and what holds without them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.elasticity import elasticity
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
@@ -180,4 +185,72 @@ def test_what_is_accepted_at_once_gets_its_contact_exactly(offset, comm):
     assert solver.solves == 0 and comm.allreduce(int(held.sum())) > 0
     assert np.array_equal(x.array_r[system.contact_dofs[held]], system.obstacle[held])
     for item in (x, solver, measure, problem):
+        item.destroy()
+
+
+def two_sided():
+    """Two obstacles on the boundary, and Dirichlet data on a side."""
+    domain = friedrichs_keller(COMM, 60)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    top = fem.locate_dofs_geometrical(space, lambda x: np.isclose(x[1], 1.0))
+    return SignoriniProblem(
+        (1.0 + x[0]) * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        40.0 * (x[0] - 0.5) * v * ufl.dx,
+        contact=boundary_facets(domain),
+        lower=-0.01,
+        upper=0.01,
+        bcs=[fem.dirichletbc(0.005, top, space)],
+    )
+
+
+def body():
+    """A block that is held above and pressed against a curved obstacle."""
+    domain = friedrichs_keller(COMM, 48)
+    space = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    top = fem.locate_dofs_geometrical(space, lambda x: np.isclose(x[1], 1.0))
+    below = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    return ContactProblem(
+        elasticity(u, v, 100.0, 0.3),
+        ufl.inner(fem.Constant(domain, (0.0, -1.0)), v) * ufl.dx,
+        contact=below,
+        gap=lambda x: 0.1 * (x[0] - 0.4) ** 2 - 0.02,
+        direction=(0.1, -1.0),
+        bcs=[fem.dirichletbc(np.zeros(2), top, space)],
+    )
+
+
+@pytest.mark.parametrize("make", [two_sided, body])
+def test_the_forces_at_iterates_are_those_of_the_whole_matrix(make):
+    """What a solve knows away from the contact dofs, and rows at these dofs: A x - b."""
+    problem = make()
+    problem.solve()
+    system, seen = problem.system, []
+    solver, x = IterativeSolver(system), system.start()
+    held = np.arange(len(system.contact_dofs)) % 3 == 0
+    held[len(system.layout.free_dofs) :] = False
+    found, wanted = system.A.createVecLeft(), system.A.createVecLeft()
+
+    def check(correction, number, norm, unit):
+        iterate = x.copy()
+        iterate.axpy(unit, correction)
+        solver.multiply(system, iterate, unit, found)
+        system.A.mult(iterate, wanted)
+        wanted.axpy(-1.0, system.b)
+        size = wanted.norm(PETSc.NormType.INFINITY)
+        wanted.axpy(-1.0, found)
+        seen.append(wanted.norm(PETSc.NormType.INFINITY) / size)
+        iterate.destroy()
+        return False
+
+    for _ in range(2):
+        solver.solve(system, x, held, 1e-9, check=check)
+        system.A.scale(2.0)  # another matrix, as after an assembly
+        system.b.scale(2.0)
+        system = replace(system, assembled=system.assembled + 1)
+        x.set(0.0)
+        system.project(x)
+    assert len(seen) > 10 and max(seen) <= 1e-12, seen
+    for item in (solver, x, found, wanted, problem):
         item.destroy()

@@ -56,6 +56,11 @@ class DirectSolver(LinearSolver):
         self._iterative.solve(system, x, held, atol, multiplier, stop, check, slack)
         self.iterations += self._iterative.iterations - before
 
+    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+        """Ask the solver that took over: a direct solve calls no check."""
+        assert self._iterative is not None
+        self._iterative.multiply(system, iterate, unit, result)
+
     @property
     def preconditioner(self) -> str:
         """A factorization, or the preconditioner of the solver that took over."""

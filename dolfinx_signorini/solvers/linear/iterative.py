@@ -57,6 +57,8 @@ class IterativeSolver(LinearSolver):
         self._pace = self._excess = 0.0
         self._checks: list[Check] = []  # of the present solve
         self._unit = 1.0  # of the correction
+        self._contact_rows: PETSc.Mat | None = None
+        self._multiplied = 0  # how often the matrix of these rows had been assembled
         self._little = LITTLE[system.space.mesh.topology.dim]
         self._watched = math.inf  # the residual above which the iterations so far were slow
         self._ksp.setOptionsPrefix(prefix)
@@ -113,6 +115,22 @@ class IterativeSolver(LinearSolver):
             x.axpy(unit, self._correction)
             stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
 
+    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+        """Set a vector to A x - b for the present iterate, see `LinearSolver`."""
+        if system.layout.in_domain:
+            system.A.mult(iterate, result)
+            result.axpy(-1.0, system.b)
+            return
+        if self._contact_rows is None or self._multiplied != system.assembled:
+            self._multiplied = system.assembled
+            self._contact_rows = _contact_rows(system, self._contact_rows)
+        dofs, forces = system.layout.free_dofs, self._contact_rows.createVecLeft()
+        self._contact_rows.mult(iterate, forces)
+        self._ksp.buildResidual(result)
+        result.scale(-unit)
+        result.array_w[dofs] = forces.array_r - system.b.array_r[dofs]
+        forces.destroy()
+
     @property
     def preconditioner(self) -> str:
         """The preconditioner in words: geometric multigrid, or the type of PETSc."""
@@ -135,6 +153,8 @@ class IterativeSolver(LinearSolver):
         super().destroy()
         if self.multigrid is not None:
             self.multigrid.destroy()
+        if self._contact_rows is not None:
+            self._contact_rows.destroy()
         self._pc.destroy()
         self._projected.free()
 
@@ -269,6 +289,17 @@ class IterativeSolver(LinearSolver):
         if self._pace == 0.0:
             self._pace = iterations / digits
         self._excess += max(0.0, iterations - self._pace * digits)
+
+
+def _contact_rows(system: System, rows: PETSc.Mat | None) -> PETSc.Mat:
+    """Return the rows of the contact dofs of A, in those of an earlier matrix where given."""
+    first, last = system.A.getOwnershipRange()
+    chosen = PETSc.IS().createGeneral(system.layout.free_dofs + first, comm=system.comm)
+    every = PETSc.IS().createStride(last - first, first, 1, comm=system.comm)
+    found = system.A.createSubMatrix(chosen, every, rows)
+    chosen.destroy()
+    every.destroy()
+    return found
 
 
 def _typical(system: System) -> float:

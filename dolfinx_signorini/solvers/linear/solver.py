@@ -91,6 +91,20 @@ class LinearSolver(ABC):
         self._solve(system, x, held, atol, multiplier, stop, check, slack)
         self.solves += slack is None
 
+    @abstractmethod
+    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+        """Set a vector to A x - b for the present iterate x of a solve that calls a check.
+
+        Away from the contact dofs A x - b is the residual that the solve knows: only the rows of
+        these dofs are multiplied, unless these are many.
+
+        Args:
+            system: The system.
+            iterate: x, which is the start of the solve plus the unit times the correction.
+            unit: The unit of the correction and the residual.
+            result: The vector to set, which is 0 at dofs with Dirichlet data.
+        """
+
     @property
     @abstractmethod
     def preconditioner(self) -> str:
