@@ -247,7 +247,9 @@ def cell_data(
         pressing: The pressure in the cells; None for none.
     """
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
-    inverse = values.diffusion.mean_inverse(values.weights, frames.dimension)
+    weighted = J.transpose(0, 2, 1) @ values.diffusion.mean_inverse(
+        values.weights, frames.dimension
+    )
     det = frames.volumes * math.factorial(frames.dimension)
     current = aim = values.moments(values.current, degree)
     if values.aim is not values.gradient:
@@ -263,9 +265,9 @@ def cell_data(
         touching=touching,
         sizes=np.column_stack((frames.volumes, frames.facet_sizes)),
         edges=J,
-        metric=J.transpose(0, 2, 1) @ inverse @ J / det[:, None, None],
+        metric=weighted @ J / det[:, None, None],
         # The energy of the distance to A grad u, measured with the mean of the inverse of A.
-        gradient=J.transpose(0, 2, 1) @ inverse @ aim,
+        gradient=weighted @ aim,
         current=frames.inverses @ current * frames.volumes[:, None, None],
         source=source,
         fluxes=fluxes,

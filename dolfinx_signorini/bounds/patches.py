@@ -183,26 +183,24 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
     system[:, cell[:, 0], cell[:, 0]] = -costs
     inside = system[:, :last, :last]
 
-    members = np.diff(np.append(group.first, patches))
-    of = np.repeat(np.arange(len(K)), members)
-    # The two sides of each unknown, as places in b; what has no other side finds 0.
-    sides = np.full((2, len(K), last + 1), b[0].size)
-    flat = np.broadcast_to(np.arange(b[0].size), (len(K), b[0].size))
-    for side, own in zip(sides, (sign > 0.0, sign < 0.0), strict=True):
-        np.put_along_axis(side, np.where(own, place, last).reshape(flat.shape), flat, axis=1)
-    forces = np.concatenate((b.reshape(patches, -1), np.zeros((patches, 1))), axis=1)
-    one_side, other = (np.take_along_axis(forces, s[of, :size], axis=1) for s in sides)
-    right = np.zeros((patches, last + 1))
-    right[:, :size] = (one_side - other) / scale[of, None]
-    right[:, size:last] = np.where(free[of], 0.0, total[:, :rows])
-    alone = group.first[members == 1]
-    right[alone, :last] = _solution(inside[members == 1], right[alone, :last, None])[..., 0]
+    # What the forces and the total fluxes are in the system, and the solution in the cells.
+    given = np.concatenate((b.reshape(patches, -1), total[:, :rows]), axis=1)
+    enter = np.zeros((len(K), last + 1, given.shape[1]))
+    at = place.reshape(len(K), -1)
+    enter[one[..., 0], at, np.arange(at.shape[1])] = sign.reshape(at.shape)
+    enter[:, last] = 0.0
+    leave = enter[:, :last, : at.shape[1]].transpose(0, 2, 1).copy()
+    enter[:, :size] /= scale[:, None, None]
+    enter[one[..., 0], cell[:, 0], at.shape[1] + np.arange(rows)] = ~free
+    enter = enter[:, :last]
+    result, members = np.empty((patches, at.shape[1])), np.diff(np.append(group.first, patches))
+    alone = members == 1
+    right = enter[alone] @ given[group.first[alone], :, None]
+    result[group.first[alone]] = (leave[alone] @ _solution(inside[alone], right))[..., 0]
     for k in np.flatnonzero(members > 1):
         same = slice(group.first[k], group.first[k] + members[k])
-        right[same, :last] = _solution(inside[k], right[same, :last].T).T
-    flat = place.reshape(flat.shape)[of]
-    x = np.take_along_axis(right, flat, axis=1).reshape(patches, cells, width)
-    return np.asarray(x * sign[of])
+        result[same] = given[same] @ (leave[k] @ _solution(inside[k], enter[k])).T
+    return result.reshape(b.shape)
 
 
 def _summed(values: Array, places: Indices, count: int) -> Array:
