@@ -185,7 +185,7 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
 
     # What the forces and the total fluxes are in the system, and the solution in the cells.
     given = np.concatenate((b.reshape(patches, -1), total[:, :rows]), axis=1)
-    enter = np.zeros((len(K), last + 1, given.shape[1]))
+    enter: Array = np.zeros((len(K), last + 1, given.shape[1]))
     at = place.reshape(len(K), -1)
     enter[one[..., 0], at, np.arange(at.shape[1])] = sign.reshape(at.shape)
     enter[:, last] = 0.0
