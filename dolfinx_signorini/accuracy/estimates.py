@@ -147,13 +147,16 @@ class Estimator:
         """Raise an estimate, and the prediction, to what cells leave at least in a sup norm.
 
         Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
-        farther apart than what the finer one has beyond its interpolant.
+        farther apart than what the finer one has beyond its interpolant. Where they are much
+        farther apart, errors of other cells have moved the point, and no division of the cells at
+        the point changes that: the estimate is raised, and not the prediction.
         """
         prediction, found = self.prediction, self.found
         least = np.where(prediction.singular, 0.0, found.left)
-        least = np.where(prediction.confirmed & ~ends, found.moved * self._shares(), least)
-        self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, least))
-        return max(value, total(least, self.rates.power, self._comm))
+        apart = np.where(prediction.confirmed & ~ends, found.moved * self._shares(), 0.0)
+        own = np.maximum(least, np.where(found.cells >= NOTABLE * found.moved, apart, 0.0))
+        self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, own))
+        return max(value, total(np.maximum(least, apart), self.rates.power, self._comm))
 
     def _add_local(self) -> None:
         """Raise an estimate in L^p, and the prediction, to what cells leave there by themselves."""
