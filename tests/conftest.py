@@ -106,8 +106,7 @@ def _dealt_out(tests: list[list[pytest.Item]]) -> list[list[pytest.Item]]:
     """Give each test two runs: on two ranks with two parameters or, every other test, on two ranks
     with one and on three with another. Three ranks on two processors take three times as long."""
     if RANKS.size == 2:
-        every_other = [(items, k % 2 == 0) for k, items in enumerate(tests)]
-        return [items[:: (len(items) + 1) // 2][: 1 if both else 2] for items, both in every_other]
+        return [items[:: (len(items) + 1) // 2][: 1 + k % 2] for k, items in enumerate(tests)]
     return [items[len(items) // 3 :][:1] for items in tests[::2]]
 
 

@@ -74,14 +74,13 @@ def first_mesh(
     Raises:
         InputError: Data of an elastic body jump or have a kink inside of cells.
     """
-    most, known = min(MOST_CELLS, max_cells), data(sided)
+    most = min(MOST_CELLS, max_cells)
     straight = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
     if bodies:
-        straight = [datum.formula for datum in _with_jumps(known)]
+        straight = [datum.formula for datum in _with_jumps(data(sided))]
     fit = partial(fitted_mesh, formulas=coefficients.entries, max_cells=most, straight=straight)
     fitted = fit(sided)
-    if fitted is not sided:
-        known = data(fitted)
+    known = data(fitted)
     if bodies:
         _require_no_jumps(known, fitted, bodies)
     resolved = resolved_mesh(known, fitted, most)

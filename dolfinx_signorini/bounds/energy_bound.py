@@ -200,8 +200,8 @@ def _check_mesh(problem: BoundConstrainedProblem) -> None:
 
 def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
-    x = solved.frames.domain.geometry.x[:, : solved.dimension]
-    least = longest_side(solved.comm, x) / np.sqrt(scales.lowest)
+    size = longest_side(solved.comm, solved.frames.domain.geometry.x)
+    least = size / np.sqrt(scales.lowest)
     ends = np.asarray(scales.l2_weight <= least)
     if solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
         return ends

@@ -188,7 +188,6 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
     enter: Array = np.zeros((len(K), last + 1, given.shape[1]))
     at = place.reshape(len(K), -1)
     enter[one[..., 0], at, np.arange(at.shape[1])] = sign.reshape(at.shape)
-    enter[:, last] = 0.0
     leave = enter[:, :last, : at.shape[1]].transpose(0, 2, 1).copy()
     enter[:, :size] /= scale[:, None, None]
     enter[one[..., 0], cell[:, 0], at.shape[1] + np.arange(rows)] = ~free

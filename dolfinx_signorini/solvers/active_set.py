@@ -188,7 +188,7 @@ class Probe:
         self._iterate = self._x.copy(self._iterate)
         self._iterate.axpy(unit, correction)
         measure = self._measure
-        self._solver.multiply(measure.system, self._iterate, unit, measure.multiplier)
+        self._solver.multiply(measure.system, self._iterate, measure.multiplier)
         measure.with_multiplier(self._iterate)
         self._norm = measure.norm
         self._due = self._norm / unit / NOISE

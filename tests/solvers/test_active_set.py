@@ -235,7 +235,7 @@ def test_the_forces_at_iterates_are_those_of_the_whole_matrix(make):
     def check(correction, number, norm, unit):
         iterate = x.copy()
         iterate.axpy(unit, correction)
-        solver.multiply(system, iterate, unit, found)
+        solver.multiply(system, iterate, found)
         system.A.mult(iterate, wanted)
         wanted.axpy(-1.0, system.b)
         size = wanted.norm(PETSc.NormType.INFINITY)

@@ -56,10 +56,10 @@ class DirectSolver(LinearSolver):
         self._iterative.solve(system, x, held, atol, multiplier, stop, check, slack)
         self.iterations += self._iterative.iterations - before
 
-    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+    def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
         """Ask the solver that took over: a direct solve calls no check."""
         assert self._iterative is not None
-        self._iterative.multiply(system, iterate, unit, result)
+        self._iterative.multiply(system, iterate, result)
 
     @property
     def preconditioner(self) -> str:

@@ -115,7 +115,7 @@ class IterativeSolver(LinearSolver):
             x.axpy(unit, self._correction)
             stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
 
-    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+    def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
         """Set a vector to A x - b for the present iterate, see `LinearSolver`."""
         if system.layout.in_domain:
             system.A.mult(iterate, result)
@@ -127,7 +127,7 @@ class IterativeSolver(LinearSolver):
         dofs, forces = system.layout.free_dofs, self._contact_rows.createVecLeft()
         self._contact_rows.mult(iterate, forces)
         self._ksp.buildResidual(result)
-        result.scale(-unit)
+        result.scale(-self._unit)
         result.array_w[dofs] = forces.array_r - system.b.array_r[dofs]
         forces.destroy()
 

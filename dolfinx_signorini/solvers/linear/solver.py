@@ -92,7 +92,7 @@ class LinearSolver(ABC):
         self.solves += slack is None
 
     @abstractmethod
-    def multiply(self, system: System, iterate: PETSc.Vec, unit: float, result: PETSc.Vec) -> None:
+    def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
         """Set a vector to A x - b for the present iterate x of a solve that calls a check.
 
         Away from the contact dofs A x - b is the residual that the solve knows: only the rows of
@@ -101,7 +101,6 @@ class LinearSolver(ABC):
         Args:
             system: The system.
             iterate: x, which is the start of the solve plus the unit times the correction.
-            unit: The unit of the correction and the residual.
             result: The vector to set, which is 0 at dofs with Dirichlet data.
         """
 
