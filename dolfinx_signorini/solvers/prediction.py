@@ -133,8 +133,7 @@ def settled(system: System, x: PETSc.Vec, held: Mask) -> Mask:
         return held
     system.project(x, held)
     residual = x.duplicate()
-    system.A.mult(x, residual)
-    residual.axpy(-1.0, system.b)
+    system.set_forces(x, residual)
     update = active_in_patch(system, x, residual, held, _ends(system, held))
     residual.destroy()
     return update if system.comm.allreduce(bool(update.any()), op=MPI.LOR) else held

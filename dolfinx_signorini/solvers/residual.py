@@ -68,8 +68,7 @@ class NaturalResidual:
 
         The attributes `scale`, `norm` and `multiplier` then belong to this vector.
         """
-        self.system.A.mult(x, self.multiplier)
-        self.multiplier.axpy(-1.0, self.system.b)
+        self.system.set_forces(x, self.multiplier)
         return self.with_multiplier(x)
 
     def with_multiplier(self, x: PETSc.Vec) -> float:

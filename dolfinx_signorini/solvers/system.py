@@ -351,11 +351,15 @@ class System:
         constraints = self.contact_dofs, self.signs, self.obstacle, self.contact_diagonal
         return kernels.run(name, len(self.obstacle), *constraints, x.array_r, *given)
 
+    def set_forces(self, x: PETSc.Vec, result: PETSc.Vec) -> None:
+        """Set a vector to A x - b."""
+        self.A.mult(x, result)
+        result.axpy(-1.0, self.b)
+
     def multiplier(self, x: PETSc.Vec) -> Array:
         """Return the force of each constraint of this rank: its sign times A x - b at its dof."""
         force = x.duplicate()
-        self.A.mult(x, force)
-        force.axpy(-1.0, self.b)
+        self.set_forces(x, force)
         values = self.signs * force.array_r[self.contact_dofs]
         force.destroy()
         return np.asarray(values)

@@ -118,8 +118,7 @@ class IterativeSolver(LinearSolver):
     def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
         """Set a vector to A x - b for the present iterate, see `LinearSolver`."""
         if system.layout.in_domain:
-            system.A.mult(iterate, result)
-            result.axpy(-1.0, system.b)
+            system.set_forces(iterate, result)
             return
         if self._contact_rows is None or self._multiplied != system.assembled:
             self._multiplied = system.assembled
