@@ -35,9 +35,9 @@ from dolfinx_signorini.base.records import versions
 from dolfinx_signorini.base.tables import markdown_table, text_table
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.solvers.active_set import REACHED
 from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.linear.options import options_set
-from dolfinx_signorini.solvers.residual import MARGIN
 from dolfinx_signorini.studies.paper.solution import paper_problem
 
 RESULTS = Path(__file__).parent / "results"
@@ -174,7 +174,7 @@ def linear_solve(problem: SignoriniProblem, rtol: float, tuned: bool = False) ->
         tuned: Whether BoomerAMG has the settings of the contact solve, and not those of PETSc.
     """
     options = DEFAULT_OPTIONS if tuned else {"pc_type": "hypre"}
-    return int(cg_solve(problem.A, problem.b, options, rtol * MARGIN)[-1])
+    return int(cg_solve(problem.A, problem.b, options, rtol * REACHED)[-1])
 
 
 def coarse_state(

@@ -115,10 +115,10 @@ class History:
         missing = np.concatenate((contact - self._contact[0], system.obstacle - self._obstacle[0]))
         known = [np.concatenate(pair) for pair in zip(self._contact, self._obstacle, strict=True)]
         weights = np.concatenate((free, system.contact_diagonal))
-        far = np.stack([*self._inner[1:], inner - self._inner[0]])
-        near = np.stack([*known[1:], missing]) * weights
+        far = [*self._inner[1:], inner - self._inner[0]]
+        near = [weights * column for column in (*known[1:], missing)]
         with np.errstate(over="ignore", invalid="ignore"):  # of an obstacle that came from far away
-            products = far @ far.T + near @ near.T
+            products = _products(far) + _products(near)
         system.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
         return _least_squares(products)
 
@@ -142,6 +142,14 @@ def _combined(differences: Sequence[Array], steps: Array) -> Array:
     found = differences[0].copy()
     for step, difference in zip(steps, differences[1:], strict=True):
         found += step * difference
+    return found
+
+
+def _products(columns: Sequence[Array]) -> Array:
+    """The inner products of columns, which are too long to be copied side by side."""
+    found = np.zeros((len(columns), len(columns)))
+    for k, column in enumerate(columns):
+        found[k, : k + 1] = found[: k + 1, k] = [column @ other for other in columns[: k + 1]]
     return found
 
 

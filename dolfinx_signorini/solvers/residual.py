@@ -23,13 +23,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.tolerances import PRECISION
+from dolfinx_signorini.base.tolerances import PRECISION, TINY
 from dolfinx_signorini.solvers.system import System
 
 ROUNDING = 64 * PRECISION  # of A u where u is as high as the obstacle
-# Of the residual asked for: where solvers stop whose own norm is another one than the natural
-# residual. The natural residual is then the one asked for, too, and no further solve follows.
-MARGIN = 0.5
 
 
 class NaturalResidual:
@@ -123,6 +120,10 @@ def parallel_norm(comm: MPI.Comm, values: Array) -> float:
         comm: The communicator; the call is collective.
         values: The part of this rank.
     """
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = float(comm.allreduce(float(values @ values)))
+    if TINY < square < 1.0 / TINY:
+        return math.sqrt(square)
     ends = max(values.max(initial=0.0), -values.min(initial=0.0))
     largest = float(comm.allreduce(float(ends), op=MPI.MAX))
     if largest == 0.0 or not np.isfinite(largest):
