@@ -74,7 +74,9 @@ class Directions:
         else:
             vectors = _evaluated(nodal, direction, nodes, size)
         self.lengths = _checked_lengths(nodal, nodes, vectors, direction is None)
-        self.units = vectors / self.lengths[:, None]
+        units = vectors / self.lengths[:, None]
+        units[np.abs(units) < ROUNDING] = 0.0  # along an axis, whatever rounding makes of a normal
+        self.units = units / np.linalg.norm(units, axis=1)[:, None]
         if direction is None:
             self.lengths = np.ones(len(nodes))  # the gap is a distance along the normal
         held = np.zeros(owned * size, dtype=bool)

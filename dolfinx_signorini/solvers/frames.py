@@ -38,6 +38,11 @@ class Frame:
     turns: Array
     free: Mask
 
+    @property
+    def along_axes(self) -> bool:
+        """Whether each turn on this rank swaps components and changes signs, and no more."""
+        return bool((np.abs(self.turns).sum(axis=2) == 1.0).all())
+
     def turned(self, values: Array, back: bool = False) -> Array:
         """Return the values of the owned dofs in the directions of the nodes, or back.
 
@@ -57,10 +62,12 @@ class Frame:
         blocks = np.zeros((index_map.size_local, size, size))
         blocks[:] = np.eye(size)
         blocks[self.nodes] = self.turns
-        rows = np.arange(index_map.size_local * size + 1, dtype=PETSc.IntType) * size
+        kept = blocks != 0.0
+        rows = np.zeros(index_map.size_local * size + 1, dtype=PETSc.IntType)
+        np.cumsum(kept.sum(axis=2).ravel(), out=rows[1:])
         nodes = index_map.local_range[0] + np.arange(index_map.size_local)
-        columns = (nodes[:, None] * size + np.arange(size)).repeat(size, axis=0)
-        csr = rows, columns.ravel().astype(PETSc.IntType), blocks.ravel()
+        columns = np.broadcast_to((nodes[:, None] * size + np.arange(size))[:, None], kept.shape)
+        csr = rows, columns[kept].astype(PETSc.IntType), blocks[kept]
         sizes = (index_map.size_local * size, None)
         return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.nodal.mesh.comm)
 

@@ -18,6 +18,7 @@ Sci. Comput. 46 (2024) A3044-A3073, for the cycle and the start.
 from collections.abc import Sequence
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Mask
@@ -45,12 +46,19 @@ class Level:
         load: The load, which the level takes over.
         bounds: The bounds of the values of this rank.
         prolongation: The prolongation; None on the coarsest level.
+        signs: The sign of the entries of each row of the prolongation that has bounds.
     """
 
     def __init__(
-        self, matrix: PETSc.Mat, load: PETSc.Vec, bounds: Bounds, prolongation: PETSc.Mat | None
+        self,
+        matrix: PETSc.Mat,
+        load: PETSc.Vec,
+        bounds: Bounds,
+        prolongation: PETSc.Mat | None,
+        signs: Array,
     ):
         self.matrix, self.rows, self.load, self.bounds = matrix, Rows(matrix), load, bounds
+        self._signs = signs
         self.prolongation = prolongation
         self._rest, self._left, self._step, self._more = (load.duplicate() for _ in range(4))
         if prolongation is not None:
@@ -64,7 +72,7 @@ class Level:
         self.prolongation.multTranspose(self.load, load)
         rows, columns = self._parents.units()
         bounds = []
-        for values, none in zip(self.bounds, (-np.inf, np.inf), strict=True):
+        for values, none in zip(self._aligned(self.bounds), (-np.inf, np.inf), strict=True):
             self._coarse.set(none)
             self._coarse.assemble()
             self._coarse.setValues(columns, values[rows])
@@ -76,6 +84,7 @@ class Level:
         """Replace integrals over this level's functions by those over the next coarser one's."""
         assert self.prolongation is not None
         coarse = self._coarse.duplicate()
+        values.array_w[:] *= self._signs
         self.prolongation.multTranspose(values, coarse)
         values.destroy()
         return coarse
@@ -122,10 +131,10 @@ class Level:
             self._sweep_often(bounds)
             return
         assert self.prolongation is not None
-        shared = self._shared(bounds)
-        lower, upper = (
-            own - self._prolonged(part) for own, part in zip(bounds, shared, strict=True)
-        )
+        aligned = self._aligned(bounds)
+        shared = self._parents.largest(aligned[0]), -self._parents.largest(-aligned[1])
+        left = (own - self._prolonged(part) for own, part in zip(aligned, shared, strict=True))
+        lower, upper = self._aligned((next(left), next(left)))
         values = np.zeros(len(lower))
         self.rows.sweep("forward", self._rest, lower, upper, values, self._step)
         self._leave()
@@ -150,16 +159,18 @@ class Level:
         self.matrix.mult(self._step, self._left)
         self._left.aypx(-1.0, self._rest)
 
-    def _shared(self, bounds: Bounds) -> Bounds:
-        """The bounds of coarse steps: the nearest ones of all nodes that a function moves."""
-        return self._parents.largest(bounds[0]), -self._parents.largest(-bounds[1])
+    def _aligned(self, bounds: Bounds) -> Bounds:
+        """The bounds of the values times the signs, which coarse functions raise; and back."""
+        lower, upper = bounds
+        opposite = self._signs < 0.0
+        return np.where(opposite, -upper, lower), np.where(opposite, -lower, upper)
 
     def _prolonged(self, values: Array) -> Array:
         """Coarse bounds on this level; where a node has none, none of its parents needs one."""
         assert self.prolongation is not None
         self._coarse.array_w[:] = np.where(np.isfinite(values), values, 0.0)
         self.prolongation.mult(self._coarse, self._more)
-        return np.asarray(self._more.array_r.copy())
+        return np.asarray(self._signs * self._more.array_r)
 
 
 def full_multigrid(
@@ -175,14 +186,17 @@ def full_multigrid(
 
     Returns:
         The active set by the sign of pressure minus gap, one entry per contact dof of this rank;
-        None, with x as it was, where the unknowns are vectors, or where many nodes are left on the
-        coarsest mesh.
+        None, with x as it was, where the obstacle meets vectors along other directions than those
+        of axes, or where many nodes are left on the coarsest mesh.
     """
-    if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL:
+    if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL * system.layout.block:
         return None
-    if system.layout.block > 1:  # the directions of nodes turn the signs of prolongations
-        return None
-    levels = _levels(system, multigrid)
+    frame, signs = system.layout.frame, np.ones(x.getLocalSize())
+    if frame is not None:
+        if not system.comm.allreduce(frame.along_axes, op=MPI.LAND):
+            return None
+        signs = frame.turned(signs)
+    levels = _levels(system, multigrid, signs)
     degrees = len(multigrid.prolongations) - len(multigrid.meshes)
     if not begun:
         density = _begin(system, levels, degrees, x)
@@ -196,8 +210,8 @@ def full_multigrid(
     return held
 
 
-def _levels(system: System, multigrid: Multigrid) -> list[Level]:
-    """The levels of a system, the finest first."""
+def _levels(system: System, multigrid: Multigrid, signs: Array) -> list[Level]:
+    """The levels of a system, the finest first, whose prolongation has rows of these signs."""
     none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
     multigrid.coarsen(system.A, system.assembled, none, system.A)
     load = system.b.copy()
@@ -205,9 +219,10 @@ def _levels(system: System, multigrid: Multigrid) -> list[Level]:
     levels: list[Level] = []
     bounds, matrices = system.bounds_with_data, (system.A, *multigrid.matrices)
     for matrix, prolongation in zip(matrices, (*multigrid.prolongations, None), strict=True):
-        levels.append(Level(matrix, load, bounds, prolongation))
+        levels.append(Level(matrix, load, bounds, prolongation, signs))
         if prolongation is not None:
             load, bounds = levels[-1].coarser()
+            signs = np.ones(load.getLocalSize())
     return levels
 
 

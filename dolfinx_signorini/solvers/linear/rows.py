@@ -130,7 +130,7 @@ class Rows:
         product.matrix.assemble()
 
     def units(self) -> tuple[LocalIndices, Indices]:
-        """Return the rows of this rank with one entry, which is 1, and the columns of these."""
+        """Return the rows of this rank with one entry, 1 or -1, and the columns of these."""
         rows, columns = [], []
         first = self.matrix.getOwnershipRangeColumn()[0]
         numbers = first + np.arange(self.matrix.getLocalSize()[1]), self.others
