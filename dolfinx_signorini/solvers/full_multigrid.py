@@ -8,6 +8,10 @@ defect of the obstacle, is shared out among the levels, so that no sum of correc
 obstacle. Each level takes one projected Gauss-Seidel sweep forward on the way down and one backward
 on the way up.
 
+Where bodies meet the obstacle along axes, the turn of a node swaps components and changes signs:
+each row of the finest prolongation has entries of one sign, and a coarse component has the bounds
+of the fine dofs along its axis. Along other directions no coarse component has a bound of its own.
+
 The cycles are quick until the contact set is nearly right, and slow from there on, where coarse
 functions reach over its ends. Linear solves go on then, see `active_set`.
 
@@ -189,7 +193,7 @@ def full_multigrid(
         None, with x as it was, where the obstacle meets vectors along other directions than those
         of axes, or where many nodes are left on the coarsest mesh.
     """
-    if not multigrid.meshes or multigrid.meshes[-1].getSize()[1] > SMALL * system.layout.block:
+    if multigrid.prolongations[-1].getSize()[1] > SMALL * system.layout.block:
         return None
     frame, signs = system.layout.frame, np.ones(x.getLocalSize())
     if frame is not None:

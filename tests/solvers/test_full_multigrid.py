@@ -6,8 +6,14 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import ObstacleProblem, SignoriniProblem, bernstein_space
-from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini import (
+    ContactProblem,
+    ObstacleProblem,
+    SignoriniProblem,
+    bernstein_space,
+    elasticity,
+)
+from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
@@ -62,9 +68,34 @@ def linear(domain):
     return fem.functionspace(domain, ("Lagrange", 1))
 
 
-@pytest.mark.parametrize("two_sided", [False, True])
-def test_cycles_lower_the_energy_within_the_bounds(two_sided):
-    problem = posed(linear(friedrichs_keller(COMM, 72)), two_sided)
+def block(dimension, degree, axis, side, cells):
+    """A block that lies with one side on a paraboloid, and whose opposite side is moved there."""
+    domain = box_mesh(COMM, [np.linspace(0.0, 1.0, cells + 1)] * dimension)
+    space = fem.functionspace(domain, ("Lagrange", degree, (dimension,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    fixed, contact = (
+        mesh.locate_entities_boundary(domain, dimension - 1, lambda x, z=z: np.isclose(x[axis], z))
+        for z in (1.0 - side, side)
+    )
+    down = np.zeros(dimension)
+    down[axis] = 0.02 * np.sign(side - 0.5)
+    others = [k for k in range(dimension) if k != axis]
+    bc = fem.dirichletbc(down, fem.locate_dofs_topological(space, dimension - 1, fixed), space)
+    return ContactProblem(
+        elasticity(u, v, young=200.0, poisson=0.3),
+        ufl.inner(fem.Constant(domain, 10.0 * down), v) * ufl.dx,
+        contact=contact,
+        gap=lambda x: 0.2 * ((x[others] - 0.45) ** 2).sum(axis=0),
+        bcs=[bc],
+    )
+
+
+@pytest.mark.parametrize("kind", ["one-sided", "two-sided", "body"])
+def test_cycles_lower_the_energy_within_the_bounds(kind):
+    if kind == "body":
+        problem = block(2, 1, 1, 0.0, 48)
+    else:
+        problem = posed(linear(friedrichs_keller(COMM, 72)), kind == "two-sided")
     system = problem.system
     solver, measure = IterativeSolver(system, "cycles_", {}), NaturalResidual(system)
     x = system.start()
@@ -166,6 +197,32 @@ def test_contact_on_the_boundary_starts_near_its_set_in_every_degree(degree, bas
     problem = SignoriniProblem(form, load, contact=boundary_facets(domain), obstacle=0.0)
     solution = problem.solve(rtol=RTOL).x.array.copy()
     assert problem.result.linear_solves <= 4 and problem.result.linear_iterations <= 18
+    newton = problem.solve("bntr", rtol=RTOL, warm_start=False).x.array
+    assert solution == pytest.approx(newton, abs=1e-6 * abs(newton).max())
+    problem.destroy()
+
+
+@pytest.mark.parametrize(
+    ("dimension", "degree", "axis", "side"),
+    [
+        (2, 1, 1, 0.0),
+        (2, 1, 0, 1.0),
+        (2, 2, 1, 1.0),
+        (3, 1, 2, 0.0),
+        (3, 1, 1, 1.0),
+        (3, 2, 0, 0.0),
+    ],
+)
+def test_a_body_on_a_side_of_a_box_starts_near_its_set(dimension, degree, axis, side):
+    """Whatever the sign and the component of the direction are, also where weights are zero.
+
+    With all dofs held at first, six or seven linear solves are needed.
+    """
+    cells = {2: 64, 3: 14}[dimension] // degree
+    problem = block(dimension, degree, axis, side, cells)
+    solution = problem.solve(rtol=RTOL).x.array.copy()
+    assert problem.result.linear_solves <= 4
+    assert 0 < problem.result.active_dofs < COMM.allreduce(len(problem.system.contact_dofs))
     newton = problem.solve("bntr", rtol=RTOL, warm_start=False).x.array
     assert solution == pytest.approx(newton, abs=1e-6 * abs(newton).max())
     problem.destroy()
