@@ -28,9 +28,9 @@ from dolfinx_signorini.meshes.elements import bernstein_space, nodal_space
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
+from dolfinx_signorini.solvers.active_set import REACHED
 from dolfinx_signorini.solvers.linear.algebraic import AMG
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
-from dolfinx_signorini.solvers.residual import MARGIN
 
 COMM = MPI.COMM_WORLD
 # PETSc's own settings, where those of this package differ.
@@ -81,7 +81,7 @@ def solve(problem: SignoriniProblem, options: Mapping[str, Any], names: Any) -> 
     held = points[:, 1] < 1e-9
     solver, x = IterativeSolver(system, f"benchmark_{next(names)}_", options), system.start()
     system.project(x)
-    solver.solve(system, x, held, DEFAULT_RTOL * MARGIN * system.b.norm())
+    solver.solve(system, x, held, DEFAULT_RTOL * REACHED * system.b.norm())
     iterations = solver.iterations
     solver.destroy()
     x.destroy()
