@@ -135,11 +135,13 @@ void counts({MATRIX}, int32_t *number)
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents)
 {{
   int64_t count = 0;
-  for ({INT} i = 0; i < rows; ++i)
-    if (number[i] == 1 && starts[i + 1] > starts[i] && entries[starts[i]] * entries[starts[i]] == 1.0) {{
+  for ({INT} i = 0; i < rows; ++i) {{
+    const {INT} p = starts[i];
+    if (number[i] == 1 && starts[i + 1] > p && entries[p] * entries[p] == 1.0) {{
       found[count] = (int32_t)i;
-      parents[count++] = (int32_t)columns[starts[i]];
+      parents[count++] = (int32_t)columns[p];
     }}
+  }}
   return count;
 }}
 void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing)

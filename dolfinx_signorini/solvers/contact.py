@@ -152,7 +152,8 @@ class ActiveSetSolver:
             found = full_multigrid(system, multigrid, x, guess is not None)
             if found is not None:
                 self.linear.forget()
-                return Start(x, settled(system, x, found), predicted=True)
+                # A coarse body may be far too stiff: the residual tells whether to trust the set.
+                return Start(x, settled(system, x, found), predicted=system.layout.block == 1)
         if held is not None:
             return Start(x, held)
         if coarse is not None:

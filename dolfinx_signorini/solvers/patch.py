@@ -14,7 +14,7 @@ from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are
-# curves. With more, patches cost more than the iterations saved (benchmarks/any_mesh.py, elastic.py).
+# curves. With more, patches cost more than they save (benchmarks/any_mesh.py, elastic.py).
 RINGS = {1: 12, 2: 12, 3: 3}
 # Of all dofs, by dimension: a patch of so many costs more than the linear solves that it saves.
 LARGE = {1: 0.25, 2: 0.25, 3: 0.5}
