@@ -235,7 +235,8 @@ class Loop:
             # functional in which the errors of the elements cancel.
             self.early &= share == 1.0 and self.estimator.found.algebra <= SHARE * estimate
             free = self.early and rtol >= DEFAULT_RTOL
-            rtol = min(max(rtol, tolerances.ROUNDING), DEFAULT_RTOL)
+            # Half of the share: no estimate of a norm has what a solve leaves.
+            rtol = min(max(0.5 * rtol, tolerances.ROUNDING), DEFAULT_RTOL)
             self.keywords = {} if free else {"rtol": rtol}
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
