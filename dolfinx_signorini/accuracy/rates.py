@@ -4,14 +4,15 @@ The indicator eta of a cell tells what the cell adds to the difference between a
 solution w on the divided mesh. If a division multiplies the error by rho = 2^-s, the cell leaves in
 the error of w
 
-    eta rho / (1 - rho)           for indicators that add up unsquared,
+    eta rho / (1 - rho)           for indicators that add up unsquared, and in sup norms of
+                                  derivatives, whose errors at a vertex have one sign on all meshes,
     eta rho / sqrt(1 - rho^2)     for local indicators: the errors on a cell and on its parts are
                                   almost orthogonal, and exactly so in the energy norm,
-    eta rho / (1 - rho^2)         in sup norms at a singular point that was seen twice: with r^s the
-                                  largest errors on both meshes have one sign, at distances that
-                                  halve (measured with degrees 1 to 3 and s = 0.27 to 0.9: 0.75 to 1
-                                  of this number). Elsewhere the exponent of 1 - rho^2 is 3/4, for a
-                                  cell may be slow by chance.
+    eta rho / (1 - rho^2)         in sup norms of values at a singular point that was seen twice:
+                                  with r^s the largest errors on both meshes have one sign, at
+                                  distances that halve (measured with degrees 1 to 3 and s = 0.27 to
+                                  0.9: 0.75 to 1 of this number). Elsewhere the exponent of
+                                  1 - rho^2 is 3/4, for a cell may be slow by chance.
 
 The rate s is the rate for smooth solutions, or less, and is measured where a cell has been divided,
 from the indicators of the cell and of its parts. An indicator may be the product of a part of the
@@ -61,6 +62,7 @@ class Rates:
         self.order, self.dimension = target.order(degree), dimension
         self.power, self.exponent = target.power, target.exponent
         self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
+        self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.values: Array = np.full(count, SINGULAR * self.order)
         self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
@@ -106,13 +108,15 @@ class Rates:
             cells: The indicators.
         """
         rho = 2.0**-self.values
-        rest = 1.0 - rho if self.power == 1.0 else np.sqrt(1.0 - rho**2)
-        if np.isinf(self.power):
+        sup = np.isinf(self.power)
+        of_one_sign = self.power == 1.0 or (sup and self._in_slopes)
+        rest = 1.0 - rho if of_one_sign else np.sqrt(1.0 - rho**2)
+        if sup and not self._in_slopes:
             rest = np.where(self._confirmed, rest**2, rest**1.5)
         singular = self.values < SINGULAR * self.order
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
-        at_ends = rho / (1.0 - rho) if np.isinf(self.power) else 1.0
+        at_ends = rho / (1.0 - rho) if sup else 1.0
         remaining = cells * np.where(self._limited, at_ends, rho / rest)
         return Prediction(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order

@@ -20,7 +20,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
@@ -35,8 +34,8 @@ from dolfinx_signorini.solvers.unbounded import check_bounded
 # more iterations on meshes of gmsh, and smaller ones judge by chance (`benchmarks/any_mesh.py`).
 NOISE = 4.0
 # Of the residual asked for: conjugate gradients, with the right set, know the natural residual but
-# for a drift of their recurrences, and for the rounding of A x; they aim at half of it at least.
-REACHED, LEAST = 0.99, 0.5
+# for a drift of their recurrences.
+REACHED = 0.99
 SETTLED = 1e-3  # relative residual: below it a set corrected locally is solved for to the end
 LOCAL = 0.05  # of the contact dofs, or 8: so many changes at most count as local
 STALL = 4  # steps without a lower residual, after which no more short cuts are taken
@@ -120,7 +119,7 @@ def solve_active_set(
                 break
         if system.singular:
             held = _hold_loose(system, measure, x, held)
-        target = max(REACHED * rtol - tolerances.ROUNDING, LEAST * rtol)
+        target = REACHED * rtol
         if not (trusted or careful):
             target = max(target, LOOSEST * residual)
         if stop is not None:

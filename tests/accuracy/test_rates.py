@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.marking import Marks, mark_worst
 from dolfinx_signorini.accuracy.rates import SINGULAR, SLOWEST, Rates
@@ -28,6 +31,26 @@ def test_what_remains_is_the_sum_of_all_later_differences(power, rate):
     assert prediction.remaining == pytest.approx(cells * expected, rel=1e-12)
     assert prediction.factors == pytest.approx(2.0**-rate)
     assert (prediction.singular == (rate < SINGULAR * ORDER)).all()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("exponent", [1.12, 1.37, 1.66])
+def test_slopes_at_a_singular_vertex_leave_what_the_rates_say(comm, degree, exponent):
+    """Interpolants of r^s cos(s phi), whose largest errors of slopes are at the vertex."""
+
+    vertices, found = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), []
+    for size in (1.0, 0.5):
+        domain = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+        domain.geometry.x[:] *= size
+        w = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
+        w.interpolate(lambda x: np.real((x[0] + 1j * x[1]) ** exponent))
+        slopes = fem.Expression(ufl.grad(w), vertices).eval(domain, np.zeros(1, dtype=np.int32))
+        corners = domain.geometry.x[domain.geometry.dofmap[0]]
+        found.append(slopes.reshape(3, 2)[np.linalg.norm(corners, axis=1).argmin()])
+    apart, error = np.linalg.norm(found[1] - found[0]), np.linalg.norm(found[1])
+    rates = Rates(target("W1_inf"), degree, 1, 2)
+    rates.values[:] = exponent - 1.0
+    assert rates.prediction(np.array([apart])).remaining[0] == pytest.approx(error, rel=1e-9)
 
 
 def all_of_them(sided, count):
