@@ -86,6 +86,42 @@ def active_measure(problem):
     return area
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_obstacle_in_the_domain_and_a_nearer_one_on_the_boundary(sign):
+    """The load -2 on a strip over a floor at -1/4, the lower end of which rests at -3/16.
+
+    The solution is (y - 1/4)^2 - 1/4 up to y = 1/4, and (y - 1/2)^2 - 1/4 from y = 1/2 on.
+    """
+    domain = dolfinx.mesh.create_unit_square(COMM, 32, 32)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    end, top = (
+        dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (0.0, 1.0)
+    )
+    problem = ObstacleProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        fem.Constant(domain, -2.0 * sign) * v * ufl.dx,
+        bcs=[dirichlet(space, top, 0.0)],
+        **{
+            "lower" if sign > 0.0 else "upper": lambda x: (
+                sign * np.where(x[1] == 0.0, -3 / 16, -1 / 4)
+            )
+        },
+    )
+    problem.solve(rtol=TIGHT)
+    y = space.tabulate_dof_coordinates()[:, 1]
+    exact = np.minimum(y - 0.25, 0.0) ** 2 + np.maximum(y - 0.5, 0.0) ** 2 - 0.25
+    assert sign * problem.u.x.array == pytest.approx(exact, abs=1e-9)
+    owned = space.dofmap.index_map.size_local
+    at_end = fem.locate_dofs_topological(space, 1, end)
+    at_end = at_end[at_end < owned]
+    assert np.isin(at_end, problem.active).all()
+    forces = sign * problem.sense * problem.forces.x.array[:owned]
+    assert COMM.allreduce(forces[at_end].sum()) == pytest.approx(0.5, rel=1e-8)
+    assert COMM.allreduce(forces.sum()) == pytest.approx(1.0, rel=1e-8)
+
+
 # The hemisphere: PETSc's snes ex9; Bueler, PETSc for Partial Differential Equations, Chapter 12.
 
 
