@@ -292,6 +292,17 @@ def _controlled(
 def _sizes(
     error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm], rule: QuadratureRule
 ) -> dict[Norm, float]:
-    """Norms over all places of all ranks, by a rule."""
-    found = _integrated(error, places, norms, rule)
-    return {n: norm_of_all(error.domain.comm, values, n.p) for n, values in found.items()}
+    """Norms over all places of all ranks, by a rule, that tell how large rounding may be.
+
+    On facets they are the norms over the cells behind, as if the values in a cell were those on its
+    facet: where coefficients on a facet are 0, the others are what is rounded there.
+    """
+    domain, comm = error.domain, error.domain.comm
+    cells = places if places.ndim == 1 else places[:, 0]
+    inner = interior_rule(kind_of(domain, cells), rule.degree)
+    found, measures = _integrated(error, cells, norms, inner), []
+    for some, here in ((places, rule), (cells, inner)):
+        points, weights = here.points(kind_of(domain, some))
+        measures.append((Points(domain, some, points).scale * weights).sum(axis=1))
+    ratio = measures[0] / measures[1]
+    return {n: norm_of_all(comm, v * ratio ** (1.0 / n.p), n.p) for n, v in found.items()}

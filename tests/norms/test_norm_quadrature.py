@@ -372,3 +372,28 @@ def test_what_takes_too_many_parts_is_told(monkeypatch, caplog):
     assert found == pytest.approx(math.sqrt(2.0), rel=0.1)
     if COMM.rank == 0:
         assert "L2: the quadrature may be off by" in caplog.text
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1.0])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("cell", PLANE + SOLID)
+def test_what_vanishes_on_the_boundary_has_norms_of_rounding_there(cell, degree, unit):
+    """On facets the values of the dofs inside are rounded, and no quadrature finds their norms."""
+    kind = mesh.CellType[cell]
+    if cell in PLANE:
+        domain = mesh.create_unit_square(COMM, 5, 4, kind)
+    else:
+        domain = mesh.create_unit_cube(COMM, 3, 2, 2, kind)
+    dim = domain.topology.dim
+    turned = np.array([[0.7, 0.3, 0.1], [0.2, 0.9, 0.13], [0.31, 0.2, 1.1]])[:dim, :dim]
+    domain.geometry.x[:, :dim] = domain.geometry.x[:, :dim] @ turned
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u = fem.Function(space)
+    u.interpolate(lambda x: unit * np.cos(40.0 * x[0] + 30.0 * x[1]))
+    domain.topology.create_connectivity(dim - 1, dim)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    u.x.array[fem.locate_dofs_topological(space, dim - 1, facets)] = 0.0
+    names = ["L1_boundary", "L2_boundary", "W1_4_boundary", "Linf_boundary"]
+    names += ["H1_2_boundary"] if degree > 1 else []
+    for norm in error_norms(u, None, names).values():
+        assert norm <= 1e-11 * unit
