@@ -284,7 +284,7 @@ def _controlled(
     result: dict[Norm, Array] = {}
     for degree, same in groups.items():
         evaluate = partial(_integrated, error, places, same)
-        sizes = partial(_sizes, error.of_u_h, places, same, interior_rule(cell, degree))
+        sizes = partial(_rounded_sizes, error.of_u_h, places, same, degree)
         result |= controlled(evaluate, sizes, (cell, len(places)), same, degree, comm)
     return result
 
@@ -292,17 +292,25 @@ def _controlled(
 def _sizes(
     error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm], rule: QuadratureRule
 ) -> dict[Norm, float]:
-    """Norms over all places of all ranks, by a rule, that tell how large rounding may be.
+    """Norms over all places of all ranks, by a rule."""
+    found = _integrated(error, places, norms, rule)
+    return {n: norm_of_all(error.domain.comm, values, n.p) for n, values in found.items()}
+
+
+def _rounded_sizes(
+    error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm], degree: int
+) -> dict[Norm, float]:
+    """Norms over all places of all ranks, by rules of a degree, that tell how large rounding is.
 
     On facets they are the norms over the cells behind, as if the values in a cell were those on its
     facet: where coefficients on a facet are 0, the others are what is rounded there.
     """
     domain, comm = error.domain, error.domain.comm
     cells = places if places.ndim == 1 else places[:, 0]
-    inner = interior_rule(kind_of(domain, cells), rule.degree)
-    found, measures = _integrated(error, cells, norms, inner), []
-    for some, here in ((places, rule), (cells, inner)):
-        points, weights = here.points(kind_of(domain, some))
+    rules = [interior_rule(kind_of(domain, some), degree) for some in (places, cells)]
+    measures = []
+    for some, rule in zip((places, cells), rules, strict=True):
+        points, weights = rule.points(kind_of(domain, some))
         measures.append((Points(domain, some, points).scale * weights).sum(axis=1))
-    ratio = measures[0] / measures[1]
+    found, ratio = _integrated(error, cells, norms, rules[1]), measures[0] / measures[1]
     return {n: norm_of_all(comm, v * ratio ** (1.0 / n.p), n.p) for n, v in found.items()}
