@@ -18,14 +18,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.estimates import Estimator
-from dolfinx_signorini.accuracy.marking import (
-    GROWTH,
-    OVERHEAD,
-    SAFETY,
-    Divided,
-    mark_for_all,
-    mark_worst,
-)
+from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
 from dolfinx_signorini.accuracy.targets import size
@@ -281,9 +274,7 @@ class Loop:
         self.rounds += 1
         rates, found = self.estimator.rates, self.estimator.found
         if self.rounds == 1:
-            # As long as the overhead of a step is most of its price, unknowns cost little.
-            growth = min(OVERHEAD / self.steps[-1].unknowns, GROWTH)
-            marks = mark_worst(self.sided, found.cells, rates.order, rates.power, growth)
+            marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
             divided = marks.apply(self.sided, self.curves.fit)
         else:
             if accuracy is not None and estimate <= accuracy:

@@ -34,9 +34,6 @@ SAFETY = 1.3
 # The largest ratio of the numbers of cells of successive meshes: all together have 3/2 times the
 # cells of the last one, if they grow so.
 GROWTH = 3.0
-# A step costs as much as so many unknowns more than those of its mesh: 70 ms, and 8 microseconds
-# for each unknown (steps of `high_order.py equal` and `loop_over_solve.py`).
-OVERHEAD = 8000
 DEEP = 2  # divisions, except at singular points that were seen twice
 NOTABLE = 0.5  # of the largest value: smaller ones, and differences that are smaller, may be chance
 
@@ -156,9 +153,7 @@ def _numbers(chosen: npt.NDArray[np.bool_]) -> LocalIndices:
     return np.flatnonzero(chosen).astype(np.int32)
 
 
-def mark_worst(
-    sided: SidedMesh, cells: Array, order: float, power: float, growth: float = 1.0
-) -> Marks:
+def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Marks:
     """Return marks after which no cell could have one of the largest errors, if all are smooth.
 
     Args:
@@ -166,27 +161,13 @@ def mark_worst(
         cells: The indicators of the owned cells.
         order: The order of convergence for smooth solutions.
         power: The exponent with which the indicators add up.
-        growth: By how much the number of cells is to grow at least: cells with smaller errors are
-            divided, too, as long as they have any.
     """
     count, dimension = len(cells), sided.mesh.topology.dim
     largest = highest(sided.mesh.comm, cells)
     shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
     fall = order + (0.0 if math.isinf(power) else dimension / power)
-    notable = NOTABLE
-    for _ in range(HALVINGS):
-        levels = _rounded_up(1.0 + np.log2(shares / notable) / fall, 1.0 / dimension)
-        levels = np.clip(levels, 0.0, 1.0)
-        parts, old = sided.mesh.comm.allreduce(np.array([_parts(levels, dimension).sum(), count]))
-        if parts >= growth * old:
-            break
-        notable *= 0.5
-    return Marks(levels, np.zeros(count, bool), np.zeros((count, 3)))
-
-
-def _parts(levels: Array, dimension: int) -> Array:
-    """The number of cells that each divided cell becomes."""
-    return np.asarray(2.0 ** (dimension * levels))
+    levels = _rounded_up(1.0 + np.log2(shares / NOTABLE) / fall, 1.0 / dimension)
+    return Marks(np.clip(levels, 0.0, 1.0), np.zeros(count, bool), np.zeros((count, 3)))
 
 
 def _rounded_up(levels: Array, multiple: Array | float) -> Array:
@@ -313,8 +294,8 @@ class _Choice:
 
     def growth(self, levels: Array) -> float:
         """About by how much the number of cells grows."""
-        towards = (2**self.dimension + 1) * levels
-        new = np.where(self.singular, towards, _parts(levels, self.dimension) - 1.0)
+        parts = 2**self.dimension
+        new = np.where(self.singular, (parts + 1) * levels, parts**levels - 1.0)
         count, old = self.comm.allreduce(np.array([new.sum(), len(new)]))
         return float(1.0 + count / old)
 

@@ -62,23 +62,6 @@ def test_cells_are_bisected_where_half_a_division_is_enough(comm):
     assert (one_less[levels > 0.0] > smallest).all()
 
 
-@pytest.mark.parametrize("growth", [1.0, 1.5, 2.0, 3.0])
-def test_the_worst_cells_are_divided_until_the_mesh_has_grown_enough(comm, growth):
-    sided, middle = square(comm)
-    values = np.exp(-20.0 * middle[:, 0])
-    marks = mark_worst(sided, values, 2.0, 2.0, growth)
-    cells, parts = comm.allreduce(np.array([len(values), (4.0**marks.levels).sum()]))
-    assert growth * cells <= parts < (growth + 1.0) * cells
-    worse, order = np.argsort(values), np.sort(values)
-    assert (np.diff(marks.levels[worse]) >= 0.0)[np.diff(order) > 0.0].all()
-
-
-def test_no_growth_makes_cells_without_an_error_divided(comm):
-    sided, middle = square(comm)
-    values = np.where(middle[:, 0] < 0.5, 1.0, 0.0)
-    assert (mark_worst(sided, values, 3.0, 2.0, 4.0).levels == values).all()
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_cells_are_as_small_as_their_marks_say_and_hardly_smaller(comm, dimension):
     if dimension == 2:
