@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or Path(f"{args.scene.stem}-results")
     with output_folder(comm, folder, outputs) if outputs else nullcontext() as part:
         phases.lap("reading")
-        with naming_the_file(args.scene, scene):
+        with naming_the_file(args.scene, scene, asked):
             result = _solve(scene, comm, **asked, phases=phases)
         try:
             with Progress("summary"):

@@ -483,6 +483,27 @@ def test_a_solution_without_finite_values_is_refused_before_a_search(comm, folde
     assert comm.rank or "solution.u: has no finite value" in printed.err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        (["--accuracy", "0"], "error: --accuracy: must be a positive number, not 0.0"),
+        (["--norm", "W3"], "error: --norm: unknown norm 'W3'"),
+        (["--max-unknowns", "10"], "error: --max-unknowns: the coarsest meshes need"),
+    ],
+)
+def test_values_of_the_command_line_are_not_said_to_be_in_the_file(
+    arguments, wanted, comm, folder, capsys
+):
+    if comm.rank == 0:
+        text = good().replace("cells = 8\n", "")
+        (folder / "scene.toml").write_text(f"accuracy = 1e-3\nnorm = 'L2'\n{text}")
+    comm.barrier()
+    assert main(["solve", str(folder / "scene.toml"), *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert comm.rank or printed.err.startswith(wanted)
+
+
 MIXED = """
 [domain]
 shape = "polygon"

@@ -2,7 +2,7 @@
 
 import re
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -128,11 +128,20 @@ def parse_scene(
 
 
 @contextmanager
-def naming_the_file(path: Path, scene: Scene) -> Iterator[None]:
-    """Give errors of a scene that is posed or solved their place in the file of the scene."""
+def naming_the_file(path: Path, scene: Scene, options: Collection[str] = ()) -> Iterator[None]:
+    """Give errors of a scene that is posed or solved their place in the file of the scene.
+
+    Args:
+        path: The file.
+        scene: The scene.
+        options: What options of the command line give in place of the file: errors name them.
+    """
     try:
         yield
     except InputError as error:
+        if error.subject in options:
+            option = f"--{error.subject.replace('_', '-')}"
+            raise InputError(error.message, option) from None
         file = TomlFile(path.name, scene.text, scene.overrides)
         file.load()
         known = {key.split(".")[-1]: key for key in KEYS} | OTHERS
