@@ -29,7 +29,7 @@ from dolfinx_signorini.pictures.contact_boundary import (
 )
 from dolfinx_signorini.pictures.palette import IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid
+from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid, fitting_height
 from dolfinx_signorini.pictures.triangles import Triangles, gather_rows, gathered
 
 # Of the size of the body: a largest displacement below SEEN is drawn larger, as about DRAWN. Shapes
@@ -169,6 +169,7 @@ def _draw_in_plane(
     axes.add_collection(PolyCollection(list(shade), color=SHADE, zorder=0), autolim=False)
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)
+    figure.set_figheight(fitting_height(*(high - low + 2.0 * margin)))
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure
 

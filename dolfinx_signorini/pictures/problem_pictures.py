@@ -114,6 +114,14 @@ def gather_facets(domain: mesh.Mesh, parts: Mapping[str, LocalIndices]) -> dict[
     return {name: np.concatenate([part[name] for part in found]) for name in parts}
 
 
+def fitting_height(width: float, height: float) -> float:
+    """Return the inches of a figure's height for a plane region of a width and a height.
+
+    Title, labels and legend need about 1.4 inches.
+    """
+    return float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4))
+
+
 def draw_plane(
     field: Triangles,
     label: str,
@@ -129,10 +137,7 @@ def draw_plane(
         parts: The ends of the facets of each part.
         styles, title: See `draw_solution`.
     """
-    width, height = np.ptp(field.points, axis=0)
-    # The height that the colour bar and the legend need is about 1.4 inches.
-    size = (7.6, float(np.clip(1.4 + 6.0 * height / width, 3.0, 7.4)))
-    figure = Picture(figsize=size)
+    figure = Picture(figsize=(7.6, fitting_height(*np.ptp(field.points, axis=0))))
     axes: Any = figure.add_subplot()
     drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
     beside = axes.inset_axes([1.03, 0.0, 0.035, 1.0])  # as high as the domain
