@@ -52,6 +52,11 @@ class NotConvergedError(RuntimeError):
         self.message, self.residual, self.reason = message, residual, reason
 
 
+def option_name(argument: str) -> str:
+    """Return what the command line calls an argument, as subjects of errors name an option."""
+    return "--" + argument.replace("_", "-")
+
+
 def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str) -> None:
     """Raise an InputError on every rank unless the condition holds on every rank.
 

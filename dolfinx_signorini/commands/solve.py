@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini.accuracy.report import step_line
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
 from dolfinx_signorini.base.costs import cost_text
-from dolfinx_signorini.base.errors import InputError, NotConvergedError
+from dolfinx_signorini.base.errors import InputError, NotConvergedError, option_name
 from dolfinx_signorini.base.logs import Progress, log, say
 from dolfinx_signorini.base.records import folder_name
 from dolfinx_signorini.base.timing import Phases
@@ -145,8 +145,7 @@ def _asked(args: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     names = ("accuracy", "budget", "norm", "max_unknowns", "degree")
     asked = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if asked and not asked.keys() & {"accuracy", "budget"} and scene.accuracy is None:
-        option = "--" + next(iter(asked)).replace("_", "-")
-        raise InputError("goes with --accuracy or --budget", option)
+        raise InputError("goes with --accuracy or --budget", option_name(next(iter(asked))))
     return asked
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, option_name
 from dolfinx_signorini.base.kinds import COMMUNICATOR, TEXT, TRUTH, check, instance, sequence
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.data.formulas import CONSTANTS, COORDINATES
@@ -140,8 +140,7 @@ def naming_the_file(path: Path, scene: Scene, options: Collection[str] = ()) -> 
         yield
     except InputError as error:
         if error.subject in options:
-            option = f"--{error.subject.replace('_', '-')}"
-            raise InputError(error.message, option) from None
+            raise InputError(error.message, option_name(error.subject)) from None
         file = TomlFile(path.name, scene.text, scene.overrides)
         file.load()
         known = {key.split(".")[-1]: key for key in KEYS} | OTHERS

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_signorini.accuracy.targets import Target, target
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, option_name
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.conditions import BoundaryCondition, Contact
@@ -116,8 +116,7 @@ class Scene:
         refused = REFUSED if self.elasticity else {}
         for name in names:
             if name in refused:
-                subject = "--" + name.replace("_", "-") if option else name
-                raise InputError(refused[name], subject)
+                raise InputError(refused[name], option_name(name) if option else name)
 
     def target(self, norm: str) -> Target:
         """Return what is to be accurate where an error is asked for in a norm.
