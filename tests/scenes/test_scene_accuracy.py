@@ -153,8 +153,12 @@ def test_a_norm_needs_an_accuracy(parse):
         ("mixed", ["--accuracy", "1", "--budget", "1"], "not allowed with"),
         ("mixed", ["--norm", "L4"], "--norm: goes with --accuracy or --budget"),
         ("mixed", ["--max-unknowns", "9"], "--max-unknowns: goes with --accuracy or --budget"),
-        ("mixed", ["--budget", "1", "--max-unknowns", "0"], "max_unknowns: must be a positive"),
-        ("mixed", ["--accuracy", "1", "--max-unknowns", "9"], "max_unknowns: the coarsest meshes"),
+        ("mixed", ["--budget", "1", "--max-unknowns", "0"], "--max-unknowns: must be a positive"),
+        (
+            "mixed",
+            ["--accuracy", "1", "--max-unknowns", "9"],
+            "--max-unknowns: the coarsest",
+        ),
     ],
 )
 def test_a_request_that_cannot_be_met_is_refused(
