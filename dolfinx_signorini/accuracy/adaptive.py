@@ -1,16 +1,15 @@
 """The adaptive loop: solve, estimate, mark, refine, until the solution is as accurate as asked."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_signorini.accuracy.data_errors import data_errors
+from dolfinx_signorini.accuracy.data_errors import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
-from dolfinx_signorini.accuracy.terms import Term
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
@@ -195,7 +194,7 @@ def solve_adaptively(
         on_step,
         began,
         curves,
-        terms=[data_errors(coefficients_of)],
+        read=coefficients_of,
         fit=lambda level: follow(level, known.entries),
     )
 
@@ -208,7 +207,7 @@ def adapt(
     began: float,
     curves: CurvedSides,
     *,
-    terms: Sequence[Term] = (),
+    read: Reader | None = None,
     fit: Callable[[SidedMesh], None] = lambda sided: None,
 ) -> AdaptiveSolution:
     """Run the adaptive loop for data that have been read, see `solve_adaptively`; collective.
@@ -220,13 +219,13 @@ def adapt(
         on_step: Is told of each step when the step has been done.
         began: When the seconds began, by `time.perf_counter`.
         curves: The curves that sides stand for, which have been checked.
-        terms: The terms of the error that the data have and no comparison shows.
+        read: Returns what is known of the coefficients of a problem; None where nothing is read.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
     """
     polygonal = arcs(first.sided, curves.known)
     for name, distance in polygonal.items():
         log.warning(BENDS, name, POLYGON, distance)
-    loop = Loop(poses, first.sided, request, on_step, began, terms, fit, curves)
+    loop = Loop(poses, first.sided, request, on_step, began, read, fit, curves)
     loop.run()
     return AdaptiveSolution(
         problem=loop.problem,

@@ -20,11 +20,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
-from dolfinx_signorini.norms.orders import (
-    DETACHMENT_EXPONENT,
-    FREE_BOUNDARY_EXPONENT,
-    singular_order,
-)
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SAMPLES = 24  # on each edge of a facet
@@ -37,13 +33,11 @@ def rate_at_ends(target: Target, in_domain: bool = False) -> float:
         target: What is to be accurate.
         in_domain: Whether the obstacle is in the domain.
     """
-    if target.weighted or target.norm is None:
-        # In energy, the solution has r^{3/2}, and the dual solution r^{1/2}; in the domain they
-        # have the square of the distance, and the distance.
-        return 2.0 if in_domain else 2.0 * DETACHMENT_EXPONENT - 1.0
+    # The dual solution has r^{1/2} for r^{3/2}, and in the domain the distance for its square.
     if in_domain:
-        return singular_order(target.norm, FREE_BOUNDARY_EXPONENT, 1)
-    return singular_order(target.norm, DETACHMENT_EXPONENT)  # points in the plane, curves in space
+        return target.singular_order(FREE_BOUNDARY_EXPONENT, FREE_BOUNDARY_EXPONENT - 1.0, 1)
+    # The ends are points in the plane, and curves in space.
+    return target.singular_order(DETACHMENT_EXPONENT, DETACHMENT_EXPONENT - 1.0)
 
 
 def cells_at_contact_ends(

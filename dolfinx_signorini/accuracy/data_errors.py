@@ -1,6 +1,7 @@
 """Errors from data that are not smooth inside of cells, which no comparison of solutions shows."""
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 from dolfinx_signorini.accuracy.cells import joined
 from dolfinx_signorini.accuracy.cut_cells import cut_errors
@@ -10,8 +11,11 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
+# Returns what is known of the coefficients of a problem.
+Reader: TypeAlias = Callable[[BoundConstrainedProblem], Coefficients]
 
-def data_errors(read: Callable[[BoundConstrainedProblem], Coefficients]) -> Term:
+
+def data_errors(read: Reader) -> Term:
     """Return what jumps and kinks of data inside of cells leave in the error, as a term.
 
     Args:

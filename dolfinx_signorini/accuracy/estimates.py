@@ -6,7 +6,6 @@ comparison shows is added: the obstacle between the nodes, and data inside of ce
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,12 +14,14 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import joined, shared_out, total
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
+from dolfinx_signorini.accuracy.corners import rates_at_corners
+from dolfinx_signorini.accuracy.data_errors import Reader, data_errors
 from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
-from dolfinx_signorini.accuracy.terms import Solved, Term
+from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -40,7 +41,7 @@ class Estimator:
     Args:
         space: The space of the first solution.
         target: What is to be accurate.
-        terms: Further terms of the error that no comparison shows, those of data.
+        read: Returns what is known of the coefficients of a problem; None where nothing is read.
 
     Raises:
         InputError: The functional is not linear, or 0 for all functions of the space; or the
@@ -61,10 +62,11 @@ class Estimator:
     estimate: float
     polygon: float
 
-    def __init__(self, space: fem.FunctionSpace, target: Target, terms: Sequence[Term] = ()):
+    def __init__(self, space: fem.FunctionSpace, target: Target, read: Reader | None = None):
         check_target(target, space)
         domain, degree = space.mesh, space.element.basix_element.degree
-        self._target, self._terms, self._comm = target, (*UNSEEN, *terms), domain.comm
+        self._target, self._read, self._comm = target, read, domain.comm
+        self._terms = UNSEEN if read is None else (*UNSEEN, data_errors(read))
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
 
     @property
@@ -80,6 +82,8 @@ class Estimator:
             measure: Whether `rates.refine` was told of the mesh, so that rates can be measured.
         """
         self.found = found = indicators(solved, self._terms)
+        if self._read is not None:
+            self.rates.corners = rates_at_corners(solved, self._read(solved.fine))
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)

@@ -8,7 +8,7 @@ The first estimate is discarded: no convergence rate has been measured yet.
 import functools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,12 +17,13 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
+from dolfinx_signorini.accuracy.data_errors import Reader
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
 from dolfinx_signorini.accuracy.targets import size
-from dolfinx_signorini.accuracy.terms import Solution, Solved, Term
+from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
 from dolfinx_signorini.base.ranks import highest
@@ -104,13 +105,13 @@ class Loop:
         request: Request,
         on_step: Callable[[Step], None],
         began: float,
-        terms: Sequence[Term],
+        read: Reader | None,
         fit: Callable[[SidedMesh], None],
         curves: CurvedSides,
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
-        self.comm, self.began, self.terms, self.fit = sided.mesh.comm, began, terms, fit
+        self.comm, self.began, self.read, self.fit = sided.mesh.comm, began, read, fit
         self.curves = curves
         self.steps: list[Step] = []
         self.rounded, self.early, self.stopped = False, True, ""
@@ -201,7 +202,7 @@ class Loop:
 
     def _begin(self) -> None:
         """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
-        self.estimator = Estimator(self.problem.space, self.request.target, self.terms)
+        self.estimator = Estimator(self.problem.space, self.request.target, self.read)
         self.rounds = 0
 
     def _takes_another_degree(self) -> bool:

@@ -15,7 +15,10 @@ the error of w
                                   1 - rho^2 is 3/4, for a cell may be slow by chance.
 
 The rate s is the rate for smooth solutions, or less, and is measured where a cell has been divided,
-from the indicators of the cell and of its parts. An indicator may be the product of a part of the
+from the indicators of the cell and of its parts. At a corner of the domain the exponent of the
+solution is known, and a rate that was measured between this one and the rate for smooth solutions
+tells how much of the indicator is singular: this part falls more slowly than the rest, and is the
+larger part of what divisions leave. An indicator may be the product of a part of the
 solution and a part of a dual solution, which is another one on every mesh: then the part of the
 solution is measured alone, and the rate of the product is twice that of the part.
 """
@@ -56,6 +59,7 @@ class Rates:
         power: The exponent with which the indicators add up.
         exponent: The exponent with which errors at separate places add up.
         values: The rate of each owned cell.
+        corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
     """
 
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
@@ -63,6 +67,7 @@ class Rates:
         self.power, self.exponent = target.power, target.exponent
         self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
+        self.corners: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
@@ -84,7 +89,7 @@ class Rates:
         Args:
             resolved: Whether a cell looks smooth, see `Indicators`.
         """
-        unknown = np.where(resolved, self.order, SINGULAR * self.order)
+        unknown = np.where(resolved, self.order, np.minimum(self.corners, SINGULAR * self.order))
         self.values = np.where(self._measured, self.values, unknown)
 
     def local_prediction(self, norms: Array, p: float) -> Prediction:
@@ -135,6 +140,8 @@ class Rates:
         self.values = np.where(divided.away, self.order, self._slow)
         self._confirmed = divided.owners.of(self._confirmed) & ~divided.away
         self._measured = divided.owners.of(self._measured)
+        self.corners = np.full(len(self.values), np.inf)
+        self._limited = np.zeros(len(self.values), dtype=bool)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
 
@@ -158,7 +165,7 @@ class Rates:
             rates = np.clip(-self._times * np.log2(now / before) / depth, SLOWEST, self.order)
         rates, told = owned(self._smoothed(rates, before, told)), owned(told)
         new = told & ~divided.away
-        self.values = np.where(new, rates, self.values)
+        self.values = np.where(new, self._lasting(rates, owned(depth)), self.values)
         self._measured |= new | divided.away
         # The slow part of a slow cell is where most of the error is left, and is at the point.
         largest = owned(divided.collected(counted, np.inf))
@@ -170,6 +177,22 @@ class Rates:
         similar = owned(before) * 2.0 ** (-self._slow / self._times * levels)
         missed = divided.away & (cells > NOTABLE * similar)
         self.values = np.where(missed, np.minimum(self._slow, self.values), self.values)
+
+    def _lasting(self, rates: Array, depth: Array) -> Array:
+        """The rates that leave at corners what a singular and a smooth part leave together.
+
+        Args:
+            rates: The measured rates of cells.
+            depth: The divisions from which the rates were measured.
+        """
+        slow = np.clip(self.corners, SLOWEST, self.order)
+        whole, smooth, singular = (2.0 ** (-s * depth) for s in (rates, self.order, slow))
+        with np.errstate(all="ignore"):
+            shares = (whole - smooth) / (singular - smooth) * singular / whole
+        shares = np.clip(shares, 0.0, 1.0) ** (1.0 / self._times)
+        left = [2.0**-s / (1.0 - 2.0**-s) for s in (self.order, slow)]
+        both = (1.0 - shares) * left[0] + shares * left[1]
+        return np.where(slow < self.order, np.log2(1.0 + 1.0 / both), rates)
 
     def _smoothed(self, rates: Array, weights: Array, told: npt.NDArray[np.bool_]) -> Array:
         """Average rates around vertices, and give each cell the slowest one at its vertices.

@@ -18,6 +18,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
+from dolfinx_signorini.norms.orders import Numbers, singular_order
 from dolfinx_signorini.norms.pointwise import Quantity, quantity_of, returned
 from dolfinx_signorini.norms.references import components
 
@@ -82,6 +83,18 @@ class Target:
         if self.norm is None:
             return 2.0 * degree
         return degree + 1.0 - self.norm.derivatives
+
+    def singular_order(self, exponent: Numbers, dual: Numbers, dimension: int = 2) -> Numbers:
+        """Return the orders in which divisions towards a singular point reduce the error.
+
+        Args:
+            exponent: The exponents a of solutions like r^a.
+            dual: The exponents of the dual solutions; a term of the error is a product in energy.
+            dimension: That of the space in which r is the distance, see `orders.is_finite`.
+        """
+        if self.weighted or self.norm is None:
+            return exponent + dual - 2.0 + dimension
+        return singular_order(self.norm, exponent, dimension)
 
     def on_cells(self, f: fem.Function) -> Array:
         """Return the norm that is meant of a function on each owned cell; collective."""

@@ -1,19 +1,4 @@
-"""The regularity to expect of a solution, from the angles and conditions of its domain.
-
-Near a boundary point with interior angle w the solution behaves like r^a, for constant isotropic
-diffusion and smooth data with
-
-    a = pi / w      where the same condition holds on both sides of the point, or contact on both,
-    a = pi / (2 w)  where the kind of condition changes.
-
-Between two contact sides the exponent pi / (2 w) would belong to a solution that is positive on one
-side and in contact with the other, but the signs of the gap and of the pressure of such a solution
-contradict each other. For the same reason the exponent at a detachment point inside a straight
-contact side is 3/2 and not 1/2. Integer exponents belong to polynomials and cost nothing.
-
-Sources: Grisvard, Elliptic Problems in Nonsmooth Domains (1985), Theorem 4.4.3.7; Christof and
-Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75 (2020) 75.
-"""
+"""The regularity to expect of a solution, from the angles and conditions of its domain."""
 
 import math
 from collections.abc import Mapping
@@ -26,13 +11,13 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
+from dolfinx_signorini.norms.orders import SMOOTH, corner_exponents
 
-# A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
-STRAIGHT = math.radians(15.0)
 RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
-SMOOTH = 0.99  # an exponent of a known solution that is not less is that of a smooth one
+LIPSCHITZ = 0.99  # an exponent of a known solution that is not less is that of a smooth one
 
 
 @dataclass(frozen=True)
@@ -63,11 +48,6 @@ class Corner:
         )
 
 
-def exponent(angle: float, kinds: int) -> float:
-    """Return the leading exponent at a corner with an angle where some kinds of condition meet."""
-    return math.pi / angle if kinds == 1 else math.pi / (2.0 * angle)
-
-
 def singular_corners(
     domain: mesh.Mesh, facets: Mapping[str, LocalIndices], diffusion: Array | None
 ) -> list[Corner]:
@@ -84,15 +64,12 @@ def singular_corners(
     seen = angles if diffusion is None else _vertex_angles(space, diffusion)
     dofs = {kind: facet_dofs(space, facet_cells(domain, on)) for kind, on in facets.items()}
     meeting = {kind: marked(space, touched)[: len(angles)] for kind, touched in dofs.items()}
-    found = []
-    x = control_points(space)
-    for i in np.flatnonzero(np.any(list(meeting.values()), axis=0)):
+    count = np.sum(list(meeting.values()), axis=0)
+    exponents, x, found = corner_exponents(angles, seen, count > 1), control_points(space), []
+    for i in np.flatnonzero((count > 0) & (exponents < 2.0)):
         kinds = tuple(kind for kind, touched in meeting.items() if touched[i])
-        straight = abs(angles[i] - math.pi) < STRAIGHT
-        a = exponent(math.pi if straight else seen[i], len(kinds))
-        if not (straight and len(kinds) == 1) and a < 2.0 and abs(a - round(a)) > 1e-3:
-            point = float(x[i, 0]), float(x[i, 1])
-            found.append(Corner(point, float(angles[i]), kinds, float(a)))
+        point = float(x[i, 0]), float(x[i, 1])
+        found.append(Corner(point, float(angles[i]), kinds, float(exponents[i])))
     everywhere = [c for part in domain.comm.allgather(found) for c in part]
     return sorted(everywhere, key=lambda c: (c.exponent, c.point))
 
@@ -121,9 +98,9 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
         found = found[np.isfinite(found)]
         variation.append(np.ptp(found) if len(found) else 0.0)
     if min(variation) <= 0.0:
-        return replace(corner, exponent=math.inf)
+        return replace(corner, exponent=SMOOTH)
     slope = math.log(variation[1] / variation[0]) / math.log(RATIOS[1] / RATIOS[0])
-    return replace(corner, exponent=slope if slope < SMOOTH else math.inf)
+    return replace(corner, exponent=slope if slope < LIPSCHITZ else SMOOTH)
 
 
 def largest_angle(domain: mesh.Mesh) -> float:
@@ -137,13 +114,6 @@ def largest_angle(domain: mesh.Mesh) -> float:
 
 def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
     """Return the sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
-    domain = space.mesh
-    count = len(owned_cells(domain))
-    corners = domain.geometry.dofmap[:count]
-    x: Array = np.asarray(domain.geometry.x[corners][:, :, :2], dtype=np.float64)
-    if diffusion is not None:
-        x = x @ np.linalg.inv(np.linalg.cholesky(diffusion)).T  # the root of K up to a rotation
-    a, b = np.roll(x, -1, axis=1) - x, np.roll(x, -2, axis=1) - x
-    cross = a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
-    angles, index_map = np.arctan2(np.abs(cross), (a * b).sum(axis=2)), space.dofmap.index_map
-    return summed(index_map, space.dofmap.list[:count], angles)[: index_map.size_local]
+    cells, index_map = owned_cells(space.mesh), space.dofmap.index_map
+    angles = cell_angles(space.mesh, cells, diffusion)
+    return summed(index_map, space.dofmap.list[cells], angles)[: index_map.size_local]

@@ -11,7 +11,6 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution, adapt
-from dolfinx_signorini.accuracy.data_errors import data_errors
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.base.kinds import (
@@ -225,7 +224,7 @@ def _solve_on_adapted_meshes(
         on_step,
         began,
         curves,
-        terms=[data_errors(lambda _: coefficients(scene))],
+        read=lambda _: coefficients(scene),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
     )
     if _diffusion_is_cut(scene, found.sided):

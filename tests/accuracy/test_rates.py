@@ -63,7 +63,8 @@ def after_division(comm, power, marks):
     sided = SidedMesh(friedrichs_keller(comm, 4), {})
     count = len(owned_cells(sided.mesh))
     divided = marks(sided, count).apply(sided)
-    rates = rates_of(power, count)
+    name = power if isinstance(power, str) else f"W1_{power:.0f}"
+    rates = Rates(target(name), ORDER, count, 2)
     before = np.full(count, 7.0)
     rates.refine(sided.mesh, before, marks(sided, count), divided)
     return rates, divided, before
@@ -106,3 +107,31 @@ def test_towards_a_singular_point_the_cells_at_the_point_tell(comm, power):
     rates.measure(cells)
     assert rates.values[tips] == pytest.approx(0.5, rel=1e-3)
     assert (rates.values[divided.owners.of(towards) & divided.away] == ORDER).all()
+
+
+@pytest.mark.parametrize("slow", [0.4, 1.2])
+@pytest.mark.parametrize("singular", [0.0, 0.05, 1.0])
+def test_at_a_corner_the_singular_part_lasts(comm, slow, singular):
+    """A smooth part of the size 1 and one of r^s leave what their geometric series have."""
+    rates, divided, before = after_division(comm, 1.0, all_of_them)
+    rates.corners = np.full(len(divided.levels), slow)
+    falls = 2.0**-ORDER, 2.0**-slow
+    parts = falls[0], singular * falls[1]
+    now = divided.owners.of(before) / 7.0 * sum(parts) / 4.0
+    before[:] = 1.0 + singular
+    rates.measure(now)
+    left = sum(part * fall / (1.0 - fall) for part, fall in zip(parts, falls, strict=True)) / 4.0
+    assert rates.prediction(now).remaining == pytest.approx(left, rel=1e-9)
+
+
+def test_a_product_with_a_singular_dual_solution_falls_as_slowly(comm):
+    """In energy squares add up, where a small singular part is hidden; the product has it whole."""
+    rates, divided, before = after_division(comm, "L2", all_of_them)
+    fall = 2.0 ** (-4.0 / 3.0)  # of the products, and of the squares
+    rates.corners = np.full(len(divided.levels), 4.0 / 3.0)
+    smooth, corner = 2.0**-rates.order, 0.01 * fall
+    before[:] = np.sqrt(1.0 + 0.01)
+    rates.measure(np.full(len(divided.levels), np.sqrt(smooth + corner) / 2.0))
+    left = np.sqrt(corner / (smooth + corner)) * fall / (1.0 - fall)
+    assert (rates.prediction(np.ones(len(divided.levels))).remaining > left).all()
+    assert (rates.prediction(np.ones(len(divided.levels))).remaining < left + 0.2).all()

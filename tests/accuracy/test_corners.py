@@ -1,0 +1,169 @@
+"""Corners of the domain: their exponents, and what the loop promises of solutions with corners."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from known import Known, true_error
+from ufl.domain import extract_unique_domain
+
+from dolfinx_signorini import ObstacleProblem, SignoriniProblem, bernstein_space, solve_scene
+from dolfinx_signorini.accuracy.corners import exponents_at_corners
+from dolfinx_signorini.data.form_data import coefficients_of
+from dolfinx_signorini.meshes.box_meshes import box_mesh
+from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.scenes.files.reading import parse_scene
+
+# The corners of a rhomboid of 135 degrees, below and above; those of 45 degrees have whole numbers.
+BELOW, ABOVE = (0.0, 0.0), (0.0, 1.0)
+
+
+def rhomboid(comm, dim):
+    """Return a box that is sheared in its first two directions, and the facets with y = 0."""
+    domain = box_mesh(comm, [np.linspace(0.0, 1.0, 4)] * dim)
+    domain.geometry.x[:, 0] -= domain.geometry.x[:, 1]
+    bottom = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[1], 0.0))
+    domain.topology.create_connectivity(dim - 1, dim)
+    return domain, bottom, mesh.exterior_facet_indices(domain.topology)
+
+
+def problem_on(comm, dim, load, held, contact="bottom", diffusion=lambda x: 1.0):
+    """Return a solved problem whose load presses it against the bottom, or lifts it.
+
+    Where contact may be everywhere the solution is far from the obstacle away from the bottom.
+    """
+    domain, bottom, boundary = rhomboid(comm, dim)
+    space = bernstein_space(domain, 2)
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    current = ufl.dot(ufl.as_matrix(np.eye(dim).tolist()) * diffusion(x), ufl.grad(u))
+    a = (ufl.inner(current, ufl.grad(v)) + u * v) * ufl.dx
+    L = load * v * ufl.dx
+    bcs = []
+    if held:
+        rest = np.setdiff1d(boundary, bottom if contact == "bottom" else [])
+        dofs = fem.locate_dofs_topological(space, dim - 1, rest.astype(np.int32))
+        bcs = [fem.dirichletbc(fem.Function(space), dofs)]
+    if contact == "domain":
+        problem = ObstacleProblem(a, L, lower=-1.0, bcs=bcs)
+    else:
+        facets, obstacle = (bottom, 0.0) if contact == "bottom" else (boundary, -100.0 * x[1])
+        problem = SignoriniProblem(a, L, contact=facets, obstacle=obstacle, bcs=bcs)
+    problem.solve()
+    return problem
+
+
+def check(problem, below, above):
+    """Compare the exponents with those of the two edges of 135 degrees; None is for smooth ones."""
+    domain = problem.space.mesh
+    found = exponents_at_corners(problem, coefficients_of(problem))
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    expected = np.full(len(x), np.inf)
+    for point, exponent in ((BELOW, below), (ABOVE, above)):
+        at = np.count_nonzero(np.linalg.norm(x[:, :, :2] - point, axis=2) < 1e-9, axis=1)
+        expected[at == domain.topology.dim - 1] = np.inf if exponent is None else exponent
+    assert problem.comm.allreduce(int((expected < np.inf).sum())) > 0 or below is above is None
+    assert found == pytest.approx(expected, rel=1e-9)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(
+    ("load", "held", "contact", "below", "above"),
+    [
+        (-5.0, True, "bottom", 4 / 3, 4 / 3),  # in contact as with Dirichlet data
+        (5.0, True, "bottom", 2 / 3, 4 / 3),  # away from the obstacle as with no flux
+        (-5.0, False, "bottom", 2 / 3, 4 / 3),
+        (5.0, False, "bottom", 4 / 3, 4 / 3),
+        (-5.0, False, "everywhere", 4 / 3, 4 / 3),  # no change of condition
+        (1.0, True, "domain", 4 / 3, 4 / 3),
+    ],
+)
+def test_the_exponent_follows_from_angle_and_conditions(
+    comm, dim, load, held, contact, below, above
+):
+    check(problem_on(comm, dim, load, held, contact), below, above)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_diffusion_turns_and_stretches_the_corner(comm, dim):
+    """With K = S S^T the domain S^{-1} x is a box, whose solutions are smooth."""
+    shear = np.eye(dim)
+    shear[0, 1] = -1.0
+    tensor = shear @ shear.T
+    check(problem_on(comm, dim, -5.0, True, diffusion=lambda x: ufl.as_matrix(tensor)), None, None)
+    smooth = problem_on(comm, dim, -5.0, True, diffusion=lambda x: 1.0 + 0.3 * x[1] ** 2)
+    check(smooth, 4 / 3, 4 / 3)
+
+
+@pytest.mark.parametrize(
+    "diffusion",
+    [
+        lambda x: ufl.conditional(x[0] > 0.0, 5.0, 1.0),  # along the line between the corners
+        lambda x: 1.0 + ufl.CellVolume(extract_unique_domain(x)),
+    ],
+    ids=["jump", "not readable"],
+)
+def test_nothing_is_said_where_the_angle_does_not_tell(comm, diffusion):
+    check(problem_on(comm, 2, -5.0, True, diffusion=diffusion), None, None)
+
+
+def wave_with_corner(factor, first, second, phase):
+    """An L-shaped domain with a wave, and c r^{2/3} sin(2t/3) at the re-entrant corner.
+
+    The wave has the larger errors on coarse meshes, and the corner the larger ones on finer meshes.
+    """
+    s = math.sqrt(0.5)
+    text = f"""
+[domain]
+shape = "polygon"
+vertices = [[0, 0], [1, 0], [1, 1], [-1, 1], [-1, -1], [0, -1]]
+width = 0.5
+[define]
+t = "atan2({s!r}*(0 - x - y), {s!r}*(y - x)) + 0.75*pi"
+wave = "sin({first!r}*x + {second!r}*y + {phase!r})"
+w = "{factor!r}*hypot(x, y)^(2/3)*sin(2*t/3) + wave - 10*x"
+[equation]
+load = "{first**2 + second**2!r}*wave"
+[contact]
+sides = 4
+obstacle = "w"
+[[dirichlet]]
+sides = [1, 2, 3, 5, 6]
+value = "w"
+"""
+
+    def angle(x, y):
+        return np.arctan2(s * (-x - y), s * (y - x)) + 0.75 * np.pi
+
+    def u(x, y):
+        corner = factor * np.hypot(x, y) ** (2 / 3) * np.sin(2 * angle(x, y) / 3)
+        return corner + np.sin(first * x + second * y + phase) - 10.0 * x
+
+    def gradient(x, y):
+        with np.errstate(divide="ignore"):
+            f = factor * 2 / 3 * np.hypot(x, y) ** (-1 / 3)
+        t, slope = angle(x, y), np.cos(first * x + second * y + phase)
+        return first * slope - f * np.sin(t / 3) - 10.0, second * slope + f * np.cos(t / 3)
+
+    return Known(text, u, gradient, {})
+
+
+@pytest.mark.parametrize(
+    ("norm", "accuracy", "parameters"),
+    [
+        ("L2", 1.2e-5, (0.01587, -1.036784, 0.640535, 2.177837)),
+        ("L2", 7.2e-5, (0.00534, 1.090582, -2.248063, 1.950155)),
+        ("Linf", 6.8e-4, (0.02208, -2.066013, 1.469176, 3.435646)),
+        ("W1_4", 7.7e-3, (0.02206, -3.257741, 3.518497, 3.898547)),
+    ],
+)
+def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, accuracy, parameters):
+    known = wave_with_corner(*parameters)
+    scene = parse_scene(known.text, Path("corner.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm)
+    assert result.found.reached
+    assert true_error(result.u, known, norm) <= result.found.estimate
+    result.destroy()
