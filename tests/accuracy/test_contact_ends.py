@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from dolfinx import fem
+import ufl
+from dolfinx import fem, mesh
 
-from dolfinx_signorini import christof_haubner
+from dolfinx_signorini import SignoriniProblem, bernstein_space, christof_haubner
 from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.targets import target
@@ -63,4 +64,26 @@ def test_the_cells_are_at_the_end_of_contact(comm, n, degree):
     # In the middle of the contact set, between weak contact and the end, contact goes on.
     middle = (x[:, :, 0].min(axis=1) > 0.2) & (x[:, :, 0].max(axis=1) < 0.5 - 1.5 / n)
     assert not (found & middle & touching).any()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_side_that_is_in_contact_as_a_whole_has_no_end(comm, held):
+    division = refined(SidedMesh(friedrichs_keller(comm, 4), {}))
+    domain = division.sided.mesh
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    space = bernstein_space(domain, 2)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    sides = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(np.abs(x[0] - 0.5), 0.5))
+    dofs = fem.locate_dofs_topological(space, 1, sides)
+    problem = SignoriniProblem(
+        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+        -5.0 * v * ufl.dx,
+        contact=bottom,
+        bcs=[fem.dirichletbc(fem.Function(space), dofs)] if held else [],
+    )
+    problem.solve()
+    assert comm.allreduce(len(problem.active)) > 0
+    cells = 1 + division.parents.max(initial=-1)
+    assert not cells_at_contact_ends(problem, division.parents, cells).any()
     problem.destroy()
