@@ -13,14 +13,14 @@
 import itertools
 import time
 
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm, cells, steps = MPI.COMM_WORLD, 1600, 200
 K, r, sigma, T = 40.0, 0.06, 0.2, 1.0

@@ -9,16 +9,16 @@
 # problem in the plane detaches more smoothly, however smooth its data are.
 
 # %%
+import dolfinx_signorini as ds
+from dolfinx_signorini.norms.orders import eoc, expected_order
+from dolfinx_signorini.norms.references import interpolant
+from dolfinx_signorini.pictures.picture import Picture
+
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from matplotlib.figure import Figure
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.norms.orders import eoc, expected_order
-from dolfinx_signorini.norms.references import interpolant
-from dolfinx_signorini.pictures.picture import Picture
 
 comm = MPI.COMM_WORLD
 NORMS = ["L2", "Linf", "H1", "W1_4", "W1_inf"]

@@ -12,14 +12,14 @@
 # Source: Kane, Repetto, Ortiz and Marsden, Comput. Methods Appl. Mech. Eng. 180 (1999) 1-26.
 
 # %%
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm, n, steps, dt = MPI.COMM_WORLD, 24, 240, 0.0025
 density, gravity = 1.0, 10.0

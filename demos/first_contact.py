@@ -12,13 +12,13 @@
 # and does not pull, and that the floor pushes only where it is touched.
 
 # %%
+import dolfinx_signorini as ds
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
 
 mesh = dolfinx.mesh.create_unit_square(MPI.COMM_WORLD, 64, 64)
 V = fem.functionspace(mesh, ("Lagrange", 1))

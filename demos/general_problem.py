@@ -11,6 +11,8 @@
 # %%
 from pathlib import Path
 
+from dolfinx_signorini import SignoriniProblem
+
 import dolfinx
 import matplotlib
 
@@ -22,8 +24,6 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-
-from dolfinx_signorini import SignoriniProblem
 
 comm = MPI.COMM_WORLD
 

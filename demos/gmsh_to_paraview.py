@@ -7,12 +7,12 @@
 # %%
 from pathlib import Path
 
+import dolfinx_signorini as ds
+
 import gmsh
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
 
 comm = MPI.COMM_WORLD
 

@@ -8,14 +8,14 @@
 # Run it with `python3 demos/growing_load.py`, or on two processes with `mpirun -n 2`.
 
 # %%
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm, n, steps = MPI.COMM_WORLD, 48, 50
 mesh = dolfinx.mesh.create_unit_square(comm, n, n)

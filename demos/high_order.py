@@ -8,10 +8,10 @@
 # %%
 from pathlib import Path
 
-from mpi4py import MPI
-
 import dolfinx_signorini as ds
 from dolfinx_signorini.scenes.files.reading import parse_scene
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 TEXT = """

@@ -18,14 +18,14 @@
 # %%
 import time
 
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm, n, toughness, length = MPI.COMM_WORLD, 64, 1.0, 0.1
 

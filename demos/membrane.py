@@ -9,14 +9,14 @@
 # Run it with `python3 demos/membrane.py`, or on two processes with `mpirun -n 2`.
 
 # %%
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm, n = MPI.COMM_WORLD, 96
 

@@ -11,8 +11,6 @@
 # %%
 from pathlib import Path
 
-from mpi4py import MPI
-
 from dolfinx_signorini import (
     ManufacturedSolution,
     SignoriniProblem,
@@ -28,6 +26,8 @@ from dolfinx_signorini.studies.paper.pictures import (
     paper_picture,
 )
 from dolfinx_signorini.studies.paper.solution import paper_problem
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 CELLS = (25, 51, 101, 201)  # squares per side, each cut into two triangles

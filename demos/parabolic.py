@@ -15,14 +15,14 @@
 import argparse
 import time
 
+from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-from dolfinx_signorini import SignoriniProblem
-from dolfinx_signorini.pictures.picture import Picture
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--cells", type=int, default=64, help="cells per side of the unit square")

@@ -12,11 +12,11 @@
 import argparse
 import time
 
+import dolfinx_signorini as ds
+
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--cells", type=int, default=200, help="cells per side of the unit square")

@@ -5,15 +5,15 @@
 # keeps what did not change (matrix, multigrid), and starts from the last solution.
 
 # %%
+import dolfinx_signorini as ds
+from dolfinx_signorini.pictures.picture import Picture
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from matplotlib.figure import Figure
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
-from dolfinx_signorini.pictures.picture import Picture
 
 comm = MPI.COMM_WORLD
 mesh = ds.friedrichs_keller(comm, 64)

@@ -14,13 +14,13 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+from dolfinx_signorini import SignoriniProblem
+
 import matplotlib.pyplot as plt
 import numpy as np
 import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
-
-from dolfinx_signorini import SignoriniProblem
 
 comm = MPI.COMM_WORLD
 

@@ -5,11 +5,11 @@ Run: python3 demos/solve_scenes.py
 
 from pathlib import Path
 
-from mpi4py import MPI
-
 from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import lines, listing, summarise
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 for path in sorted((Path(__file__).parent / "scenes").glob("*.toml")):

@@ -16,11 +16,6 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt
-import numpy as np
-from dolfinx import fem
-from mpi4py import MPI
-
 from dolfinx_signorini import (
     METHODS,
     SignoriniProblem,
@@ -30,6 +25,11 @@ from dolfinx_signorini import (
 )
 from dolfinx_signorini.base.tables import text_table
 from dolfinx_signorini.studies.paper.solution import paper_problem
+
+import matplotlib.pyplot as plt
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 RTOL = 1e-8

@@ -10,8 +10,6 @@ boundary values, which is a linear program, and extends it into the domain.
 import sys
 from pathlib import Path
 
-from mpi4py import MPI
-
 from dolfinx_signorini.base.tables import markdown_table
 from dolfinx_signorini.studies.paper.theory.checks import number
 from dolfinx_signorini.studies.paper.theory.errors import supercloseness
@@ -19,6 +17,8 @@ from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import discretise
 from dolfinx_signorini.studies.paper.theory.figures import draw_one_sided
 from dolfinx_signorini.studies.paper.theory.one_sided import one_sided_approximation
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

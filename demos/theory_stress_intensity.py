@@ -10,11 +10,11 @@ computed tells how far off the point is that the discrete contact set gives.
 import sys
 from pathlib import Path
 
-from mpi4py import MPI
-
 import dolfinx_signorini as ds
 from dolfinx_signorini.base.tables import markdown_table
 from dolfinx_signorini.studies.paper.theory.mixed import UnknownProblem
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")

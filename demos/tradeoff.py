@@ -6,14 +6,14 @@
 # Run it with `python3 demos/tradeoff.py`, or on two processes with `mpirun -n 2`.
 
 # %%
-from mpi4py import MPI
-
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.report import found_lines, step_line
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.paper.solution import paper_family
 from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, levels, solve_configuration
+
+from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 problem = paper_family(detachment=(0.47123, 0.0))

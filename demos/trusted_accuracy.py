@@ -8,13 +8,13 @@
 # The domain is an L: its corner makes the solution rough, which nobody has to know beforehand.
 
 # %%
+import dolfinx_signorini as ds
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-
-import dolfinx_signorini as ds
 
 comm = MPI.COMM_WORLD
 square = dolfinx.mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (8, 8))

@@ -94,6 +94,23 @@ def test_commands_are_words_of_a_shell():
             assert not set(words) & {"(", ")", "&", ";", "<", ">"}, (page.name, command)
 
 
+def test_snippets_and_demos_load_the_mpi_of_pypi_before_dolfinx():
+    """The DOLFINx of PyPI needs an MPI that the import of this package loads."""
+    texts = [path.read_text() for path in sorted((ROOT / "demos").glob("*.py"))]
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        texts += re.findall(
+            r"```(?:python|\{code-cell\} ipython3)\n(.*?)```", path.read_text(), re.DOTALL
+        )
+    both = 0
+    for text in texts:
+        ours = re.search(r"^(?:import|from) dolfinx_signorini\b", text, re.MULTILINE)
+        theirs = re.search(r"^(?:import|from) dolfinx\b", text, re.MULTILINE)
+        if ours and theirs:
+            both += 1
+            assert ours.start() < theirs.start(), text[:200]
+    assert both > 30
+
+
 def test_a_loop_that_was_stopped_goes_on_as_the_recipe_says(tmp_path, monkeypatch):
     text = (ROOT / "docs/howto/continue.md").read_text()
     recipe = re.findall("```python\n(.*?)```", text, re.DOTALL)[0].replace("% 100", "% 10")

@@ -118,6 +118,7 @@ def test_norms_that_bodies_do_not_have_are_refused(name, parse):
     with pytest.raises(InputError) as error:
         solve_scene(parse(ON_A_MESH), COMM, norm=name)
     assert error.value.subject == "norm"
+    assert "stress_L2" in error.value.message
 
 
 def test_errors_that_come_from_elsewhere(demos):

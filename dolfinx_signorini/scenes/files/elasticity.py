@@ -11,7 +11,7 @@ from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.accuracy.targets import Target, target
-from dolfinx_signorini.base.errors import require
+from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.form_data import with_reciprocal
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.jumps import integrable
@@ -137,14 +137,19 @@ class Elasticity:
         """
         if norm == ENERGY:
             return replace(target("L2", self.weighted_strain), name=norm)
-        if norm.startswith(STRESS):
-            of_stress = target(norm.removeprefix(STRESS), lambda u: self.stresses(u)[0])
-            return replace(of_stress, name=norm)
-        return target(norm)
+        of = self._stress if norm.startswith(STRESS) else None
+        try:
+            return replace(target(norm.removeprefix(STRESS), of), name=norm)
+        except InputError as error:
+            more = f"bodies have also {ENERGY} and, with the name of an L^p norm, {STRESS}L2"
+            raise InputError(f"{error.message}; {more}", error.subject) from None
 
     def weighted_strain(self, u: Expr) -> Expr:
         """Return the strain of a displacement whose square is the product of stress and strain."""
         return weighted_strain(u, *self._constants(u))
+
+    def _stress(self, u: Expr) -> Expr:
+        return self.stresses(u)[0]
 
     def stresses(self, u: Expr) -> tuple[Expr, Expr]:
         """Return the stress of a displacement, a matrix, and its von Mises stress."""
