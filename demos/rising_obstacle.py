@@ -8,12 +8,12 @@
 # Run it with `python3 demos/rising_obstacle.py`, or on two processes with `mpirun -n 2`.
 
 # %%
+from dolfinx_signorini import SignoriniProblem
+
 import dolfinx
 import matplotlib
 
 matplotlib.use("Agg")
-
-from dolfinx_signorini import SignoriniProblem
 
 import matplotlib.pyplot as plt
 import numpy as np
