@@ -104,7 +104,7 @@ def _formulas(reading: Reading, integral: int, dimension: int, size: int) -> Ite
     The arguments have `size` components.
     """
     count, places = len(reading.form.arguments()), reading.places(integral)
-    normals = range(dimension if reading.has_normals(integral) else 1)
+    normals = range(dimension if any(map(reading.has_normals, places)) else 1)
     every = combinations_with_replacement(range(size * (dimension + 1)), count)
     for chosen, normal in product(every, normals):
         formula = reading.total(places, chosen, normal)

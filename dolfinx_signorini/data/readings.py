@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import ufl
+from ufl.algorithms.check_arities import ArityMismatch, check_integrand_arity
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
@@ -62,16 +63,18 @@ class Reading:
         count = self._once(("count", integral), lambda: len(self.terms[integral]))
         return [(integral, k) for k in range(count)]
 
-    def has_normals(self, integral: int) -> bool:
-        """Return whether a summand of an integral depends on the normal."""
-        return self._once(
-            ("normals", integral),
-            lambda: any(
-                isinstance(part, ufl.FacetNormal)
-                for term in self.terms[integral]
-                for part in traverse_unique_terminals(term)
-            ),
-        )
+    def has_normals(self, place: Place) -> bool:
+        """Return whether a summand depends on the normal."""
+
+        def found() -> bool:
+            parts = traverse_unique_terminals(self.terms[place[0]][place[1]])
+            return any(isinstance(part, ufl.FacetNormal) for part in parts)
+
+        return self._once(("normals", place), found)
+
+    def is_linear_in_normals(self, place: Place) -> bool:
+        """Return whether a summand is the sum of components of the normal, each with a factor."""
+        return self._once(("linear in normals", place), lambda: self._has_linear_normals(place))
 
     def formula(self, place: Place, chosen: Sequence[int], normal: int = 0) -> Formula | None:
         """Return what a summand is for certain arguments; None if that is not readable.
@@ -95,6 +98,19 @@ class Reading:
             return Formula(text, reduce(lambda a, b: a + b, roots, number(0.0).root))
 
         return self._once((tuple(places), tuple(chosen), normal), found)
+
+    def _has_linear_normals(self, place: Place) -> bool:
+        term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
+        space = arguments[0].ufl_function_space()
+        normal = ufl.FacetNormal(space.ufl_domain())
+        kind = space.ufl_domain().ufl_coordinate_element()
+        stands_for_it = ufl.Argument(ufl.FunctionSpace(space.ufl_domain(), kind), len(arguments))
+        try:
+            replaced = ufl.replace(term, {normal: stands_for_it})
+            check_integrand_arity(replaced, (*arguments, stands_for_it), False)
+        except (ArityMismatch, ValueError):  # UFL trips over its own message, see `check_linear`
+            return False
+        return True
 
     def _read(self, place: Place, chosen: Sequence[int], normal: int) -> Formula | None:
         domain = self.form.ufl_domain()

@@ -77,6 +77,8 @@ def _integrable(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: boo
     """A summand that quadrature rules integrate well; None if it is one already, or unknown."""
     arguments, dimension = reading.form.arguments(), domain.geometry.dim
     degree, count = arguments[0].ufl_function_space().element.basix_element.degree, len(arguments)
+    if reading.has_normals(place):
+        return _along_normals(reading, place, domain, count * degree)
     factor = reading.formula(place, [0] * count)
     if factor is None:
         return None
@@ -103,10 +105,30 @@ def _integrable(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: boo
     return ufl.inner(ufl.dot(A, ufl.grad(u)), ufl.grad(v))
 
 
-def _has_slopes(reading: Reading, place: Place, count: int, dimension: int) -> bool:
-    """Whether a summand depends on derivatives of its arguments."""
+def _along_normals(reading: Reading, place: Place, domain: mesh.Mesh, degree: int) -> Expr | None:
+    """A summand with normals that is integrated well: each component has a factor of its own."""
+    arguments, dimension = reading.form.arguments(), domain.geometry.dim
+    read = [reading.formula(place, [0] * len(arguments), k) for k in range(dimension)]
+    factors = [factor for factor in read if factor is not None]
+    if len(factors) < dimension or not reading.is_linear_in_normals(place):
+        return None
+    if any(_has_slopes(reading, place, len(arguments), dimension, k) for k in range(dimension)):
+        return None
+    parts = [_projected(factor, domain, degree, False) for factor in factors]
+    if all(part is None for part in parts):
+        return None
+    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
+    both = enumerate(zip(parts, factors, strict=True))
+    flux = sum((factor.ufl(x) if part is None else part) * n[k] for k, (part, factor) in both)
+    return reduce(lambda a, b: a * b, arguments, flux)
+
+
+def _has_slopes(
+    reading: Reading, place: Place, count: int, dimension: int, normal: int = 0
+) -> bool:
+    """Whether a summand depends on derivatives of its arguments, for a direction of the normal."""
     for k, slope in product(range(count), range(1, dimension + 1)):
-        found = reading.formula(place, [slope if j == k else 0 for j in range(count)])
+        found = reading.formula(place, [slope if j == k else 0 for j in range(count)], normal)
         if found is None or found.constant != 0.0:
             return True
     return False
