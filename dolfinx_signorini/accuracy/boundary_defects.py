@@ -5,24 +5,38 @@ between the nodes, or Dirichlet data are like a root there, no comparison of dis
 shows the error, but the data themselves do: the trace of the error is at least what the solution
 lies below the obstacle, the distance to the obstacle on facets in contact, and the distance to
 Dirichlet data. In a norm of the boundary such a distance is the error itself. From the facet the
-error reaches about half as far into the domain as the facet is long; the mean of the distance to
-Dirichlet data reaches as far as a dual solution tells.
+error reaches about half as far into the domain as the facet is long; the mean of the distance, and
+what lies beyond an obstacle, reach as far as a dual solution tells.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined
-from dolfinx_signorini.accuracy.contact_ends import SAMPLES, contact_on_entities, facet_lattice
-from dolfinx_signorini.accuracy.terms import Dual, Solved
-from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.accuracy.contact_ends import (
+    SAMPLES,
+    contact_on_entities,
+    facet_lattice,
+    shared_by_facets,
+)
+from dolfinx_signorini.accuracy.terms import (
+    Dual,
+    Solved,
+    assembled,
+    product,
+    shared_by_cells,
+)
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -39,40 +53,141 @@ from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import Data, called, evaluator
 from dolfinx_signorini.solvers.result import SolveResult
 
-# For each problem the last result, and how far the solution is from its Dirichlet data.
-_off: WeakKeyDictionary[
-    BoundConstrainedProblem, tuple[SolveResult | None, list[tuple[LocalIndices, Array]]]
-] = WeakKeyDictionary()
+# For each problem the last result, and how far the solution is from its data between the nodes.
+_found: WeakKeyDictionary[BoundConstrainedProblem, tuple[SolveResult | None, list["Distances"]]] = (
+    WeakKeyDictionary()
+)
 
 
-def obstacle_defects(solved: Solved, dual: Dual | None) -> Array:
-    """Return what the distance to the obstacles adds to the error on each cell, see `terms.Term`.
+@dataclass(frozen=True)
+class Distances:
+    """The distances of data from a solution, on facets that meet the data at their nodes:
+
+        for distances in distances_from_data(problem):
+            print(distances.off.max())
+
+    Attributes:
+        pairs: The facets, as (cell, local facet) pairs.
+        off: The distances at the points of `facet_lattice`, shape (facets, points). On facets that
+            are not in contact only what an obstacle has beyond the solution.
+        held: Whether a facet is held at its data, by contact or by a condition.
+    """
+
+    pairs: LocalIndices
+    off: Array
+    held: Mask
+
+
+def data_defects(solved: Solved, dual: Dual | None) -> Array:
+    """Return what distances from data add to the error where they are, see `terms.Term`.
 
     The parts are zero for functionals, and for derivatives on facets in space, where differences
     along a facet are not formed.
     """
     problem, norm = solved.fine, solved.target.norm
-    parts: Array = np.zeros(len(solved.parents))
-    if norm is None or (norm.boundary and problem.in_domain):
+    if norm is None:
         return np.zeros((2, solved.count))
-    for side, obstacle in enumerate(problem.obstacles):
-        entities, _, touching = contact_on_entities(problem, side)
+    parts: Array = np.zeros(len(solved.parents))
+    for distances in distances_from_data(problem):
+        parts = joined(parts, _defects(problem, distances, norm), norm.p)
+    for off in [] if norm.boundary else _distances_in_cells(problem):
+        parts = joined(parts, cell_norms(off, norm), norm.p)
+    return solved.in_norm(solved.unit * parts)
+
+
+def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
+    """Return what distances from data are in J(u - w) for a scalar solution.
+
+    On a held facet, -G(u_D - w): the force that holds the dual solution there times the mean
+    distance. On a free facet the obstacle lifts the solution by the largest distance, with at most
+    the force that does so at a dof of the facet, times the dual solution there. In cells, J itself.
+    """
+    problem = solved.fine
+    if dual is None or problem.space.dofmap.bs > 1:
+        return np.zeros((2, solved.count))
+    space = problem.space
+    result = np.zeros((2, len(owned_cells(space.mesh))))
+    lifted, weights = product(stiffness(problem), dual.z), _weights(problem)
+    for distances in distances_from_data(problem):
+        pairs, off = distances.pairs, distances.off
+        fixed = -shared_by_facets(space, pairs, dual.forces.x.array) * (off @ weights)
+        lift = lifted.x.array[facet_dofs(space, pairs)].mean(axis=1)
+        free = lift * (off.max(axis=1) + off.min(axis=1))  # one of the two is 0
+        parts = np.where(distances.held, fixed, free)
+        for row, values in zip(result, (parts, np.abs(parts)), strict=True):
+            np.add.at(row, pairs[:, 0], values)
+    if solved.target.functional is not None:
+        for off in _distances_in_cells(problem):
+            finer = off.function_space
+            J = assembled(solved.target.functional(ufl.TestFunction(finer)), finer)
+            result += shared_by_cells(product(J, off))
+    return solved.on_parents(result)
+
+
+def _weights(problem: BoundConstrainedProblem) -> Array:
+    """The weights of the mean of a function that is linear between the points of a facet."""
+    lattice = facet_lattice(problem.space)
+    rims = np.column_stack((1.0 - lattice.sum(axis=1), lattice)) < SOLVED
+    weights = np.array([1.0, 1.0 / 2.0, 1.0 / 6.0])[np.count_nonzero(rims, axis=1)]
+    return np.asarray(weights / weights.sum())
+
+
+def stiffness(problem: BoundConstrainedProblem) -> fem.Function:
+    """Return the force at each dof that moves this dof alone by 1; the call is collective."""
+    result, diagonal = fem.Function(problem.space), problem.A.getDiagonal()
+    result.x.array[: len(diagonal.array_r)] = diagonal.array_r
+    result.x.scatter_forward()
+    diagonal.destroy()
+    return result
+
+
+def distances_from_data(problem: BoundConstrainedProblem) -> list[Distances]:
+    """Return the distances from obstacles and Dirichlet data on the boundary; collective.
+
+    Args:
+        problem: The solved problem.
+    """
+    if problem not in _found or _found[problem][0] is not problem.result:
+        both = itertools.chain(_from_obstacles(problem), _from_conditions(problem))
+        _found[problem] = problem.result, list(both)
+    return _found[problem][1]
+
+
+def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
+    for side, obstacle in enumerate([] if problem.in_domain else problem.obstacles):
         if isinstance(obstacle.data, int | float | np.number):
             continue  # a constant is met everywhere, and nodes show what is beyond
-        if problem.in_domain:
-            off = _off_in_cells(problem, obstacle, touching)
-            parts = joined(parts, cell_norms(off, norm), norm.p)
-            continue
+        entities, _, touching = contact_on_entities(problem, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
         u, lengths = problem.towards_obstacle()
         bound = _values(obstacle.data, points, {})
         if lengths is not None:
             bound = bound / points.values(lengths)[0]
-        gap = obstacle.sign * (points.values(u)[0] - bound)
-        held = touching.all(axis=1).reshape(-1, 1)
-        off_facets = np.where(held, gap, np.minimum(gap, 0.0))
-        parts = joined(parts, _defects(problem, entities, off_facets, norm), norm.p)
-    return solved.in_norm(solved.unit * parts)
+        off, held = bound - points.values(u)[0], np.asarray(touching.all(axis=1))
+        beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
+        yield Distances(entities, np.where(held[:, None], off, beyond), held)
+
+
+def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
+    domain, lattice = problem.space.mesh, facet_lattice(problem.space)
+    if problem.space.dofmap.bs > 1:  # the data of vectors are known at nodes alone
+        return
+    boundary, formulas = boundary_facets(domain), dict[Expr, FormulaAtPoints]()
+    for known in map(data_of_condition, problem.bcs):
+        if known is None or isinstance(known.value, int | float | np.number):
+            continue
+        facets = np.intersect1d(known.facets, boundary).astype(np.int32)
+        points = Points(domain, facet_cells(domain, facets), lattice)
+        off = _values(known.value, points, formulas) - points.values(problem.u)[0]
+        off = np.where(np.isfinite(off), off, 0.0)
+        yield Distances(points.places, off, np.ones(len(facets), dtype=bool))
+
+
+def _distances_in_cells(problem: BoundConstrainedProblem) -> Iterator[fem.Function]:
+    for side, obstacle in enumerate(problem.obstacles if problem.in_domain else []):
+        if not isinstance(obstacle.data, int | float | np.number):
+            _, _, touching = contact_on_entities(problem, side)
+            yield _off_in_cells(problem, obstacle, touching)
 
 
 def _off_in_cells(
@@ -91,66 +206,14 @@ def _off_in_cells(
     gap = obstacle.sign * (u.x.array[dofs] - evaluator(finer, obstacle.data, dofs)())
     held = np.zeros(len(off.x.array), dtype=bool)
     held[finer.dofmap.list[layout.owned_entities[touching.all(axis=1)]]] = True
-    off.x.array[dofs] = np.where(held[dofs], gap, np.minimum(gap, 0.0))
+    off.x.array[dofs] = -obstacle.sign * np.where(held[dofs], gap, np.minimum(gap, 0.0))
     off.x.scatter_forward()
     return off
 
 
-def dirichlet_defects(solved: Solved, dual: Dual | None) -> Array:
-    """Return what the distance to Dirichlet data adds to the error, see `obstacle_defects`."""
-    problem, norm = solved.fine, solved.target.norm
-    if norm is None:
-        return np.zeros((2, solved.count))
-    found = [_defects(problem, pairs, off, norm) for pairs, off in _off_dirichlet_data(problem)]
-    return solved.in_norm(np.max([np.zeros(len(solved.parents)), *found], axis=0))
-
-
-def dirichlet_data(solved: Solved, dual: Dual | None) -> Array:
-    """Return -G(u_D - w) on each cell: what Dirichlet data between nodes are in J(u - w).
-
-    The force that holds the dual solution on a facet times the mean distance to the data there.
-    """
-    if dual is None:
-        return np.zeros((2, solved.count))
-    problem = solved.fine
-    space, index_map = problem.space, problem.space.dofmap.index_map
-    result = np.zeros((2, len(owned_cells(space.mesh))))
-    for pairs, off in _off_dirichlet_data(problem):
-        dofs, sizes = facet_dofs(space, pairs), facet_scale(space.mesh, pairs)[:, None]
-        around = summed(index_map, dofs, np.broadcast_to(sizes, dofs.shape))
-        shares = sizes / np.where(around > 0.0, around, 1.0)[dofs]
-        parts = -(dual.forces.x.array[dofs] * shares).sum(axis=1) * off.mean(axis=1)
-        for row, values in zip(result, (parts, np.abs(parts)), strict=True):
-            np.add.at(row, pairs[:, 0], values)
-    return solved.on_parents(result)
-
-
-def _off_dirichlet_data(problem: BoundConstrainedProblem) -> list[tuple[LocalIndices, Array]]:
-    """The facets of conditions, and the distances of their data from the solution at points."""
-    if problem not in _off or _off[problem][0] is not problem.result:
-        _off[problem] = problem.result, list(_distances(problem))
-    return _off[problem][1]
-
-
-def _distances(problem: BoundConstrainedProblem) -> Iterator[tuple[LocalIndices, Array]]:
-    domain, lattice = problem.space.mesh, facet_lattice(problem.space)
-    if problem.space.dofmap.bs > 1:  # the data of vectors are known at nodes alone
-        return
-    boundary, formulas = boundary_facets(domain), dict[Expr, FormulaAtPoints]()
-    for known in map(data_of_condition, problem.bcs):
-        if known is None or isinstance(known.value, int | float | np.number):
-            continue
-        facets = np.intersect1d(known.facets, boundary).astype(np.int32)
-        points = Points(domain, facet_cells(domain, facets), lattice)
-        off = _values(known.value, points, formulas) - points.values(problem.u)[0]
-        yield points.places, np.where(np.isfinite(off), off, 0.0)
-
-
-def _defects(
-    problem: BoundConstrainedProblem, pairs: LocalIndices, off: Array, norm: Norm
-) -> Array:
-    """What distances on facets, of the shape (facets, points), are in a norm of the error."""
-    domain = problem.space.mesh
+def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm) -> Array:
+    """What distances on facets are in a norm of the error."""
+    domain, pairs, off = problem.space.mesh, distances.pairs, distances.off
     defects, dim = np.zeros(len(owned_cells(domain))), domain.topology.dim
     if norm.derivatives and dim > 2:
         return defects

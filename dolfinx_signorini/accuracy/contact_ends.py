@@ -17,9 +17,9 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.ranks import marked, summed
 from dolfinx_signorini.meshes.elements import facet_dofs
-from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -81,6 +81,20 @@ def contact_on_entities(
     dofs = space.dofmap.list[entities] if problem.in_domain else facet_dofs(space, entities)
     active = problem.active if side is None else problem.active_sides[side]
     return entities, dofs, marked(space, active)[dofs]
+
+
+def shared_by_facets(space: fem.FunctionSpace, pairs: LocalIndices, values: Array) -> Array:
+    """Return for each facet the sum of the values of its nodes, which facets share by their sizes.
+
+    Args:
+        space: A scalar space.
+        pairs: The (cell, local facet) pairs of the owned facets; the call is collective.
+        values: The values of all nodes of this rank.
+    """
+    dofs, sizes = facet_dofs(space, pairs), facet_scale(space.mesh, pairs)[:, None]
+    around = summed(space.dofmap.index_map, dofs, np.broadcast_to(sizes, dofs.shape))
+    shares = sizes / np.where(around > 0.0, around, 1.0)[dofs]
+    return np.asarray((values[dofs] * shares).sum(axis=1))
 
 
 def facet_lattice(space: fem.FunctionSpace) -> Array:

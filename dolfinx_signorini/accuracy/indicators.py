@@ -22,9 +22,8 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.boundary_defects import (
-    dirichlet_data,
-    dirichlet_defects,
-    obstacle_defects,
+    data_between_nodes,
+    data_defects,
 )
 from dolfinx_signorini.accuracy.cells import collected, joined, rule_of_powers, total
 from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
@@ -55,9 +54,8 @@ AWAY = 2.0  # sizes of a cell: so near are singular points to cells that do not 
 # Terms of the error of w, which no comparison shows.
 UNSEEN: tuple[Term, ...] = (
     quadrature,
-    dirichlet_data,
-    dirichlet_defects,
-    obstacle_defects,
+    data_between_nodes,
+    data_defects,
     negative_pressure,
 )
 

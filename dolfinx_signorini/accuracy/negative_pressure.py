@@ -26,26 +26,32 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
-from dolfinx_signorini.accuracy.contact_ends import contact_on_entities, facet_lattice
+from dolfinx_signorini.accuracy.contact_ends import (
+    contact_on_entities,
+    facet_lattice,
+    shared_by_facets,
+)
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices
+from dolfinx_signorini.norms.pointwise import length
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 
 def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     """Return what gaps between dofs in contact add to the error on each cell, see `terms.Term`.
 
-    The parts are zero for functionals, and for obstacles in the domain, where the load tells the
-    pressure at each point.
+    In a functional a gap counts by the force that holds the dual solution on the facet. The parts
+    are zero for obstacles in the domain, where the load tells the pressure at each point.
     """
     problem, norm = solved.fine, solved.target.norm
-    if norm is None or problem.in_domain:
+    if problem.in_domain:
         return np.zeros((2, solved.count))
     space, domain = problem.system.layout.nodal, problem.space.mesh
     dim = domain.topology.dim
@@ -58,16 +64,22 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(problem))
     negative = pressure < 0.0
     lack = np.maximum(-pressure, 0.0)
-    share = negative.mean(axis=1)
-    length = (facet_scale(domain, pairs[held]) * share) ** (1.0 / (dim - 1.0))
+    largest, share = lack.max(axis=1, initial=0.0), negative.mean(axis=1)
+    width = (facet_scale(domain, pairs[held]) * share) ** (1.0 / (dim - 1.0))
     rim = np.column_stack((1.0 - lattice.sum(axis=1), lattice)).min(axis=1) < SOLVED
     across = negative[:, rim].any(axis=1)  # the facet beside has a part of the gap, too
-    half = 0.5 * length * np.where(across, 2.0, 1.0)
+    half = 0.5 * width * np.where(across, 2.0, 1.0)
     opened = half * lack.mean(axis=1) / np.where(share > 0.0, share, 1.0)
+    if norm is None:
+        assert dual is not None
+        forces = shared_by_facets(space, pairs, np.abs(length(component_arrays(dual.forces))))
+        parts = _compliance(solved) * half * largest * share * forces[held]
+        on_cells = np.bincount(pairs[held, 0], parts, len(solved.parents))
+        return solved.on_parents(np.array([on_cells, on_cells]))
     # Of order 1/2 between values and derivatives.
-    parts = opened ** (1.0 - norm.derivatives) * lack.max(axis=1, initial=0.0) ** norm.derivatives
+    parts = opened ** (1.0 - norm.derivatives) * largest**norm.derivatives
     if not math.isinf(norm.p):
-        parts *= length ** ((dim - norm.boundary) / norm.p)
+        parts *= width ** ((dim - norm.boundary) / norm.p)
     parts *= solved.unit * _compliance(solved)
     return solved.in_norm(collected(parts, pairs[held, 0], len(solved.parents), norm.p))
 

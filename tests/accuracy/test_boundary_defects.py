@@ -7,11 +7,11 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini import ObstacleProblem, SignoriniProblem, friedrichs_keller
 from dolfinx_signorini.accuracy.estimates import Estimator
-from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
-from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 
 CELLS = {2: 6, 3: 2}  # on each side of the undivided mesh, by dimension
@@ -69,4 +69,77 @@ def test_waves_of_the_obstacle_between_the_nodes(dim, name, degree, comm):
     error = wave_error(wanted.norm, dim, waves)
     assert estimator.found.difference <= 1e-5 * error <= error <= estimator.estimate <= 4.0 * error
     for problem in (coarse, fine):
+        problem.destroy()
+
+
+def on_a_pin(sided, place, height):
+    """A membrane that sags onto a floor with a pin, which large cells do not see."""
+    space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    top = fem.locate_dofs_topological(space, 1, sided.sides["top"])
+    problem = SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        -0.6 * v * ufl.dx,
+        contact=sided.sides["bottom"],
+        obstacle=lambda x: height * np.exp(-(((x[0] - place) / 0.01) ** 2)) - 0.3,
+        bcs=[fem.dirichletbc(0.0, top, space)],
+    )
+    problem.solve(rtol=1e-10)
+    return problem
+
+
+@pytest.mark.parametrize("name", ["L1", "L2", "mean"])
+@pytest.mark.parametrize("place", [0.29, 0.83])
+def test_a_pin_between_the_nodes_lifts_the_whole_membrane(comm, place, name):
+    """The error is the distance to the solution on a mesh whose cells are as small as the pin."""
+    domain, sides = friedrichs_keller(comm, 4), {}
+    for side, y in (("bottom", 0.0), ("top", 1.0)):
+        there = mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        sides[side] = there
+    division = refined(SidedMesh(domain, sides))
+    coarse, fine = (
+        on_a_pin(part, place, 0.05) for part in (SidedMesh(domain, sides), division.sided)
+    )
+    error, sided = fine.u, division.sided
+    for _ in range(4):
+        step = refined(sided)
+        space = fem.functionspace(step.sided.mesh, ("Lagrange", 2))
+        error = Transfer(error.function_space, space, step.parents).prolong(error)
+        sided = step.sided
+    exact = on_a_pin(sided, place, 0.05)
+    error.x.array[:] -= exact.u.x.array
+    wanted = target(lambda v: v * ufl.dx) if name == "mean" else target(name)
+    estimator = Estimator(coarse.space, wanted)
+    solution = Solution(coarse.u, coarse.forces)
+    estimator.compare(Solved(solution, fine, division.parents, wanted))
+    assert 0.8 * size(error, wanted) <= estimator.estimate <= 1.3 * size(error, wanted)
+    for problem in (coarse, fine, exact):
+        problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_waves_of_an_obstacle_in_the_domain_are_in_a_functional(comm, degree):
+    """Where a membrane lies on its obstacle the error is the wave that the nodes do not see."""
+    waves = 8 * degree
+    sided = SidedMesh(friedrichs_keller(comm, 4), {})
+    division = refined(sided)
+
+    def wave(x):
+        return HEIGHT * (np.sin(waves * np.pi * x[0]) * np.sin(waves * np.pi * x[1])) ** 2
+
+    problems = []
+    for domain in (sided.mesh, division.sided.mesh):
+        space = fem.functionspace(domain, ("Lagrange", degree))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+        problem = ObstacleProblem(a + u * v * ufl.dx, -2.0 * v * ufl.dx, lower=wave)
+        problem.solve(rtol=1e-10)
+        problems.append(problem)
+    coarse, fine = problems
+    wanted = target(lambda v: v * ufl.dx)
+    estimator = Estimator(coarse.space, wanted)
+    solution = Solution(coarse.u, coarse.forces)
+    estimator.compare(Solved(solution, fine, division.parents, wanted))
+    assert 0.5 * HEIGHT / 4.0 <= estimator.estimate <= 4.0 * HEIGHT / 4.0
+    for problem in problems:
         problem.destroy()

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import dolfinx_signorini as ds
 from dolfinx_signorini import InputError
-from dolfinx_signorini.accuracy.boundary_defects import obstacle_defects
+from dolfinx_signorini.accuracy.boundary_defects import data_defects
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import pressure_density
 from dolfinx_signorini.accuracy.targets import target
@@ -167,9 +167,7 @@ def test_a_pin_between_all_nodes(degree, length):
     height = 0.05
     solved, problems = compared(degree, (0.0, -length), height, unit=length, place=1.235)
     solved = replace(solved, target=target("Linf"))
-    parts = problems[0].comm.allreduce(
-        obstacle_defects(solved, None)[1].max(initial=0.0), op=MPI.MAX
-    )
+    parts = problems[0].comm.allreduce(data_defects(solved, None)[1].max(initial=0.0), op=MPI.MAX)
     assert 0.9 * height <= parts <= 1.1 * height
     for problem in problems:
         problem.destroy()

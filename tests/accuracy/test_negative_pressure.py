@@ -1,5 +1,6 @@
 """Gaps in the contact set that no dof sees: the pressure between the dofs shows them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from dolfinx import fem, mesh
 from known import Known, true_error
 
 from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure, pressure_density
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
@@ -18,19 +20,20 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.scenes.posing import pose
 
 CENTRE, HALF = 0.5531, 0.02
 PULLS = {2: 6e-4, 3: 2.4e-3}  # by dimension, so small that all forces on dofs are positive
 
 
-def gap():
+def gap(centre=CENTRE, cells=8):
     """Contact on the bottom but for an interval: u = -Im (z^2 - k^2)^(3/2), which is k^3 there."""
     text = f"""
 [domain]
 shape = "square"
-cells = 8
+cells = {cells}
 [define]
-X = "x - {CENTRE!r}"
+X = "x - {centre!r}"
 k = "{HALF!r}"
 t = "0.5*(atan2(y, X - k) + atan2(y, X + k))"
 w = "0 - (hypot(X - k, y)*hypot(X + k, y))^1.5*sin(3*t)"
@@ -44,7 +47,7 @@ value = "w"
 """
 
     def parts(x, y):
-        z = x - CENTRE + 1j * np.abs(y)
+        z = x - centre + 1j * np.abs(y)
         angle = 0.5 * (np.angle(z - HALF) + np.angle(z + HALF))
         return z, np.sqrt(np.abs(z**2 - HALF**2)) * np.exp(1j * angle)
 
@@ -63,6 +66,34 @@ def test_a_gap_between_the_dofs_of_coarse_meshes_is_found(comm, norm, accuracy):
     result.destroy()
     assert result.found.reached
     assert true_error(result.u, known, norm) <= accuracy
+
+
+@pytest.mark.parametrize(("centre", "degree"), [(0.59, 3), (0.55, 3), (0.583, 4)])
+def test_a_gap_between_all_dofs_is_in_a_functional(comm, centre, degree):
+    """The integral of the gap is 3 pi k^4 / 8, and 0 for two solutions that hold all dofs."""
+    known = gap(centre, 4)
+    scene = replace(parse_scene(known.text, Path("gap.toml"), comm), degree=degree)
+    sided = scene.domain.make(comm)
+    division = refined(sided)
+    coarse, fine = (pose(scene, comm, part).problem for part in (sided, division.sided))
+    for problem in (coarse, fine):
+        problem.solve(rtol=1e-12)
+        assert len(problem.active) == len(problem.contact_dofs)
+    bottom = mesh.meshtags(fine.space.mesh, 1, *tagged(division.sided.sides["bottom"]))
+    over = ufl.Measure("ds", domain=fine.space.mesh, subdomain_data=bottom)(1)
+    wanted = target(lambda v: v * over)
+    estimator = Estimator(coarse.space, target(lambda v: v * ufl.dx))
+    solved = Solved(Solution(coarse.u, coarse.forces), fine, division.parents, wanted)
+    estimator.compare(solved)
+    error = 3.0 * np.pi * HALF**4 / 8.0
+    assert estimator.found.difference <= 1e-3 * error <= error <= estimator.estimate <= 20.0 * error
+    for problem in (coarse, fine):
+        problem.destroy()
+
+
+def tagged(facets):
+    facets = np.sort(facets)
+    return facets, np.ones(len(facets), dtype=np.int32)
 
 
 def held(comm, dim, pull, norm="L2", centre=CENTRE, degree=3, ends=False):

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space
-from dolfinx_signorini.accuracy.boundary_defects import dirichlet_data
+from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes
 from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.marking import SAFETY
@@ -166,7 +166,7 @@ def test_the_mean_of_dirichlet_data_between_nodes_moves_the_functional(compared)
     top = ufl.conditional
     solved = compared(1, data=lambda x: top(x[1] > 1.0 - 1e-9, 1.0 - ufl.cos(k * x[0]), 0.0))
     other = compared(1, data=lambda x: top(x[1] > 1.0 - 1e-9, 1.0, 0.0))
-    _, (found,) = sums(solved, [dirichlet_data])
+    _, (found,) = sums(solved, [data_between_nodes])
     wanted = solved.fine.comm.allreduce(fem.assemble_scalar(fem.form(mean(other.fine.u))))
     # At the upper corners the data jump within one cell.
     assert found == pytest.approx(wanted, rel=0.1)
