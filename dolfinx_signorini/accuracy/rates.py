@@ -112,17 +112,19 @@ class Rates:
         Args:
             cells: The indicators.
         """
-        rho = 2.0**-self.values
-        sup = np.isinf(self.power)
-        of_one_sign = self.power == 1.0 or (sup and self._in_slopes)
-        rest = 1.0 - rho if of_one_sign else np.sqrt(1.0 - rho**2)
-        if sup and not self._in_slopes:
-            rest = np.where(self._confirmed, rest**2, rest**1.5)
-        singular = self.values < SINGULAR * self.order
+        rho, sup = 2.0**-self.values, np.isinf(self.power)
+        of_one_sign = rho / (1.0 - rho)
+        if self.power == 1.0 or (sup and self._in_slopes):
+            left = of_one_sign
+        elif sup:
+            left = rho / (1.0 - rho**2) ** np.where(self._confirmed, 1.0, 0.75)
+        else:
+            left = rho / np.sqrt(1.0 - rho**2)
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
-        at_ends = rho / (1.0 - rho) if sup else 1.0
-        remaining = cells * np.where(self._limited, at_ends, rho / rest)
+        at_ends = of_one_sign if sup else 1.0
+        remaining = cells * np.where(self._limited, at_ends, left)
+        singular = self.values < SINGULAR * self.order
         return Prediction(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
         )
