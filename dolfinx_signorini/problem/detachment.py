@@ -9,7 +9,7 @@ Source: Christof and Haubner, Section 2.2, for the singularity; K. L. Johnson, C
 Cambridge (1985), Section 5.1, for the same of elastic bodies without friction.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,8 +45,8 @@ class DetachmentPoint:
         position: Where the gap, extrapolated from the free side, is zero; without enough dofs for
             that the middle of the edge between a dof in contact and one that is not.
         uncertainty: How far off the position may be: some times what extrapolations differ by, at
-            most the length of an edge. Without an extrapolation a Bernstein coefficient of degree
-            3 or 4 that touches tells the end to a facet, degree times as far as this number says.
+            most the distance of two dofs. Without an extrapolation this distance, and from degree
+            3 on the length of a facet, whose dofs tell only together where contact ends.
         strength: The gap on one side and the pressure on the other, the smaller of the two,
             relative to the largest on the whole contact boundary; the gap of an elastic body, to
             its largest displacement if that is smaller.
@@ -107,10 +107,13 @@ def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[Detach
         place = candidate[0].position
         if all(np.linalg.norm(np.subtract(place, p.position)) > r for p, r, _ in kept):
             kept.append(candidate)
-    points = []
+    points, degree = [], problem.space.element.basix_element.degree
     for point, _, end in sorted(kept, key=lambda f: _rank(f[0])):
         inside, outside = edges[end] if gap[end, 0] <= 0.0 else edges[end, ::-1]
-        points.append(_extrapolated(point, inside, outside, nodes, values.ravel()))
+        placed = _extrapolated(point, inside, outside, nodes, values.ravel())
+        if degree > 2 and placed.uncertainty == point.uncertainty:
+            placed = replace(placed, uncertainty=degree * point.uncertainty)
+        points.append(placed)
     return points
 
 

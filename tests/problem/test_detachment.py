@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem import detachment
@@ -64,6 +64,36 @@ def test_the_point_is_as_certain_as_it_claims(n, degree):
         problem.destroy()
         assert abs(point.position[0] - place) <= 1.2 * point.uncertainty
         assert point.uncertainty <= 1.0 / (n * degree) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+@pytest.mark.parametrize("n", [10, 16])
+def test_without_an_extrapolation_the_point_is_in_the_facet(n, degree):
+    """The solution r^(3/2) cos(3t/2) with elements in whose basis coefficients are no values."""
+    fallen_back = 0
+    for place in (0.38, 0.4222, 0.6211, 0.7021):
+        domain = mesh.create_unit_square(COMM, n, n)
+        space = bernstein_space(domain, degree)
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+        rest = np.setdiff1d(boundary_facets(domain), bottom)
+        data = fem.Function(space)
+        values = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
+        values.interpolate(lambda x, p=place: np.real((x[0] - p + 1j * x[1]) ** 1.5))
+        data.interpolate(values)
+        problem = SignoriniProblem(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            fem.Constant(domain, 0.0) * v * ufl.dx,
+            contact=bottom,
+            bcs=[fem.dirichletbc(data, fem.locate_dofs_topological(space, 1, rest))],
+        )
+        problem.solve(rtol=1e-10)
+        points = detachment_points(problem)
+        problem.destroy()
+        for point in points:
+            fallen_back += point.uncertainty > 0.9 / n
+            assert abs(point.position[0] - place) <= 1.05 * point.uncertainty <= 1.06 / n
+    assert degree < 4 or fallen_back > 0
 
 
 def sagging(n, degree, shape="triangle", comm=COMM):
