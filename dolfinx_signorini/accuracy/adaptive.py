@@ -7,7 +7,7 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.data_errors import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
-from dolfinx_signorini.accuracy.loop import Loop, Pose, posed
+from dolfinx_signorini.accuracy.loop import REACHED, Loop, Pose, posed
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
@@ -88,9 +88,10 @@ class AdaptiveSolution:
     def reached(self) -> bool:
         """Whether the estimate is at most the accuracy; True where none was asked for.
 
+        The estimate of the first step, of which no rate of convergence is known, does not count.
         The domain is that of the mesh where `polygonal` names a side, and `stopped` says so.
         """
-        return self.request.accuracy is None or self.estimate <= self.request.accuracy
+        return self.request.accuracy is None or self.stopped.startswith(REACHED)
 
     @property
     def seconds(self) -> float:
@@ -235,7 +236,7 @@ def adapt(
         steps=tuple(loop.steps),
         cells=loop.last.remaining[loop.last.division.parents],
         polygonal=polygonal,
-        notes=first.notes,
+        notes=(*first.notes, *loop.notes),
     )
 
 

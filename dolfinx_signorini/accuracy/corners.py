@@ -13,7 +13,6 @@ import math
 import numpy as np
 from dolfinx import common, mesh
 
-from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import largest, marked, summed
 from dolfinx_signorini.data.coefficients import Coefficients
@@ -27,35 +26,21 @@ from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 JUMP = 2.0  # the ratio of diffusions in cells around a corner: a smooth one changes less
 
 
-def rates_at_corners(solved: Solved, known: Coefficients) -> Array:
-    """Return the rate with which divisions of each cell towards a corner reduce the error.
-
-    Args:
-        solved: The two solutions; the call is collective.
-        known: The coefficients of the problem.
-
-    Returns:
-        The rates; infinity for cells without a corner.
-    """
-    exponents = np.full(solved.count, SMOOTH)
-    if solved.fine.space.dofmap.bs == 1:  # those of elastic bodies depend on the material, too
-        found = exponents_at_corners(solved.fine, known)
-        np.minimum.at(exponents, solved.parents, found)
-    return solved.target.singular_order(exponents, exponents)
-
-
 def exponents_at_corners(problem: BoundConstrainedProblem, known: Coefficients) -> Array:
     """Return for each owned cell the least exponent at one of its corners; collective.
 
     Args:
-        problem: The solved scalar problem.
+        problem: The solved problem.
         known: The coefficients of the problem.
 
     Returns:
         The exponents; `SMOOTH` for cells without a corner, and where the diffusion is not known or
-        jumps at the corner, for then the angle alone does not tell the exponent.
+        jumps at the corner, for then the angle alone does not tell the exponent. Those of elastic
+        bodies depend on the material, too, and are not known.
     """
     domain = problem.space.mesh
+    if problem.space.dofmap.bs > 1:
+        return np.full(len(owned_cells(domain)), SMOOTH)
     facets, every = boundary_facets(domain), owned_cells(domain)
     on_facets, on_cells = (
         _corners(domain, codim)[owned] for codim, owned in ((1, facets), (0, every))

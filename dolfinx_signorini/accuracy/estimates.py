@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import joined, shared_out, total
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
-from dolfinx_signorini.accuracy.corners import rates_at_corners
+from dolfinx_signorini.accuracy.corners import exponents_at_corners
 from dolfinx_signorini.accuracy.data_errors import Reader, data_errors
 from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
@@ -24,7 +25,9 @@ from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.orders import SMOOTH, is_finite
 
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 
@@ -54,6 +57,7 @@ class Estimator:
         local: In L^p norms what they leave there by themselves; None elsewhere.
         estimate: The estimated error of the finer solution.
         polygon: The part of the estimate that facets in place of curves have.
+        exponent: The least power of the distance that the solution may have at a corner.
     """
 
     found: Indicators
@@ -68,6 +72,7 @@ class Estimator:
         self._target, self._read, self._comm = target, read, domain.comm
         self._terms = UNSEEN if read is None else (*UNSEEN, data_errors(read))
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
+        self.exponent = SMOOTH
 
     @property
     def predictions(self) -> list[Prediction]:
@@ -83,7 +88,7 @@ class Estimator:
         """
         self.found = found = indicators(solved, self._terms)
         if self._read is not None:
-            self.rates.corners = rates_at_corners(solved, self._read(solved.fine))
+            self._look_at_corners(solved, self._read(solved.fine))
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
@@ -100,6 +105,31 @@ class Estimator:
         self.estimate = SAFETY * value
         self._add(SAFETY * found.unseen)
         self._add_local()
+
+    def _look_at_corners(self, solved: Solved, known: Coefficients) -> None:
+        """Find the rates of divisions towards corners; the dual solution has the same exponents."""
+        exponents = np.full(solved.count, SMOOTH)
+        np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine, known))
+        self.rates.corners = self._target.singular_order(exponents, exponents)
+        least = float(exponents.min(initial=SMOOTH))
+        self.exponent = self._comm.allreduce(least, op=MPI.MIN)
+
+    @property
+    def doubt(self) -> str:
+        """What is not known of the norm, in words; "" for nothing."""
+        target = self._target
+        if target.norm is None or target.of or is_finite(target.name, self.exponent):
+            return ""
+        return (
+            f"{target.name} of the solution is infinite if u ~ r^{self.exponent:.3g} at a corner, "
+            "as the angles and the conditions have it"
+        )
+
+    @property
+    def infinite(self) -> bool:
+        """Whether the norm is infinite, and a singular corner was seen; collective."""
+        seen = bool(self.doubt) and bool(self.rates.singular_corners.any())
+        return self._comm.allreduce(seen, op=MPI.LOR)
 
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.

@@ -26,6 +26,7 @@ from dolfinx_signorini.accuracy.targets import size
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
+from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
@@ -36,7 +37,8 @@ from dolfinx_signorini.solvers.cascade import Cascade
 from dolfinx_signorini.solvers.stop import SHARE
 
 PATIENCE = 4  # steps in which the estimate does not fall
-ROUNDED = "rounding"  # why a loop ended, in its first word
+# Why a loop ended, in its first words.
+REACHED, ROUNDED = "the accuracy is reached", "rounding"
 
 Pose = Callable[[SidedMesh], BoundConstrainedProblem]
 
@@ -81,6 +83,7 @@ class Loop:
         rounds: The number of steps with elements of the present degree.
         estimator: The estimates, with elements of the present degree.
         steps: The steps so far.
+        notes: What is not known of the norm, in words.
         best: The result with the least estimate.
         last: The result of the problem that was solved last.
         whole: The size of the last solution in the norm that is asked for.
@@ -114,6 +117,7 @@ class Loop:
         self.comm, self.began, self.read, self.fit = sided.mesh.comm, began, read, fit
         self.curves = curves
         self.steps: list[Step] = []
+        self.notes: list[str] = []
         self.rounded, self.early, self.stopped = False, True, ""
         self.keywords: dict[str, Any] = {}
 
@@ -177,6 +181,9 @@ class Loop:
         if moved:
             self._solve(self.division.sided)
             estimator.add_polygon(moved, replace(solved, fine=self.problem))
+        if estimator.doubt and estimator.doubt not in self.notes:
+            log.warning("%s", estimator.doubt)
+            self.notes.append(estimator.doubt)
         self._note(estimator.estimate)
 
     def _solve_best_again(self) -> None:
@@ -278,8 +285,11 @@ class Loop:
             marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
             divided = marks.apply(self.sided, self.curves.fit)
         else:
+            if self.estimator.infinite and estimate > DEFAULT_RTOL * self.whole:
+                self.stopped = self.estimator.doubt
+                return None
             if accuracy is not None and estimate <= accuracy:
-                self.stopped = "the accuracy is reached"
+                self.stopped = REACHED
                 return None
             if self._standing():
                 self.stopped = f"{ROUNDED}: the estimate does not fall any more"

@@ -89,8 +89,15 @@ class Rates:
         Args:
             resolved: Whether a cell looks smooth, see `Indicators`.
         """
-        unknown = np.where(resolved, self.order, np.minimum(self.corners, SINGULAR * self.order))
+        slow = np.clip(self.corners, SLOWEST, SINGULAR * self.order)
+        unknown = np.where(resolved, self.order, slow)
         self.values = np.where(self._measured, self.values, unknown)
+
+    @property
+    def singular_corners(self) -> npt.NDArray[np.bool_]:
+        """Whether each cell is at a corner at which divisions were seen to gain little."""
+        slow = self.values < SINGULAR * self.order
+        return self._measured & slow & (self.corners < self.order)
 
     def local_prediction(self, norms: Array, p: float) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.

@@ -10,7 +10,14 @@ from dolfinx import fem, mesh
 from known import Known, true_error
 from ufl.domain import extract_unique_domain
 
-from dolfinx_signorini import ObstacleProblem, SignoriniProblem, bernstein_space, solve_scene
+from dolfinx_signorini import (
+    ObstacleProblem,
+    SidedMesh,
+    SignoriniProblem,
+    bernstein_space,
+    solve_adaptively,
+    solve_scene,
+)
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
 from dolfinx_signorini.data.form_data import coefficients_of
 from dolfinx_signorini.meshes.box_meshes import box_mesh
@@ -167,3 +174,71 @@ def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, acc
     assert result.found.reached
     assert true_error(result.u, known, norm) <= result.found.estimate
     result.destroy()
+
+
+def on_a_re_entrant_corner(comm, exact, power=0):
+    """Pose a problem on a square of which a quarter is cut out.
+
+    Contact on one side of the corner, no flux on the other, and Dirichlet data elsewhere.
+    """
+    left = mesh.DiagonalType.left
+    domain = mesh.create_rectangle(comm, [[-1.0, -1.0], [1.0, 1.0]], [6, 6], diagonal=left)
+    cells = mesh.locate_entities(domain, 2, lambda x: (x[0] <= 1e-9) | (x[1] >= -1e-9))
+    domain = mesh.create_submesh(domain, 2, cells)[0]
+    contact = mesh.locate_entities_boundary(
+        domain, 1, lambda x: np.isclose(x[1], 0.0) & (x[0] > -1e-9)
+    )
+    free = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1e-9))
+    domain.topology.create_connectivity(1, 2)
+    every = mesh.exterior_facet_indices(domain.topology)
+    rest = np.setdiff1d(every, np.concatenate([contact, free])).astype(np.int32)
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        data = fem.Function(space)
+        data.interpolate(exact)
+        dofs = fem.locate_dofs_topological(space, 1, sided.sides["rest"])
+        y = ufl.SpatialCoordinate(sided.mesh)[1]
+        return SignoriniProblem(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            fem.Constant(sided.mesh, 1.0 * power * (power - 1))
+            * y ** max(power - 2, 0)
+            * v
+            * ufl.dx,
+            contact=sided.sides["contact"],
+            bcs=[fem.dirichletbc(data, dofs)],
+        )
+
+    return pose, SidedMesh(domain, {"contact": contact, "rest": rest})
+
+
+def singular(x):
+    """-r^(1/3) sin(t/3): 0 on the x-axis, where the obstacle pushes, and no flux on the y-axis."""
+    angle = 0.75 * np.pi + np.angle(np.exp(-0.75j * np.pi) * (x[0] + 1j * x[1]))
+    return -(np.hypot(x[0], x[1]) ** (1 / 3)) * np.sin(angle / 3)
+
+
+@pytest.mark.parametrize("norm", ["W1_4", "H1_2_boundary"])
+def test_a_norm_that_is_infinite_is_not_reached(comm, norm):
+    pose, sided = on_a_re_entrant_corner(comm, singular)
+    found = solve_adaptively(pose, sided, norm=norm, accuracy=1e-2)
+    assert not found.reached and norm in found.stopped and "infinite" in found.stopped
+    assert any("r^0.333" in note for note in found.notes)
+    found.problem.destroy()
+
+
+@pytest.mark.parametrize(("power", "accuracy"), [(2, 1e-2), (3, 1e-2)])
+def test_a_smooth_solution_has_no_singular_corner(comm, power, accuracy):
+    """At the same corner -y - y^2, which elements of degree 2 have, or y^3: the doubt is a note."""
+    pose, sided = on_a_re_entrant_corner(comm, lambda x: -x[1] - x[1] ** power, power)
+    found = solve_adaptively(pose, sided, norm="W1_4", accuracy=accuracy)
+    assert found.reached and any("r^0.333" in note for note in found.notes)
+    found.problem.destroy()
+
+
+def test_the_first_estimate_alone_reaches_nothing(comm):
+    pose, sided = on_a_re_entrant_corner(comm, lambda x: -x[1] - x[1] ** 2, 2)
+    found = solve_adaptively(pose, sided, norm="L2", accuracy=10.0, max_unknowns=500)
+    assert len(found.steps) == 1 and found.estimate < 10.0 and not found.reached
+    found.problem.destroy()
