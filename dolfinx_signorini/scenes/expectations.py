@@ -23,7 +23,13 @@ from dolfinx_signorini.problem.checks import MOST_UNKNOWNS
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS
 from dolfinx_signorini.scenes.files.elasticity import Elasticity
 from dolfinx_signorini.scenes.files.scene import Scene
-from dolfinx_signorini.scenes.posing import PosedScene, boundary_parts, facets_by_kind, violations
+from dolfinx_signorini.scenes.posing import (
+    PosedScene,
+    boundary_parts,
+    coefficients,
+    facets_by_kind,
+    violations,
+)
 from dolfinx_signorini.scenes.regularity import (
     Corner,
     known_corner,
@@ -94,7 +100,8 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load of the manufactured solution leaves out what kinks of the solution, or jumps "
             "of its flux, add on curves"
         )
-    if scene.load is not None and _has_poles_on_curves(scene.load, sided):
+    load = coefficients(scene).load
+    if load is not None and _has_poles_on_curves(load, sided):
         notes.append(
             "the load may be infinite along a curve, next to which it is integrated roughly: no "
             "estimate of errors shows that"

@@ -205,3 +205,10 @@ value = 0
     scene = parse(text)
     notes = expect(scene, scene.domain.make(comm)).notes
     assert any("infinite along a curve" in note for note in notes) == told
+
+
+@pytest.mark.parametrize(("u", "told"), [("abs(x - 0.43)^1.5", True), ("abs(x - 0.43)^2.5", False)])
+def test_poles_of_the_load_of_a_manufactured_solution_are_named(comm, parse, u, told):
+    scene = parse(CURRENT.format(diffusion="1", u=f"{u} - y"))
+    notes = expect(scene, scene.domain.make(comm)).notes
+    assert any("infinite along a curve" in note for note in notes) == told
