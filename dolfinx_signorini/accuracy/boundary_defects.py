@@ -53,6 +53,10 @@ from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import Data, called, evaluator
 from dolfinx_signorini.solvers.result import SolveResult
 
+# The least degree of elements that see the obstacle in cells: of the largest distance to a kink at
+# least four fifths are at one of their nodes.
+SEEN = 4
+
 # For each problem the last result, and how far the solution is from its data between the nodes.
 _found: WeakKeyDictionary[BoundConstrainedProblem, tuple[SolveResult | None, list["Distances"]]] = (
     WeakKeyDictionary()
@@ -195,10 +199,11 @@ def _off_in_cells(
 ) -> fem.Function:
     """The distance to an obstacle in cells in contact, and what lies beyond it in all cells.
 
-    The obstacle is interpolated by elements of the next degree.
+    The obstacle is interpolated by elements of a higher degree.
     """
     space = problem.space
-    finer = fem.functionspace(space.mesh, ("Lagrange", space.element.basix_element.degree + 1))
+    degree = max(space.element.basix_element.degree + 1, SEEN)
+    finer = fem.functionspace(space.mesh, ("Lagrange", degree))
     off, u = fem.Function(finer, name="off"), fem.Function(finer)
     u.interpolate(problem.u)
     layout = problem.system.layout

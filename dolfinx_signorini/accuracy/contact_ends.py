@@ -1,9 +1,9 @@
-"""The cells at the ends of the contact set, where a solution is like r^{3/2} and not smoother.
+"""The cells at the ends of the contact set, where a solution is like r^{3/2}, and at its kinks.
 
 With an obstacle in the domain the contact set ends at curves in the plane and at surfaces in space,
 where the second derivatives of the solution jump. A few meshes do not tell the rate at these cells,
 but theory does: the discrete contact set ends at a dof, which is now nearer to the true end and now
-farther away.
+farther away. In contact with a kink of an obstacle in the domain the solution has the same kink.
 
 Sources: Christof and Haubner, Section 2.2, for the singularity; K. L. Johnson, Contact mechanics,
 Cambridge (1985), Section 5.1, for the same of elastic bodies without friction; Caffarelli, The
@@ -14,10 +14,13 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import marked, summed
+from dolfinx_signorini.data.interfaces.jumps import broken_cells
+from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
@@ -61,6 +64,23 @@ def cells_at_contact_ends(
     cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
     result = np.zeros(count, dtype=bool)
     result[parents[cells[cells < len(parents)]]] = True
+    return result
+
+
+def cells_at_kinks(
+    problem: BoundConstrainedProblem, parents: LocalIndices, count: int
+) -> npt.NDArray[np.bool_]:
+    """Tell which cells lie on a kink of an obstacle in the domain; see `cells_at_contact_ends`.
+
+    Where the kink is in a cell differs from mesh to mesh, and with it the error of the cell.
+    """
+    result = np.zeros(count, dtype=bool)
+    for side, obstacle in enumerate(problem.obstacles if problem.in_domain else []):
+        formula = formula_of(obstacle.data) if isinstance(obstacle.data, Expr) else None
+        if formula is not None:
+            cells, _, touching = contact_on_entities(problem, side)
+            broken = broken_cells([formula], problem.space.mesh)
+            result[parents[np.intersect1d(cells[touching.any(axis=1)], broken)]] = True
     return result
 
 

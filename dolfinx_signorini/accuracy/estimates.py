@@ -14,7 +14,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import joined, shared_out, total
-from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
+from dolfinx_signorini.accuracy.contact_ends import (
+    cells_at_contact_ends,
+    cells_at_kinks,
+    rate_at_ends,
+)
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
 from dolfinx_signorini.accuracy.data_errors import Reader, data_errors
 from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
@@ -27,7 +31,7 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-from dolfinx_signorini.norms.orders import SMOOTH, is_finite
+from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 
@@ -94,6 +98,10 @@ class Estimator:
         self.rates.assume(found.resolved)
         ends = cells_at_contact_ends(solved.fine, solved.parents, solved.count)
         self.rates.limit(ends, rate_at_ends(self._target, solved.fine.in_domain))
+        kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
+        self.rates.know(kinks, self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1))
+        # The dofs around a kink are those of the obstacle: all of the difference is made there.
+        self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
         self.prediction, self.polygon = self.rates.prediction(found.cells), 0.0
         value = self._left_over(found)
         if math.isinf(self.rates.power):

@@ -83,6 +83,17 @@ class Rates:
         self.values = np.where(cells, np.minimum(self.values, rate), self.values)
         self._limited = cells
 
+    def know(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
+        """Take the rate of some cells from theory alone: what is measured there is chance.
+
+        Args:
+            cells: Whether the rate is that of a cell.
+            rate: The rate.
+        """
+        known = float(np.clip(rate, SLOWEST, self.order))
+        self.values = np.where(cells, known, self.values)
+        self._limited = self._limited | cells
+
     def assume(self, resolved: npt.NDArray[np.bool_]) -> None:
         """Take cells whose rates have not been measured to be smooth where they look so.
 

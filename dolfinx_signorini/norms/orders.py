@@ -26,6 +26,7 @@ Numbers = TypeVar("Numbers", float, Array)  # one number, or an array of them
 
 DETACHMENT_EXPONENT = 1.5  # a, of the solution at a detachment point inside a straight side
 FREE_BOUNDARY_EXPONENT = 2.0  # of the distance to the end of contact in the domain
+KINK_EXPONENT = 1.0  # of the distance to a kink, of an obstacle in the domain
 SMOOTH = math.inf  # in place of a, for a smooth function and for meshes that are graded as it takes
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from known import Known, true_error
 
 from dolfinx_signorini import (
     InputError,
@@ -151,6 +152,45 @@ def test_the_accuracy_is_met(comm, name, degree, norm, accuracy, mirrored):
         and truth <= min(accuracy, 1.2 * found.estimate)
     )
     assert truth > 0.02 * accuracy
+    found.problem.destroy()
+
+
+def pyramid(x):
+    return 0.18 - abs(x[0] - 0.603) - 0.5 * abs(x[1] - 0.447)
+
+
+@pytest.mark.parametrize(
+    ("degree", "norm", "accuracy"),
+    [(1, "Linf", 0.02), (1, "Linf", 0.005), (2, "Linf", 0.01), (3, "L2", 3e-3)],
+)
+def test_kinks_of_an_obstacle_that_cells_do_not_follow(comm, degree, norm, accuracy):
+    """All of the membrane lies on a pyramid, and its solution is the pyramid.
+
+    From mesh to mesh the edges of the pyramid come to lie elsewhere in the cells.
+    """
+
+    def pose(sided):
+        space = bernstein_space(sided.mesh, degree)
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        data, values = (
+            fem.Function(space),
+            fem.Function(fem.functionspace(sided.mesh, ("P", degree))),
+        )
+        values.interpolate(pyramid)
+        data.interpolate(values)
+        dofs = fem.locate_dofs_topological(space, 1, boundary_facets(sided.mesh))
+        return ObstacleProblem(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            -4.0 * v * ufl.dx,
+            lower=pyramid(ufl.SpatialCoordinate(sided.mesh)),
+            bcs=[fem.dirichletbc(data, dofs)],
+        )
+
+    sided = SidedMesh(mesh.create_unit_square(comm, 6, 6), {})
+    found = solve_adaptively(pose, sided, norm=norm, accuracy=accuracy, max_unknowns=20_000)
+    assert found.reached
+    error = true_error(found.problem.u, Known("", lambda x, y: pyramid((x, y)), None, {}), norm)
+    assert error <= found.estimate <= 8.0 * error
     found.problem.destroy()
 
 
