@@ -194,7 +194,8 @@ class Rates:
         self.values = np.where(smooth, self.order, self.values)
         self._confirmed |= slow & ~smooth & towards & ~divided.away
         # A cell away from the point may have the singular point itself, which is no vertex yet.
-        missed = divided.away & (cells > NOTABLE * largest)
+        similar = owned(before) * 2.0 ** (-self._slow / self._times * levels)
+        missed = divided.away & (cells > NOTABLE * similar)
         self.values = np.where(missed, np.minimum(self._slow, self.values), self.values)
 
     def _lasting(self, rates: Array, depth: Array) -> Array:
