@@ -75,11 +75,13 @@ class Distances:
         off: The distances at the points of `facet_lattice`, shape (facets, points). On facets that
             are not in contact only what an obstacle has beyond the solution.
         held: Whether a facet is held at its data, by contact or by a condition.
+        contact: Whether the data are an obstacle.
     """
 
     pairs: LocalIndices
     off: Array
     held: Mask
+    contact: bool
 
 
 def data_defects(solved: Solved, dual: Dual | None) -> Array:
@@ -103,21 +105,26 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     """Return what distances from data are in J(u - w) for a scalar solution.
 
     On a held facet, -G(u_D - w): the force that holds the dual solution there times the mean
-    distance. On a free facet the obstacle lifts the solution by the largest distance, with at most
-    the force that does so at a dof of the facet, times the dual solution there. In cells, J itself.
+    distance. On a facet whose nodes are free the obstacle lifts the solution by the largest
+    distance, with at most the force that does so at a dof of the facet, times the dual solution
+    there. In cells, J itself.
     """
     problem = solved.fine
     if dual is None or problem.space.dofmap.bs > 1:
         return np.zeros((2, solved.count))
     space = problem.space
     result = np.zeros((2, len(owned_cells(space.mesh))))
-    lifted, weights = product(stiffness(problem), dual.z), _weights(problem)
+    lifted = product(stiffness(problem), dual.z)
+    gap = problem.gap.x.array
     for distances in distances_from_data(problem):
         pairs, off = distances.pairs, distances.off
-        fixed = -shared_by_facets(space, pairs, dual.forces.x.array) * (off @ weights)
-        lift = lifted.x.array[facet_dofs(space, pairs)].mean(axis=1)
-        free = lift * (off.max(axis=1) + off.min(axis=1))  # one of the two is 0
-        parts = np.where(distances.held, fixed, free)
+        fixed = -shared_by_facets(space, pairs, dual.forces.x.array) * off.mean(axis=1)
+        dofs = facet_dofs(space, pairs)
+        lift = lifted.x.array[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
+        touching = np.abs(gap[dofs]).max(axis=1) <= SOLVED * np.abs(off).max(axis=1)
+        if distances.contact and solved.target.norm is not None:
+            fixed *= 0.0  # two solutions that meet the obstacle at the same nodes know no z
+        parts = np.where(distances.held, fixed, np.where(touching, 0.0, lift))
         for row, values in zip(result, (parts, np.abs(parts)), strict=True):
             np.add.at(row, pairs[:, 0], values)
     if solved.target.functional is not None:
@@ -126,14 +133,6 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
             J = assembled(solved.target.functional(ufl.TestFunction(finer)), finer)
             result += shared_by_cells(product(J, off))
     return solved.on_parents(result)
-
-
-def _weights(problem: BoundConstrainedProblem) -> Array:
-    """The weights of the mean of a function that is linear between the points of a facet."""
-    lattice = facet_lattice(problem.space)
-    rims = np.column_stack((1.0 - lattice.sum(axis=1), lattice)) < SOLVED
-    weights = np.array([1.0, 1.0 / 2.0, 1.0 / 6.0])[np.count_nonzero(rims, axis=1)]
-    return np.asarray(weights / weights.sum())
 
 
 def stiffness(problem: BoundConstrainedProblem) -> fem.Function:
@@ -169,7 +168,7 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
             bound = bound / points.values(lengths)[0]
         off, held = bound - points.values(u)[0], np.asarray(touching.all(axis=1))
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
-        yield Distances(entities, np.where(held[:, None], off, beyond), held)
+        yield Distances(entities, np.where(held[:, None], off, beyond), held, contact=True)
 
 
 def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
@@ -184,7 +183,7 @@ def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
         points = Points(domain, facet_cells(domain, facets), lattice)
         off = _values(known.value, points, formulas) - points.values(problem.u)[0]
         off = np.where(np.isfinite(off), off, 0.0)
-        yield Distances(points.places, off, np.ones(len(facets), dtype=bool))
+        yield Distances(points.places, off, np.ones(len(facets), dtype=bool), contact=False)
 
 
 def _distances_in_cells(problem: BoundConstrainedProblem) -> Iterator[fem.Function]:
