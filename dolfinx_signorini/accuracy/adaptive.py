@@ -8,6 +8,7 @@ from typing import Any
 from dolfinx_signorini.accuracy.data_errors import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import REACHED, Loop, Pose, posed
+from dolfinx_signorini.accuracy.problem_data import coefficients_of, data_of, integrate_piecewise
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
@@ -26,9 +27,7 @@ from dolfinx_signorini.base.kinds import (
 )
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.form_data import coefficients_of, data_of
 from dolfinx_signorini.data.interfaces.following import follow
-from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh

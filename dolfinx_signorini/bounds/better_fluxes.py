@@ -42,16 +42,9 @@ from dolfinx_signorini.bounds.condensation import (
 from dolfinx_signorini.bounds.frames import cells_around
 from dolfinx_signorini.bounds.gaps import contact_energy, gap_means
 from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram, assembled
-from dolfinx_signorini.bounds.reference_flux import (
-    PARTS,
-    ReferenceFlux,
-    from_bernstein,
-    lowest,
-    on_parts,
-    others,
-    reference_flux,
-)
+from dolfinx_signorini.bounds.reference_flux import PARTS, ReferenceFlux, reference_flux
 from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.meshes.polynomials import from_bernstein, lowest, on_parts, others
 
 # By dimension: by how much the better fluxes are of higher degree. For P3 on the square with 32
 # cells per side the bound is 1.80 times the error with 0, 1.74 with 1, 1.71 with 2.

@@ -6,9 +6,9 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.frames import on_frames
-from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, polynomial_degree
+from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.values import Data
 

@@ -14,9 +14,10 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.transport import transported
+from dolfinx_signorini.meshes.polynomials import lowest
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
-from dolfinx_signorini.bounds.reference_flux import (
+from dolfinx_signorini.bounds.reference_flux import PARTS
+from dolfinx_signorini.meshes.polynomials import (
     CELLS,
-    PARTS,
     highest_on_parts,
     largest,
     lowest,

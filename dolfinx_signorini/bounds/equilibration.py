@@ -14,7 +14,8 @@ from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData, vertices_of
 from dolfinx_signorini.bounds.patch_groups import FREE, HALF, SPREAD
 from dolfinx_signorini.bounds.patches import patch_fluxes
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, lowest, others
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
+from dolfinx_signorini.meshes.polynomials import lowest, others
 
 
 def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) -> Array:

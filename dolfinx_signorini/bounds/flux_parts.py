@@ -18,8 +18,9 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.gaps import contact_energy
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, largest
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.meshes.polynomials import largest
 
 
 @dataclass(frozen=True)

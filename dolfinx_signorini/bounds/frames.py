@@ -20,9 +20,9 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import summed
-from dolfinx_signorini.bounds.reference_flux import barycentric, polynomials
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
+from dolfinx_signorini.meshes.polynomials import barycentric, polynomials
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.values import Data, called
 

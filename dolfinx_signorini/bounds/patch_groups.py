@@ -14,7 +14,8 @@ import numpy as np
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, PARTLY, CellData
 from dolfinx_signorini.bounds.congruence import codes, codes_of_groups
-from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS, others
+from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
+from dolfinx_signorini.meshes.polynomials import others
 
 # What is free on contact facets, see `patches.patch_fluxes`.
 FREE, HALF, SPREAD = range(3)

@@ -28,7 +28,8 @@ from dolfinx_signorini.bounds.condensation import (
     shapes_of,
 )
 from dolfinx_signorini.bounds.patch_groups import FREE, SPREAD, Group, Patches
-from dolfinx_signorini.bounds.reference_flux import ReferenceFlux, others
+from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
+from dolfinx_signorini.meshes.polynomials import others
 
 
 def patch_fluxes(

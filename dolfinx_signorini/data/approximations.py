@@ -20,7 +20,6 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import UPWARDS
-from dolfinx_signorini.bounds.reference_flux import largest, polynomials, rule
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
@@ -35,6 +34,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
 )
 from dolfinx_signorini.data.names import operations
 from dolfinx_signorini.data.singular import root_mean_squares
+from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension

@@ -1,10 +1,9 @@
-"""The data of a problem that is posed in UFL: formulas with the cells or facets that they are on.
+"""The data of forms in UFL: formulas with the cells or facets that they are on.
 
 Summands that depend on finite element functions are left out.
 """
 
 from collections.abc import Iterator
-from functools import partial
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -16,7 +15,6 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import Formula, number
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
@@ -27,7 +25,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_vertices,
     owned_cells,
 )
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 NAMES = {  # of data of forms, by the kind of integral and the number of arguments
     ("cell", 1): "the load",
@@ -37,65 +34,35 @@ NAMES = {  # of data of forms, by the kind of integral and the number of argumen
 }
 
 
-def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
-    """Return the data of a problem that depend on the coordinates, as far as they are readable."""
-    found = [*_form_data(problem, problem.L), *_form_data(problem, problem.a)]
-    domain, contact = problem.space.mesh, problem.contact
-    for obstacle in problem.obstacles:
-        formula = formula_of(obstacle.data) if isinstance(obstacle.data, Expr) else None
-        if formula is not None:
-            own = contact[contact < len(owned_cells(domain))]
-            parts = on_cells(domain, own) if problem.in_domain else on_boundary(domain, contact)
-            degree = problem.space.element.basix_element.degree
-            found.append(Datum("the obstacle", formula, "height", degree, *parts))
-    return [datum for datum in found if datum.formula.constant is None]
+def form_data(form: ufl.Form) -> Iterator[Datum]:
+    """Yield the data of a form that depend on the coordinates, as far as they are readable."""
+    space, reading = form.arguments()[0].ufl_function_space(), Reading(form)
+    domain, degree = space.mesh, max(DEGREE, space.element.basix_element.degree)
+    for i, integral in enumerate(form.integrals()):
+        kind = integral.integral_type()
+        name = NAMES.get((kind, len(form.arguments())))
+        parts = _parts(domain, integral)
+        if name is None or parts is None:
+            continue
+        for formula in _formulas(reading, i, domain.geometry.dim, space.dofmap.bs):
+            if formula.constant is None:
+                yield Datum(name, formula, "mass", degree if kind == "cell" else DEGREE, *parts)
 
 
-def coefficients_of(problem: BoundConstrainedProblem) -> Coefficients:
-    """Return the coefficients of a problem, as far as integrals over all cells are readable.
-
-    Those of a system of equations are not taken apart: nothing is known of the problem then.
-    """
-    if problem.space.dofmap.bs > 1:
-        return Coefficients(None, None, ())
-    slopes = range(1, problem.space.mesh.geometry.dim + 1)
-    found = []
-    for form in (problem.L, problem.a):
-        reading, every = Reading(form), enumerate(form.integrals())
-        over = [i for i, part in every if part.integral_type() == "cell" and _is_everywhere(part)]
-        found.append(partial(reading.total, [place for i in over for place in reading.places(i)]))
-    load, a = found
-    rows = tuple(tuple(a([s, t]) for t in slopes) for s in slopes)
-    return Coefficients(load([0]), a([0, 0]), rows)
-
-
-def choices_in_diffusion(problem: BoundConstrainedProblem) -> Iterator[tuple[Expr, Formula, Array]]:
-    """Yield the outermost conditionals in the diffusion of a problem, as far as they are readable.
+def choices_in_diffusion(a: ufl.Form) -> Iterator[tuple[Expr, Formula, Array]]:
+    """Yield the outermost conditionals in the diffusion of a form, as far as they are readable.
 
     With each conditional come its formula and the vertices of the owned cells that its integral is
     over.
     """
-    domain, reading = problem.space.mesh, Reading(problem.a)
-    for i, integral in enumerate(problem.a.integrals()):
+    domain, reading = a.arguments()[0].ufl_function_space().mesh, Reading(a)
+    for i, integral in enumerate(a.integrals()):
         for place in reading.places(i) if integral.integral_type() == "cell" else []:
             reaction = reading.formula(place, [0, 0])
             if reaction is None or reaction.constant == 0.0:
                 for choice in _outermost_choices(reading.terms[i][place[1]]):
                     if (formula := formula_of(choice)) is not None:
                         yield choice, formula, _cells_of(domain, integral)[0]
-
-
-def _form_data(problem: BoundConstrainedProblem, form: ufl.Form) -> Iterator[Datum]:
-    degree, reading = max(DEGREE, problem.space.element.basix_element.degree), Reading(form)
-    for i, integral in enumerate(form.integrals()):
-        kind = integral.integral_type()
-        name = NAMES.get((kind, len(form.arguments())))
-        parts = _parts(problem.space.mesh, integral)
-        if name is None or parts is None:
-            continue
-        size = problem.space.dofmap.bs
-        for formula in _formulas(reading, i, problem.space.mesh.geometry.dim, size):
-            yield Datum(name, formula, "mass", degree if kind == "cell" else DEGREE, *parts)
 
 
 def _formulas(reading: Reading, integral: int, dimension: int, size: int) -> Iterator[Formula]:
@@ -135,7 +102,7 @@ def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices] | Non
         return _cells_of(domain, integral)
     if integral.integral_type() != "exterior_facet":
         return None
-    if _is_everywhere(integral):
+    if is_everywhere(integral):
         return on_boundary(domain, boundary_facets(domain))
     if isinstance(integral.subdomain_data(), mesh.MeshTags):
         return on_boundary(domain, _entities(integral))
@@ -145,7 +112,7 @@ def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices] | Non
 
 def _cells_of(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
     own = owned_cells(domain)
-    if _is_everywhere(integral):
+    if is_everywhere(integral):
         return on_cells(domain, own)
     cells = _entities(integral)
     return on_cells(domain, cells[cells < len(own)])
@@ -156,7 +123,8 @@ def _numbers(integral: Any) -> tuple[Any, ...]:
     return number_ if isinstance(number_, tuple) else (number_,)
 
 
-def _is_everywhere(integral: Any) -> bool:
+def is_everywhere(integral: Any) -> bool:
+    """Return whether an integral is over all cells or facets of its kind."""
     numbered = all(isinstance(k, int | np.integer) for k in _numbers(integral))
     return integral.subdomain_data() is None or not numbered
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import SOLVED, UNIT, UPWARDS
-from dolfinx_signorini.bounds.reference_flux import highest_on_parts, largest, polynomials
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
+from dolfinx_signorini.meshes.polynomials import highest_on_parts, largest, polynomials
 
 PARTS = 64  # of a segment where a formula is not smooth
 # Of the values: derivatives so small need no parts, and continuous data change so little in

@@ -25,6 +25,7 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
+from dolfinx_signorini.data.interfaces.piecewise_forms import warn_of_cut_coefficients
 from dolfinx_signorini.problem.arguments import (
     checked_space,
     conditions_of,
@@ -563,10 +564,7 @@ class BoundConstrainedProblem:
     def _warn_of_jumps(self) -> None:
         """Warn where the diffusion jumps inside of cells and is not integrated piece by piece."""
         if self.assembled_forms[0] is self.a and has_choices(self.a):
-            # The room of data, which knows problems, is loaded by those alone whose data choose.
-            from dolfinx_signorini.data.interfaces import piecewise_forms
-
-            piecewise_forms.warn_of_cut_coefficients(self)
+            warn_of_cut_coefficients(self.a, self.space.mesh)
 
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""

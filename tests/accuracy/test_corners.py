@@ -19,7 +19,7 @@ from dolfinx_signorini import (
     solve_scene,
 )
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
-from dolfinx_signorini.data.form_data import coefficients_of
+from dolfinx_signorini.accuracy.problem_data import coefficients_of
 from dolfinx_signorini.meshes.box_meshes import box_mesh
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes.files.reading import parse_scene

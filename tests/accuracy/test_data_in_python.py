@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, solve_adaptively
 from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
-from dolfinx_signorini.data.form_data import data_of
-from dolfinx_signorini.data.interfaces.piecewise_forms import integrate_piecewise, piecewise
+from dolfinx_signorini.accuracy.problem_data import data_of, integrate_piecewise
+from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, simplex_sizes
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
 

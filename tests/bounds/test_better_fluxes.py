@@ -11,7 +11,8 @@ from dolfinx_signorini.bounds import better_fluxes as module
 from dolfinx_signorini.bounds.better_fluxes import improved
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, OPEN, CellData
 from dolfinx_signorini.bounds.energy_bound import energy_bound
-from dolfinx_signorini.bounds.reference_flux import polynomials, reference_flux
+from dolfinx_signorini.bounds.reference_flux import reference_flux
+from dolfinx_signorini.meshes.polynomials import polynomials
 
 
 def changed(monkeypatch, degree, end, comm):

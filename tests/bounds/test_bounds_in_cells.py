@@ -13,11 +13,12 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.bounds import better_fluxes, cell_pressure, nearer
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.interior_point import QuadraticProgram
-from dolfinx_signorini.bounds.reference_flux import polynomials, reference_flux
+from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.box_meshes import box_mesh
 from dolfinx_signorini.meshes.elements import bernstein_space
+from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.obstacle import ObstacleProblem

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.bounds.cones import Cones
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.reference_flux import polynomials
+from dolfinx_signorini.meshes.polynomials import polynomials
 
 DEGREE = 7
 

@@ -36,15 +36,11 @@ from dolfinx_signorini.bounds.condensation import coefficients
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import cell_frames
-from dolfinx_signorini.bounds.reference_flux import (
-    largest,
-    lowest,
-    polynomials,
-    reference_flux,
-)
+from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.polynomials import largest, lowest, polynomials
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 from dolfinx_signorini.problem.signorini import SignoriniProblem

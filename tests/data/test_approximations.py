@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.bounds.reference_flux import polynomials, rule
 from dolfinx_signorini.data import approximations
 from dolfinx_signorini.data.analytic import discs
 from dolfinx_signorini.data.approximations import approximated, followed, followed_in_parts
@@ -20,6 +19,7 @@ from dolfinx_signorini.data.interfaces.pieces import divided, inside
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.matrices import inverse_entries
 from dolfinx_signorini.data.parsing import parse
+from dolfinx_signorini.meshes.polynomials import polynomials, rule
 
 pytestmark = pytest.mark.pure
 

@@ -9,10 +9,10 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.jumps import Projection
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
+from dolfinx_signorini.meshes.polynomials import barycentric
 from dolfinx_signorini.meshes.sided_meshes import facet_cells, facet_vertices
 
 

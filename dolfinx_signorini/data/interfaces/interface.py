@@ -15,7 +15,6 @@ from scipy.optimize.elementwise import find_root
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import (
     Formula,
@@ -28,6 +27,7 @@ from dolfinx_signorini.data.formulas import (
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
 from dolfinx_signorini.data.names import Names
+from dolfinx_signorini.meshes.polynomials import barycentric
 
 FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
 SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for

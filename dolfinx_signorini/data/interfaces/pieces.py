@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.bounds.reference_flux import barycentric
 from dolfinx_signorini.meshes.parts import CHILDREN
+from dolfinx_signorini.meshes.polynomials import barycentric
 
 Numbers = npt.NDArray[Any]
 

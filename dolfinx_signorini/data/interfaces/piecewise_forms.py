@@ -25,21 +25,6 @@ from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-
-
-def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
-    """Let a problem have its data integrated piece by piece where they jump inside of cells.
-
-    Args:
-        problem: The problem; the call is collective. Forms of vectors stay as they are.
-    """
-    if problem.space.dofmap.bs > 1:
-        return
-    domain = problem.space.mesh
-    a, L = piecewise(problem.a, domain), piecewise(problem.L, domain)
-    if a is not None or L is not None:
-        problem.integrate(a, L)
 
 
 def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
@@ -164,19 +149,20 @@ def _rule(
     return given if fine else rule.metadata
 
 
-def warn_of_cut_coefficients(problem: BoundConstrainedProblem) -> None:
+def warn_of_cut_coefficients(a: ufl.Form, domain: mesh.Mesh) -> None:
     """Warn, once for each conditional, where the diffusion chooses inside of cells.
 
     Conditionals that are unreadable, such as those of finite element functions, are passed over.
 
     Args:
-        problem: The problem; the call is collective.
+        a: A bilinear form.
+        domain: The mesh of the form; the call is collective.
     """
-    if problem.space.mesh.topology.cell_name() not in ("triangle", "tetrahedron"):
+    if domain.topology.cell_name() not in ("triangle", "tetrahedron"):
         return
-    for choice, formula, corners in choices_in_diffusion(problem):
+    for choice, formula, corners in choices_in_diffusion(a):
         depths = [interface.depths(corners).any() for interface in interfaces(formula)]
-        if problem.comm.allreduce(any(depths)):
+        if domain.comm.allreduce(any(depths)):
             _warn_once(str(choice))
 
 

@@ -20,7 +20,6 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, UPWARDS
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
-from dolfinx_signorini.bounds.reference_flux import others
 from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.data.approximations import ORDERS, approximated, followed_in_parts
@@ -29,6 +28,7 @@ from dolfinx_signorini.data.enclosures import enclosed_on_simplices, nowhere_neg
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.smoothness import load_is_a_function
+from dolfinx_signorini.meshes.polynomials import others
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, longest_side
 from dolfinx_signorini.scenes.files.condition import BoundaryCondition
 from dolfinx_signorini.scenes.files.conditions import Contact, Dirichlet, Neumann

@@ -16,13 +16,13 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.bounds.cell_values import BEST
-from dolfinx_signorini.bounds.reference_flux import polynomials
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
 from dolfinx_signorini.data.approximations import followed_in_parts
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
+from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.scenes.files.scene import Scene
 
 DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension

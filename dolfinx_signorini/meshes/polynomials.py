@@ -1,0 +1,164 @@
+"""Polynomials on simplices: an orthonormal basis, bounds by Bernstein coefficients, and rules.
+
+A polynomial lies between the least and the largest of its Bernstein coefficients.
+
+Source: Farouki, The Bernstein polynomial basis: a centennial retrospective, Computer Aided
+Geometric Design 29 (2012) 379-419.
+"""
+
+import functools
+import math
+
+import basix
+import numpy as np
+
+from dolfinx_signorini.base.arrays import Array, Indices
+
+CELLS = {1: basix.CellType.interval, 2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
+
+
+def polynomials(dimension: int, degree: int, points: Array) -> Array:
+    """Return polynomials on the reference simplex that are orthonormal for the mean.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: The total degree of the polynomials; the first one is 1.
+        points: Points of the reference simplex, shape (points, dimension).
+
+    Returns:
+        The values of the polynomials, shape (polynomials, points).
+    """
+    kind, some = basix.PolynomialType.legendre, np.vstack((points, np.zeros((1, dimension))))
+    values = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, some))
+    return np.asarray(values[:, :-1] / math.sqrt(math.factorial(dimension)))  # some, not none
+
+
+def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
+    """Return lower bounds of polynomials on a simplex: their least Bernstein coefficients.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials.
+        coefficients: The polynomials in terms of `polynomials`, shape (..., polynomials).
+    """
+    return np.asarray((coefficients @ _to_bernstein(dimension, degree)).min(axis=-1))
+
+
+def largest(dimension: int, degree: int, coefficients: Array) -> Array:
+    """Return upper bounds of the absolute values of polynomials on a simplex.
+
+    Args:
+        dimension, degree, coefficients: See `lowest`.
+    """
+    return np.asarray(np.abs(coefficients @ _to_bernstein(dimension, degree)).max(axis=-1))
+
+
+def positive_on_parts(degree: int, count: int, coefficients: Array, places: Array) -> Array:
+    """Return functions that are not below the positive parts of polynomials on the unit interval.
+
+    On each of some equal parts of the interval the functions are polynomials, too: negative
+    Bernstein coefficients become 0.
+
+    Args:
+        degree, count, coefficients: See `highest_on_parts`.
+        places: Points of the unit interval for each polynomial, shape (n, points).
+    """
+    part = np.minimum((count * places).astype(np.int64), count - 1)
+    above = np.maximum(coefficients @ on_parts(degree, count), 0.0)
+    basis = _bernstein(degree, (count * places - part).reshape(-1, 1))
+    basis = basis.reshape(degree + 1, *places.shape)
+    return np.asarray(np.einsum("nqk,knq->nq", above[part, np.arange(len(part))[:, None]], basis))
+
+
+def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
+    """Return upper bounds of polynomials on equal parts of the unit interval.
+
+    Args:
+        degree: The degree of the polynomials.
+        count: The number of parts.
+        coefficients: The polynomials in terms of `polynomials`, shape (n, polynomials).
+
+    Returns:
+        The bounds, shape (n, count).
+    """
+    return np.asarray((coefficients @ on_parts(degree, count)).max(axis=2).T)
+
+
+@functools.cache
+def on_parts(degree: int, count: int) -> Array:
+    """Return the Bernstein coefficients of the polynomials on equal parts of the unit interval.
+
+    Args:
+        degree, count: See `highest_on_parts`.
+
+    Returns:
+        The coefficients, shape (count, polynomials, coefficients).
+    """
+    lattice = _lattice(1, degree)
+    places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
+    table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
+    return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(_bernstein(degree, lattice)))
+
+
+def _lattice(dimension: int, degree: int) -> Array:
+    kind = basix.LatticeType.equispaced
+    return np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
+
+
+def _bernstein(degree: int, points: Array) -> Array:
+    """The Bernstein basis at points of a reference simplex, shape (functions, points).
+
+    The factorials of Basix are wrong from degree 13 on.
+    """
+    shares = barycentric(points)
+    powers = np.indices((degree + 1,) * shares.shape[1]).reshape(shares.shape[1], -1).T
+    powers = powers[powers.sum(axis=1) == degree]
+    factorials = np.array([math.factorial(k) for k in range(degree + 1)], dtype=np.float64)
+    scales = factorials[degree] / factorials[powers].prod(axis=1)
+    values = [
+        scale * (shares**alpha).prod(axis=1) for scale, alpha in zip(scales, powers, strict=True)
+    ]
+    return np.array(values)
+
+
+@functools.cache
+def _to_bernstein(dimension: int, degree: int) -> Array:
+    """The Bernstein coefficients of the polynomials, one row each."""
+    points = _lattice(dimension, degree)
+    table = polynomials(dimension, degree, points)
+    return np.asarray(table @ np.linalg.inv(_bernstein(degree, points)))
+
+
+def from_bernstein(dimension: int, degree: int) -> Array:
+    """Return the coefficients of the Bernstein basis in terms of `polynomials`, one row each.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials.
+    """
+    return np.asarray(np.linalg.inv(_to_bernstein(dimension, degree)))
+
+
+def others(dimension: int) -> Indices:
+    """Return for each vertex of a simplex the facets with this vertex, and the other way round."""
+    numbers = range(dimension + 1)
+    return np.array([[k for k in numbers if k != a] for a in numbers])
+
+
+def barycentric(points: Array) -> Array:
+    """Return the barycentric coordinates of points of a reference simplex, one column each."""
+    return np.column_stack((1.0 - points.sum(axis=1), points))
+
+
+def rule(dimension: int, degree: int) -> tuple[Array, Array]:
+    """Return points and positive weights on a reference simplex; the weights add up to 1.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: The degree of the polynomials that are integrated exactly.
+    """
+    for kind in (basix.QuadratureType.default, basix.QuadratureType.gauss_jacobi):
+        points, weights = map(np.asarray, basix.make_quadrature(CELLS[dimension], degree, kind))
+        if (weights > 0.0).all():
+            break
+    return points, weights * math.factorial(dimension)
