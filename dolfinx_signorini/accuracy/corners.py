@@ -1,67 +1,147 @@
-"""The cells at corners of the domain, and the exponents of the distance that solutions have there.
+"""The cells at corners, and the exponents of the distance that solutions have there.
 
-Around a corner of a domain in the plane, or an edge of one in space, a solution is like r^a where
-the angle and the conditions on both sides tell the exponent, see `norms.orders`. A side in contact
+Around a vertex in the plane, or an edge in space, a solution is like r^a where the angles, the
+conditions on both sides and the coefficients of the form tell the exponent, see `norms.sectors`.
+Such corners are those of the domain, points where the condition changes, and points inside of the
+domain where coefficients jump across a line that bends, or across several lines. A side in contact
 has given values, as a Dirichlet side, and a contact side that touches nothing is a Neumann side.
 
-Sources: Grisvard, Elliptic Problems in Nonsmooth Domains (1985), Theorem 4.4.3.7; Dauge, Elliptic
-Boundary Value Problems on Corner Domains (1988), for edges.
+Between two contact sides, one in contact and one not, a solution would be positive on one side and
+in contact with the other, but the signs of its gap and of its pressure contradict each other. So
+the exponent is that of two sides with the same condition. For the same reason the exponent at a
+detachment point inside a straight contact side is 3/2 and not 1/2.
+
+Sources: Christof and Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75
+(2020) 75.
 """
 
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from dolfinx import common, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import largest, marked, summed
-from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.principal_part import PrincipalPart, principal_part
 from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.elements import facet_dofs
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, owned_cells
-from dolfinx_signorini.norms.orders import SMOOTH, corner_exponents
+from dolfinx_signorini.meshes.sided_meshes import (
+    boundary_facets,
+    entity_nodes,
+    facet_cells,
+    owned_cells,
+)
+from dolfinx_signorini.norms.orders import SMOOTH
+from dolfinx_signorini.norms.sectors import sector_exponent
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.contact import ContactProblem
 
-JUMP = 2.0  # the ratio of diffusions in cells around a corner: a smooth one changes less
+# A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
+STRAIGHT = math.radians(15.0)
+SAME = 1e-6  # relative: angles and coefficients at a corner that are the same but for rounding
+TURN = 2.0 * math.pi
 
 
-def exponents_at_corners(problem: BoundConstrainedProblem, known: Coefficients) -> Array:
+@dataclass(frozen=True)
+class Sides:
+    """The conditions on boundary facets, for n unknowns:
+
+        sides = conditions_of(problem)
+        print(sides.held.mean())
+
+    Attributes:
+        facets: The owned boundary facets.
+        given: The projections to the directions of unknowns with Dirichlet data, shape
+            (facets, n, n).
+        stopped: The projections to the direction that an obstacle bounds; 0 without an obstacle.
+        touching: Whether a facet is in contact with its obstacle.
+    """
+
+    facets: LocalIndices
+    given: Array
+    stopped: Array
+    touching: Mask
+
+
+@dataclass(frozen=True)
+class _Around:
+    """What all ranks know around one vertex or edge: sectors by the angle, and sides."""
+
+    starts: Array
+    widths: Array
+    tensors: Array
+    angles: Array
+    given: Array
+    stopped: Array
+    touching: Any
+
+
+def exponents_at_corners(problem: BoundConstrainedProblem) -> Array:
     """Return for each owned cell the least exponent at one of its corners; collective.
 
     Args:
         problem: The solved problem.
-        known: The coefficients of the problem.
 
     Returns:
-        The exponents; `SMOOTH` for cells without a corner, and where the diffusion is not known or
-        jumps at the corner, for then the angle alone does not tell the exponent. Those of elastic
-        bodies depend on the material, too, and are not known.
+        The exponents; `SMOOTH` for cells without a corner, and where the coefficients of the form
+        are not readable.
     """
     domain = problem.space.mesh
-    if problem.space.dofmap.bs > 1:
+    part = principal_part(problem.a)
+    if part is None:
         return np.full(len(owned_cells(domain)), SMOOTH)
-    facets, every = boundary_facets(domain), owned_cells(domain)
-    on_facets, on_cells = (
-        _corners(domain, codim)[owned] for codim, owned in ((1, facets), (0, every))
-    )
+    exponents = exponents_at_places(domain, part, conditions_of(problem))
+    return np.asarray(exponents[_corners(domain, 0)[owned_cells(domain)]].min(axis=1))
+
+
+def conditions_of(problem: BoundConstrainedProblem) -> Sides:
+    """Return the conditions on the boundary facets of a solved problem; collective."""
+    layout, facets = problem.system.layout, boundary_facets(problem.space.mesh)
+    nodal, size, fixed = layout.nodal, layout.block, layout.fixed_dofs
+    on_facets = facet_dofs(nodal, facet_cells(problem.space.mesh, facets))
+
+    def everywhere(nodes: LocalIndices) -> Mask:
+        return np.all(marked(nodal, nodes)[on_facets], axis=1)
+
+    held = [everywhere(fixed[fixed % size == k] // size) for k in range(size)]
+    given, stopped = np.zeros((2, len(facets), size, size))
+    for k, on in enumerate(held):
+        given[on, k, k] = 1.0
+    touching = everywhere(np.concatenate([problem.active, layout.held_nodes]))
+    if problem.in_domain:  # a facet is in contact if its cells are
+        given[touching] = np.eye(size)
+        return Sides(facets, given, stopped, np.zeros_like(touching))
+    contact = everywhere(layout.obstacle_nodes)
+    units = np.ones((len(facets), 1))
+    if isinstance(problem, ContactProblem):
+        directions = problem.along_direction.directions.x.array.reshape(-1, size)
+        units = directions[on_facets].mean(axis=1)
+        units /= np.maximum(np.linalg.norm(units, axis=1), SAME)[:, None]
+    stopped[contact] = (units[:, :, None] * units[:, None])[contact]
+    return Sides(facets, given, stopped, touching & contact)
+
+
+def exponents_at_places(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Array:
+    """Return the exponents at vertices in the plane, or edges in space; collective.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra.
+        part: The coefficients of the form.
+        sides: The conditions on the boundary.
+
+    Returns:
+        The least exponent at each place that this rank knows, see `sector_exponent`.
+    """
+    domain.topology.create_entities(domain.topology.dim - 2)
     places = domain.topology.index_map(domain.topology.dim - 2)
-    held, contact = _conditions(problem, facets)
-    everywhere = np.ones(len(facets), dtype=bool)
-    boundary, given, free, other = (
-        summed(places, on_facets[chosen]) > 0.0 for chosen in (everywhere, held, ~held, ~contact)
-    )
-    cells = every[boundary[on_cells].any(axis=1)]
-    on_cells, tensors = on_cells[cells], _diffusion(domain, known, cells)
-    angles = seen = summed(places, on_cells, cell_angles(domain, cells))
-    if tensors is not None:
-        seen = summed(places, on_cells, cell_angles(domain, cells, tensors))
-        boundary &= _spread(places, on_cells, np.trace(tensors, axis1=1, axis2=2)) < JUMP
-    # Contact sides are of one kind, in contact or not, see `corner_exponents`.
-    exponents = corner_exponents(angles, seen, given & free & other)
-    exponents[~boundary] = SMOOTH
-    result = np.full(len(every), SMOOTH)
-    result[cells] = exponents[on_cells].min(axis=1, initial=SMOOTH)
+    result = np.full(places.size_local + places.num_ghosts, SMOOTH)
+    chosen = _candidates(domain, part, sides)
+    found = {place: _exponent(around) for place, around in _gathered(domain, part, sides, chosen)}
+    local = places.global_to_local(np.array([*found], dtype=np.int64))
+    result[local[local >= 0]] = np.array([*found.values()])[local >= 0]
     return result
 
 
@@ -74,29 +154,182 @@ def _corners(domain: mesh.Mesh, codim: int) -> LocalIndices:
     return links.reshape(-1, math.comb(dim + 1, tdim - 1))
 
 
-def _spread(places: common.IndexMap, on_cells: LocalIndices, values: Array) -> Array:
-    """The ratio of the largest and the least of positive values that cells have around places."""
-    here, sizes = on_cells.ravel(), np.repeat(values, on_cells.shape[1])
-    with np.errstate(all="ignore"):
-        return largest(places, here, sizes) * largest(places, here, 1.0 / sizes)
+def _candidates(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Mask:
+    """Where the boundary bends, the condition changes, or coefficients jump."""
+    places, every = domain.topology.index_map(domain.topology.dim - 2), owned_cells(domain)
+    on_facets, on_cells = _corners(domain, 1)[sides.facets], _corners(domain, 0)[every]
+    boundary = summed(places, on_facets) > 0.0
+    cells = every[boundary[on_cells].any(axis=1)]
+    angles = summed(places, on_cells[cells], cell_angles(domain, cells))
+    bent = boundary & (np.abs(angles - math.pi) >= STRAIGHT)
+    conditions = _given(sides.given, sides.stopped, sides.touching)
+    weights = np.sqrt(2.0 + np.arange(part.size**2)).reshape(part.size, part.size)
+    mixed = np.einsum("fij,ij->f", conditions, weights)
+    changes = _spread(places, on_facets, np.repeat(mixed[:, None], on_facets.shape[1], axis=1))
+    plain = summed(places, on_facets[~sides.stopped.any(axis=(1, 2))]) > 0.0
+    chosen = bent | ((changes > SAME) & plain)
+    if not part.is_constant:
+        values = part.mixed_at_corners(every)
+        sizes = largest(places, on_cells.ravel(), np.abs(values).ravel())
+        chosen |= _spread(places, on_cells, values) > SAME * sizes
+    return chosen
 
 
-def _conditions(problem: BoundConstrainedProblem, facets: LocalIndices) -> list[Mask]:
-    """Whether the values on boundary facets are given, by data or contact; and contact facets."""
-    space, layout = problem.space, problem.system.layout
-    on_facets = facet_dofs(space, facet_cells(space.mesh, facets))
-    given = np.concatenate([layout.fixed_dofs, problem.active])
-    contact = layout.obstacle_dofs[: 0 if problem.in_domain else None]
-    return [np.all(marked(space, dofs)[on_facets], axis=1) for dofs in (given, contact)]
+def _spread(places: common.IndexMap, on: LocalIndices, values: Array) -> Array:
+    """How far the values that cells or facets have at places are from their mean there."""
+    values = np.nan_to_num(values)
+    means = summed(places, on, values) / np.maximum(summed(places, on), 1.0)
+    return largest(places, on.ravel(), np.abs(values - means[on]).ravel())
 
 
-def _diffusion(domain: mesh.Mesh, known: Coefficients, cells: LocalIndices) -> Array | None:
-    """The diffusion tensors in the middles of cells; None for the identity."""
-    if not known.diffusion:
-        return None
-    dim = domain.topology.dim
-    middles = domain.geometry.x[domain.geometry.dofmap[cells]].mean(axis=1)[:, :dim]
-    found = [[evaluated(entry.root, middles) for entry in row] for row in known.diffusion]
-    if len(known.entries) == 1:
-        return np.multiply.outer(found[0][0], np.eye(dim))
-    return np.moveaxis(np.array(found), 2, 0)
+def _gathered(
+    domain: mesh.Mesh, part: PrincipalPart, sides: Sides, chosen: Mask
+) -> Iterator[tuple[int, _Around]]:
+    """Yield on each rank the sectors and sides of all ranks around each of the chosen places."""
+    places, every = domain.topology.index_map(domain.topology.dim - 2), owned_cells(domain)
+    on_cells, on_facets = _corners(domain, 0)[every], _corners(domain, 1)[sides.facets]
+    row, corner = np.nonzero(chosen[on_cells])
+    here = on_cells[row, corner]
+    angles, frames = _directions(domain, domain.topology.dim, every[row], here)
+    turn = np.mod(angles[:, 1] - angles[:, 0] + math.pi, TURN) - math.pi
+    starts = np.where(turn > 0.0, angles[:, 0], angles[:, 1])
+    cells, which = np.unique(every[row], return_inverse=True)
+    tensors = part.at_corners(cells.astype(np.int32))[which, corner]
+    tensors = np.einsum("mpa,miajb,mqb->mipjq", frames, tensors, frames)
+    side, end = np.nonzero(chosen[on_facets])
+    there = on_facets[side, end]
+    towards, _ = _directions(domain, domain.topology.dim - 1, sides.facets[side], there)
+    conditions = sides.given[side], sides.stopped[side], sides.touching[side]
+    own = (
+        (places.local_to_global(here), starts, np.abs(turn), tensors),
+        (places.local_to_global(there), towards[:, 0], *conditions),
+    )
+    parts = domain.comm.allgather(own)
+    sectors, edges = (_sorted(parts_of_all) for parts_of_all in zip(*parts, strict=True))
+    for place in np.unique(sectors[0]):
+        known = [
+            values[slice(*np.searchsorted(names, [place, place + 1]))]
+            for names, *arrays in (sectors, edges)
+            for values in arrays
+        ]
+        yield int(place), _Around(*known)
+
+
+def _sorted(parts: Sequence[tuple[Array, ...]]) -> list[Array]:
+    """The arrays of all ranks one after the other, in the order of the first one of them."""
+    joined = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+    order = np.argsort(joined[0], kind="stable")
+    return [values[order] for values in joined]
+
+
+def _directions(
+    domain: mesh.Mesh, dim: int, entities: LocalIndices, places: LocalIndices
+) -> tuple[Array, Array]:
+    """The angles at which the other vertices of entities lie around places, and the axes for them.
+
+    Around an edge the plane at right angles to the edge counts.
+    """
+    topology, tdim, gdim = domain.topology, domain.topology.dim, domain.geometry.dim
+    ends = _vertices(domain, tdim - 2, places)
+    others = _vertices(domain, dim, entities)
+    away = ~(others[:, :, None] == ends[:, None]).any(axis=2)
+    others = others[away].reshape(len(places), dim - tdim + 2)
+    topology.create_connectivity(0, tdim)
+    count = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
+    nodes = entity_nodes(domain, 0, np.arange(count, dtype=np.int32)).ravel()
+    x = domain.geometry.x[nodes][:, :gdim]
+    rays = x[others] - x[ends[:, :1]]
+    frames = np.broadcast_to(np.eye(2), (len(places), 2, 2))
+    if tdim == 3:
+        along = x[ends[:, 1]] - x[ends[:, 0]]
+        first = np.argmax(along != 0.0, axis=1)  # of two opposite vectors all ranks take the same
+        rows = np.arange(len(along))
+        along *= (np.sign(along[rows, first]) / np.linalg.norm(along, axis=1))[:, None]
+        away = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+        one = away - (away * along).sum(axis=1)[:, None] * along
+        one /= np.linalg.norm(one, axis=1)[:, None]
+        frames = np.stack([one, np.cross(along, one)], axis=1)
+    plane = np.einsum("mpa,mva->mvp", frames, rays)
+    return np.arctan2(plane[:, :, 1], plane[:, :, 0]), np.asarray(frames)
+
+
+def _vertices(domain: mesh.Mesh, dim: int, entities: LocalIndices) -> LocalIndices:
+    """The vertices of entities, shape (entities, dim + 1)."""
+    if dim == 0:
+        return entities.reshape(-1, 1)
+    domain.topology.create_connectivity(dim, 0)
+    return domain.topology.connectivity(dim, 0).array.reshape(-1, dim + 1)[entities]
+
+
+def _exponent(around: _Around) -> float:
+    """The least exponent at a place: of all sectors around a place, or of each chain of them."""
+    if not np.isfinite(around.tensors).all():
+        return SMOOTH
+    if len(around.angles) == 0:
+        return _exponent_inside(around)
+    return min((_exponent_between(around, k) for k in range(len(around.angles))), default=SMOOTH)
+
+
+def _exponent_inside(around: _Around) -> float:
+    order = np.argsort(around.starts)
+    widths, tensors = _merged(around.widths[order], around.tensors[order])
+    if len(widths) > 1 and _equal(tensors[0], tensors[-1]):  # begin at a jump
+        widths, tensors = np.roll(widths, 1), np.roll(tensors, 1, axis=0)
+        first = around.starts[order][0] - widths[0]
+        widths, tensors = _merged(widths, tensors)
+    else:
+        first = around.starts[order][0]
+    if len(widths) < 2 or abs(widths.sum() - TURN) > SAME:
+        return SMOOTH
+    if len(widths) == 2 and abs(widths[0] - math.pi) < STRAIGHT:  # a smooth interface
+        widths = np.full(2, math.pi)
+    return sector_exponent(first + np.cumsum([0.0, *widths]), tensors, None)
+
+
+def _exponent_between(around: _Around, first: int) -> float:
+    """The exponent of the sectors that begin at a side and end at another one."""
+    relative = np.mod(around.starts - around.angles[first] + SAME, TURN) - SAME
+    order, widths, end = np.argsort(relative), list[float](), 0.0
+    for k in order:
+        if abs(relative[k] - end) > SAME * TURN:
+            break
+        widths.append(float(around.widths[k]))
+        end += widths[-1]
+    away = np.abs(np.mod(around.angles - around.angles[first] - end + math.pi, TURN) - math.pi)
+    away[first] = np.inf
+    if not widths or away.min(initial=np.inf) > SAME * TURN:
+        return SMOOTH  # the sectors are on the other side
+    ends = [first, int(np.argmin(away))]
+    straight = abs(end - math.pi) < STRAIGHT
+    merged, tensors = _merged(np.array(widths), around.tensors[order[: len(widths)]])
+    scaled = merged * math.pi / end if straight else merged
+    directions = around.angles[first] + np.cumsum([0.0, *scaled])
+    given, stopped, touching = around.given[ends], around.stopped[ends], around.touching[ends]
+    both = stopped.any(axis=(1, 2)).all() and touching[0] != touching[1]
+    states: list[Mask] = [np.full(2, s) for s in (False, True)] if both else [touching]
+    return min(
+        sector_exponent(directions, tensors, [_range(p) for p in _given(given, stopped, state)])
+        for state in states
+    )
+
+
+def _given(given: Array, stopped: Array, touching: Mask) -> Array:
+    """The sums of the projections to directions with given values."""
+    return given + touching[:, None, None] * stopped
+
+
+def _range(projections: Array) -> Array:
+    """An orthonormal basis of the range of a sum of projections."""
+    values, vectors = np.linalg.eigh(projections)
+    return np.asarray(vectors[:, values > SAME])
+
+
+def _merged(widths: Array, tensors: Array) -> tuple[Array, Array]:
+    """Join sectors that follow one another and have the same coefficients."""
+    new = [not _equal(tensors[k], tensors[k + 1]) for k in range(len(tensors) - 1)]
+    begins = np.flatnonzero([True, *new])
+    return np.add.reduceat(widths, begins), tensors[begins]
+
+
+def _equal(a: Array, b: Array) -> bool:
+    return bool(np.abs(a - b).max() <= SAME * np.abs(a).max())

@@ -29,7 +29,6 @@ from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION
-from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 
@@ -92,7 +91,7 @@ class Estimator:
         """
         self.found = found = indicators(solved, self._terms)
         if self._read is not None:
-            self._look_at_corners(solved, self._read(solved.fine))
+            self._look_at_corners(solved)
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
@@ -114,10 +113,10 @@ class Estimator:
         self._add(SAFETY * found.unseen)
         self._add_local()
 
-    def _look_at_corners(self, solved: Solved, known: Coefficients) -> None:
+    def _look_at_corners(self, solved: Solved) -> None:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
         exponents = np.full(solved.count, SMOOTH)
-        np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine, known))
+        np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine))
         self.rates.corners = self._target.singular_order(exponents, exponents)
         least = float(exponents.min(initial=SMOOTH))
         self.exponent = self._comm.allreduce(least, op=MPI.MIN)

@@ -110,12 +110,17 @@ def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices] | Non
     return _on_facets(domain, pairs[pairs[:, 0] < len(owned_cells(domain))])
 
 
-def _cells_of(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
-    own = owned_cells(domain)
+def cells_of(domain: mesh.Mesh, integral: Any) -> LocalIndices | None:
+    """Return the owned cells that an integral is over; None for all of them."""
     if is_everywhere(integral):
-        return on_cells(domain, own)
+        return None
     cells = _entities(integral)
-    return on_cells(domain, cells[cells < len(own)])
+    return cells[cells < len(owned_cells(domain))]
+
+
+def _cells_of(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
+    cells = cells_of(domain, integral)
+    return on_cells(domain, owned_cells(domain) if cells is None else cells)
 
 
 def _numbers(integral: Any) -> tuple[Any, ...]:

@@ -29,7 +29,7 @@ from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
 
 Component = tuple[int, ...]
-Terminals = Mapping[Expr, Any]  # values of arguments, their gradients and normals, as arrays
+Terminals = Mapping[Expr, Any]  # arrays of numbers or nodes, for arguments, normals, functions
 
 _X = ufl.SpatialCoordinate(ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,))))[0]
 
@@ -77,7 +77,7 @@ def lowered(expression: Any) -> Any:
 def read(expression: Expr, terminals: Terminals) -> Formula | None:
     """Return a lowered scalar expression as a formula; None where a part is not readable.
 
-    Numbers may stand for the terminals of the expression, and for other parts.
+    Numbers or nodes may stand for the terminals of the expression, and for other parts.
     """
     try:
         root = _Reader(terminals).node(expression, (), {})
@@ -107,7 +107,8 @@ class _Reader:
 
     def _new(self, e: Expr, component: Component, indices: dict[int, int]) -> Node:
         if not isinstance(e, classes.Condition) and e in self.terminals:
-            return number(float(np.asarray(self.terminals[e])[component])).root
+            known = np.asarray(self.terminals[e])[component]
+            return known if isinstance(known, Node) else number(float(known)).root
         operands = e.ufl_operands
         if isinstance(e, classes.Terminal):
             return _terminal(e, component)

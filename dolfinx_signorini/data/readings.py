@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
 from dolfinx_signorini.base.sums_of_squares import summands
-from dolfinx_signorini.data.formulas import Formula, number
+from dolfinx_signorini.data.formulas import Formula, Node, number
 from dolfinx_signorini.data.reading import lowered, read
 
 T = TypeVar("T")
@@ -76,16 +76,20 @@ class Reading:
         """Return whether a summand is the sum of components of the normal, each with a factor."""
         return self._once(("linear in normals", place), lambda: self._has_linear_normals(place))
 
-    def formula(self, place: Place, chosen: Sequence[int], normal: int = 0) -> Formula | None:
+    def formula(
+        self, place: Place, chosen: Sequence[int], normal: int = 0, functions: bool = False
+    ) -> Formula | None:
         """Return what a summand is for certain arguments; None if that is not readable.
 
         Args:
             place: The summand.
             chosen: What stands for each of the arguments.
             normal: The direction of the normal.
+            functions: Whether the components of the coefficients of the form are more coordinates
+                of the formula, behind those of space; by default they are not readable.
         """
-        key = place, tuple(chosen), normal
-        return self._once(key, lambda: self._read(place, chosen, normal))
+        key = place, tuple(chosen), normal, functions
+        return self._once(key, lambda: self._read(place, chosen, normal, functions))
 
     def total(self, places: Sequence[Place], chosen: Sequence[int], normal: int = 0) -> Formula:
         """Return the sum of the readable ones of some summands; see `formula`."""
@@ -112,10 +116,18 @@ class Reading:
             return False
         return True
 
-    def _read(self, place: Place, chosen: Sequence[int], normal: int) -> Formula | None:
+    def _read(
+        self, place: Place, chosen: Sequence[int], normal: int, functions: bool
+    ) -> Formula | None:
         domain = self.form.ufl_domain()
         dim = len(ufl.SpatialCoordinate(domain))
         known: dict[Expr, Any] = {ufl.FacetNormal(domain): np.eye(dim)[normal]}
+        first = dim
+        for function in self.form.coefficients() if functions else []:
+            size = int(np.prod(function.ufl_shape))
+            places = [Node("coordinate", value=k) for k in range(first, first + size)]
+            known[function] = np.array(places, dtype=object).reshape(function.ufl_shape)
+            first += size
         for argument, code in zip(self.form.arguments(), chosen, strict=True):
             shape, slope = argument.ufl_shape, ufl.grad(argument)
             size = int(np.prod(shape))

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.norms.names import Norm, parse_norm
 
 Numbers = TypeVar("Numbers", float, Array)  # one number, or an array of them
@@ -28,40 +28,7 @@ DETACHMENT_EXPONENT = 1.5  # a, of the solution at a detachment point inside a s
 FREE_BOUNDARY_EXPONENT = 2.0  # of the distance to the end of contact in the domain
 KINK_EXPONENT = 1.0  # of the distance to a kink, of an obstacle in the domain
 SMOOTH = math.inf  # in place of a, for a smooth function and for meshes that are graded as it takes
-# A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
-STRAIGHT = math.radians(15.0)
 LISTED = ("L2", "L4", "Linf", "H1", "W1_4", "W1_inf")  # norms whose orders are told of a scene
-
-
-def corner_exponents(angles: Array, seen: Array, mixed: Mask) -> Array:
-    """Return the exponents a of solutions, like r^a, at corners of the domain or edges of a solid.
-
-    For smooth coefficients and data,
-
-        a = pi / w      where the same condition holds on both sides, or contact on both,
-        a = pi / (2 w)  where the kind of condition changes.
-
-    Between two contact sides the exponent pi / (2 w) would belong to a solution that is positive on
-    one side and in contact with the other, but the signs of the gap and of the pressure of such a
-    solution contradict each other. For the same reason the exponent at a detachment point inside a
-    straight contact side is 3/2 and not 1/2.
-
-    Args:
-        angles: The interior angles w between the sides, in radians.
-        seen: The angles in the domain K^{-1/2} x, for a diffusion tensor K.
-        mixed: Whether the kind of condition changes.
-
-    Returns:
-        The exponents; `SMOOTH` where they are integers, which belong to polynomials.
-
-    Sources: Grisvard, Elliptic Problems in Nonsmooth Domains (1985), Theorem 4.4.3.7; Christof and
-    Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75 (2020) 75.
-    """
-    widths = np.where(np.abs(angles - math.pi) < STRAIGHT, math.pi, seen)
-    with np.errstate(all="ignore"):
-        exponents = np.where(mixed, 0.5, 1.0) * math.pi / widths
-        singular = np.abs(exponents - np.rint(exponents)) > 1e-3
-    return np.where(singular, exponents, SMOOTH)
 
 
 def eoc(widths: Sequence[float], errors: Sequence[float]) -> list[float]:

@@ -249,10 +249,8 @@ def _where_contact_ends(scene: Scene) -> str:
 
 def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:
     """Add what is to be said of the corners of a plane domain; return corners that limit orders."""
-    matrix = scene.constant_diffusion
-    diffusion = matrix * np.eye(2) if matrix is not None and matrix.size == 1 else matrix
-    facets = facets_by_kind(boundary_parts(scene, sided))
-    corners = singular_corners(sided.mesh, facets, diffusion)
+    facets, constant = facets_by_kind(boundary_parts(scene, sided)), scene.constant_diffusion
+    corners = singular_corners(sided.mesh, facets, () if constant is None else scene.diffusion)
     limiting = [c for c in corners if c.exponent < _contact_exponent(scene)]
     angle = math.degrees(largest_angle(sided.mesh))
     if angle > 180.5:
@@ -265,6 +263,6 @@ def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corn
             f"reduced orders: u may be less smooth than {_where_contact_ends(scene)}, "
             f"near {listed([str(corner) for corner in limiting], '; ')}"
         )
-    if scene.diffusion and diffusion is None:
+    if scene.diffusion and constant is None:
         notes.append("the exponents are those of constant diffusion")
     return limiting

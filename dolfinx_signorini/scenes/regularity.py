@@ -1,21 +1,23 @@
 """The regularity to expect of a solution, from the angles and conditions of its domain."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from dolfinx import fem, mesh
+from dolfinx import mesh
 
+from dolfinx_signorini.accuracy.corners import Sides, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
-from dolfinx_signorini.meshes.elements import control_points, facet_dofs
-from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells
-from dolfinx_signorini.norms.orders import SMOOTH, corner_exponents
+from dolfinx_signorini.meshes.sided_meshes import entity_nodes, owned_cells
+from dolfinx_signorini.norms.orders import SMOOTH
 
+GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
 RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
 LIPSCHITZ = 0.99  # an exponent of a known solution that is not less is that of a smooth one
 
@@ -49,28 +51,38 @@ class Corner:
 
 
 def singular_corners(
-    domain: mesh.Mesh, facets: Mapping[str, LocalIndices], diffusion: Array | None
+    domain: mesh.Mesh,
+    facets: Mapping[str, LocalIndices],
+    diffusion: Sequence[Sequence[Formula]] = (),
 ) -> list[Corner]:
     """Return the boundary points with a non-integer exponent below 2, worst first.
 
     Args:
         domain: A mesh of straight-sided triangles; the call is collective.
-        facets: The owned boundary facets of each kind of condition.
-        diffusion: A constant diffusion tensor K, shape (2, 2): the exponents are those of the
-            Laplacian on the domain K^{-1/2} x. None for the identity.
+        facets: The owned boundary facets of each kind of condition, all facets together: `GIVEN`,
+            `OBSTACLE`, and others without given values.
+        diffusion: The rows of a constant diffusion tensor; see `diffusion_part`.
     """
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    angles = _vertex_angles(space)
-    seen = angles if diffusion is None else _vertex_angles(space, diffusion)
-    dofs = {kind: facet_dofs(space, facet_cells(domain, on)) for kind, on in facets.items()}
-    meeting = {kind: marked(space, touched)[: len(angles)] for kind, touched in dofs.items()}
-    count = np.sum(list(meeting.values()), axis=0)
-    exponents, x, found = corner_exponents(angles, seen, count > 1), control_points(space), []
-    for i in np.flatnonzero((count > 0) & (exponents < 2.0)):
+    part, every = diffusion_part(domain, diffusion), np.concatenate([*facets.values()])
+    of_kind = [np.full((len(on), 1, 1), kind) for kind, on in facets.items()]
+    given, stopped = (np.concatenate(of_kind) == kind for kind in (GIVEN, OBSTACLE))
+    # Contact sides may be in contact, or not.
+    states = (np.full(len(every), state) for state in (False, True))
+    sides = [Sides(every, given.astype(float), stopped.astype(float), state) for state in states]
+    exponents = np.min([exponents_at_places(domain, part, known) for known in sides], axis=0)
+    places = domain.topology.index_map(0)
+    angles = _vertex_angles(domain)
+    domain.topology.create_connectivity(1, 0)
+    ends = domain.topology.connectivity(1, 0).array.reshape(-1, 2)
+    meeting = {kind: summed(places, ends[on]) > 0.0 for kind, on in facets.items()}
+    owned = np.arange(places.size_local, dtype=np.int32)
+    x = domain.geometry.x[entity_nodes(domain, 0, owned)[:, 0]]
+    found = []
+    for i in np.flatnonzero(exponents[owned] < 2.0):
         kinds = tuple(kind for kind, touched in meeting.items() if touched[i])
         point = float(x[i, 0]), float(x[i, 1])
         found.append(Corner(point, float(angles[i]), kinds, float(exponents[i])))
-    everywhere = [c for part in domain.comm.allgather(found) for c in part]
+    everywhere = [c for parts in domain.comm.allgather(found) for c in parts]
     return sorted(everywhere, key=lambda c: (c.exponent, c.point))
 
 
@@ -105,15 +117,14 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest interior angle on the boundary, in radians; the call is collective."""
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    angles = _vertex_angles(space)
+    angles = _vertex_angles(domain)
     # Inside the domain the angles add up to 2 pi.
     boundary = angles[angles < 2.0 * math.pi - 1e-6]
     return highest(domain.comm, boundary)
 
 
-def _vertex_angles(space: fem.FunctionSpace, diffusion: Array | None = None) -> Array:
-    """Return the sum of the angles of the cells at each owned vertex, in the domain K^{-1/2} x."""
-    cells, index_map = owned_cells(space.mesh), space.dofmap.index_map
-    angles = cell_angles(space.mesh, cells, diffusion)
-    return summed(index_map, space.dofmap.list[cells], angles)[: index_map.size_local]
+def _vertex_angles(domain: mesh.Mesh) -> Array:
+    """The sum of the angles of the cells at each vertex that this rank knows; collective."""
+    cells = owned_cells(domain)
+    corners = domain.topology.connectivity(2, 0).array.reshape(-1, 3)[cells]
+    return summed(domain.topology.index_map(0), corners, cell_angles(domain, cells))

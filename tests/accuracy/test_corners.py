@@ -8,18 +8,21 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from known import Known, power, true_error
+from scipy.optimize import brentq
+from ufl import conditional
 from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import (
+    ContactProblem,
     ObstacleProblem,
     SidedMesh,
     SignoriniProblem,
     bernstein_space,
+    elasticity,
     solve_adaptively,
     solve_scene,
 )
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
-from dolfinx_signorini.accuracy.problem_data import coefficients_of
 from dolfinx_signorini.meshes.box_meshes import box_mesh
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.scenes.files.reading import parse_scene
@@ -65,7 +68,7 @@ def problem_on(comm, dim, load, held, contact="bottom", diffusion=lambda x: 1.0)
 def check(problem, below, above):
     """Compare the exponents with those of the two edges of 135 degrees; None is for smooth ones."""
     domain = problem.space.mesh
-    found = exponents_at_corners(problem, coefficients_of(problem))
+    found = exponents_at_corners(problem)
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     expected = np.full(len(x), np.inf)
     for point, exponent in ((BELOW, below), (ABOVE, above)):
@@ -105,16 +108,104 @@ def test_a_diffusion_turns_and_stretches_the_corner(comm, dim):
     check(smooth, 4 / 3, 4 / 3)
 
 
-@pytest.mark.parametrize(
-    "diffusion",
-    [
-        lambda x: ufl.conditional(x[0] > 0.0, 5.0, 1.0),  # along the line between the corners
-        lambda x: 1.0 + ufl.CellVolume(extract_unique_domain(x)),
-    ],
-    ids=["jump", "not readable"],
-)
-def test_nothing_is_said_where_the_angle_does_not_tell(comm, diffusion):
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_jump_that_ends_at_corners_changes_their_exponents(comm, dim):
+    """The jump is along the line between the corners, at right angles to the sides."""
+
+    def flux(ratio):  # below the jump the angle is a right one at the corner that is below
+
+        def equation(a):
+            low, high = 0.5 * math.pi * a, 0.25 * math.pi * a
+            return ratio * np.tan(high) + np.tan(low)
+
+        return equation
+
+    jump = problem_on(comm, dim, -5.0, True, diffusion=lambda x: conditional(x[0] > 0.0, 5.0, 1.0))
+    roots = [brentq(flux(ratio), 1.0 + 1e-9, 2.0 - 1e-9) for ratio in (5.0, 0.2)]
+    check(jump, *roots)
+
+
+def test_nothing_is_said_of_coefficients_that_are_not_readable(comm):
+    def diffusion(x):
+        return 1.0 + ufl.CellVolume(extract_unique_domain(x))
+
     check(problem_on(comm, 2, -5.0, True, diffusion=diffusion), None, None)
+
+
+RATIO = 25.27414236908818  # Kellogg's example: u = r^(1/4) U(t) around the middle of the square
+
+
+def chequered(comm, kind):
+    """Return a solved problem on (-1, 1)^2 with a diffusion of two values in four squares."""
+    domain = mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (4, 4))
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    cells = np.arange(len(owned_cells(domain)) + domain.topology.index_map(2).num_ghosts)
+    middles = mesh.compute_midpoints(domain, 2, cells.astype(np.int32))
+    high = middles[:, 0] * middles[:, 1] > 0.0
+    energy = ufl.inner(ufl.grad(u), ufl.grad(v))
+    if kind == "a formula":
+        a = conditional(x[0] * x[1] > 0.0, RATIO, 1.0) * energy * ufl.dx
+    elif kind == "a function":
+        values = fem.Function(fem.functionspace(domain, ("DG", 0)))
+        values.x.array[:] = np.where(high, RATIO, 1.0)[: len(values.x.array)]
+        a = values * energy * ufl.dx
+    else:
+        tags = mesh.meshtags(domain, 2, cells.astype(np.int32), high.astype(np.int32))
+        dx = ufl.Measure("dx", domain=domain, subdomain_data=tags)
+        a = RATIO * energy * dx(1) + energy * dx(0)
+    domain.topology.create_connectivity(1, 2)
+    boundary = mesh.exterior_facet_indices(domain.topology)
+    dofs = fem.locate_dofs_topological(space, 1, boundary)
+    bcs = [fem.dirichletbc(fem.Function(space), dofs)]
+    problem = ObstacleProblem(a, v * ufl.dx, lower=-1.0, bcs=bcs)
+    problem.solve()
+    return problem
+
+
+@pytest.mark.parametrize("kind", ["a formula", "a function", "two measures"])
+def test_jumps_that_cross_inside_of_the_domain(comm, kind):
+    problem = chequered(comm, kind)
+    x = problem.space.mesh.geometry.x[problem.space.mesh.geometry.dofmap]
+    x = x[owned_cells(problem.space.mesh)]
+    at = (np.linalg.norm(x, axis=2) < 1e-9).any(axis=1)
+    found = exponents_at_corners(problem)
+    assert found[at] == pytest.approx(0.25, abs=1e-6)
+    # Where a jump ends at the boundary at a right angle, solutions are polynomials.
+    assert (found[~at] == math.inf).all()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_exponents_of_a_body_depend_on_poissons_ratio(comm, dim):
+    """A block that is clamped on one side has, at its ends, the exponents of Williams (1952)."""
+    domain = box_mesh(comm, [np.linspace(0.0, 1.0, 4)] * dim)
+    space = fem.functionspace(domain, ("Lagrange", 1, (dim,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    left, bottom = (
+        mesh.locate_entities_boundary(domain, dim - 1, lambda x, k=k: np.isclose(x[k], 0.0))
+        for k in (0, 1)
+    )
+    clamped = fem.dirichletbc(
+        fem.Function(space), fem.locate_dofs_topological(space, dim - 1, left)
+    )
+    a = elasticity(u, v, young=3.0, poisson=0.3)
+    load = fem.Constant(domain, np.eye(dim)[1])
+    direction = -np.eye(dim)[1]
+    problem = ContactProblem(
+        a, ufl.inner(load, v) * ufl.dx, contact=bottom, gap=1.0, direction=direction, bcs=[clamped]
+    )
+    problem.solve()
+    found = exponents_at_corners(problem)
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    ends = np.zeros(len(x), dtype=bool)
+    for k in range(1, dim):
+        for side in (0.0, 1.0):
+            on_edge = np.isclose(x[:, :, 0], 0.0) & np.isclose(x[:, :, k], side)
+            ends |= on_edge.sum(axis=1) == dim - 1
+    assert found[ends] == pytest.approx(0.711173, abs=1e-6)
+    assert (found[~ends] > 1.0).all()
+    problem.destroy()
 
 
 def wave_with_corner(factor, first, second, phase):

@@ -45,16 +45,3 @@ def test_the_angles_between_the_faces_of_tetrahedra_around_an_edge_are_a_full_ci
             lengths[edge] = np.linalg.norm(x[i] - x[j])
     expected = {1: np.pi / 2.0, 2: np.pi, 3: 2.0 * np.pi}
     assert around == pytest.approx([expected[round(size**2)] for size in lengths], rel=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_diffusion_shows_the_angles_of_the_mapped_domain(dim):
-    rng = np.random.default_rng(5)
-    root = rng.normal(size=(dim, dim)) + 2.0 * np.eye(dim)
-    domain, mapped = single(dim), single(dim)
-    domain.geometry.x[:, :dim] += 0.1 * rng.normal(size=domain.geometry.x[:, :dim].shape)
-    mapped.geometry.x[:, :dim] = domain.geometry.x[:, :dim] @ np.linalg.inv(root).T
-    cells = owned_cells(domain)
-    tensors = np.broadcast_to(root @ root.T, (len(cells), dim, dim))
-    assert cell_angles(domain, cells, tensors) == pytest.approx(cell_angles(mapped, cells))
-    assert np.isnan(cell_angles(domain, cells, 0.0 * tensors)).all()

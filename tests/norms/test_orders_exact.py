@@ -2,13 +2,11 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from dolfinx_signorini.norms.orders import (
     SMOOTH,
     approximation_order,
-    corner_exponents,
     eoc,
     expected_order,
     expected_orders,
@@ -92,14 +90,3 @@ def test_orders_from_widths_that_are_not_halved():
     widths = [1.0, 0.7, 0.1]
     assert eoc(widths, [h**1.75 for h in widths]) == pytest.approx([1.75, 1.75])
     assert math.isclose(eoc([0.5, 0.1], [1.0, 5.0])[0], -1.0)
-
-
-def test_exponents_at_corners_follow_from_the_angle():
-    degrees = [270.0, 270.0, 180.0, 180.0, 135.0, 90.0, 45.0, 190.0, 200.0]
-    mixed = np.array([False, True, False, True, False, False, True, False, False])
-    inf = math.inf  # whole numbers, and an angle of a polygon that stands for a smooth curve
-    expected = [2 / 3, 1 / 3, inf, 1 / 2, 4 / 3, inf, inf, inf, 0.9]
-    angles = np.radians(degrees)
-    assert corner_exponents(angles, angles, mixed) == pytest.approx(expected, rel=1e-12)
-    assert corner_exponents(angles[:1], np.radians([240.0]), mixed[:1]) == pytest.approx(3 / 4)
-    assert corner_exponents(angles[:1], np.array([np.nan]), mixed[:1]) == inf
