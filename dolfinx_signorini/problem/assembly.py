@@ -262,8 +262,8 @@ class Assembly:
             assembled=assembled,
         )
         checks.check_range(made, diagonal, self._given)
-        if doubtful and self.layout.frame is None:
-            checks.check_definite(A, made.space, made.fixed_dofs, diagonal)
+        if doubtful:
+            checks.check_definite(A, self.layout, diagonal)
         (checks if self.layout.frame is None else held).check_held(made)
         return made
 

@@ -289,21 +289,19 @@ def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
     return points, lowest, highest - lowest
 
 
-def check_definite(
-    A: PETSc.Mat, space: fem.FunctionSpace, fixed: LocalIndices, diagonal: Array
-) -> None:
+def check_definite(A: PETSc.Mat, layout: Layout, diagonal: Array) -> None:
     """Refuse a form that is negative for some combination of the hat functions of a coarse grid.
 
     A solver notices an indefinite form only where the free dofs have a negative direction, and
     contact may hold just these dofs. The hats of a grid on the box around the domain, P, are
     products of hats in each coordinate, and 0 at Dirichlet dofs. Rounding in a(Pc, Pc) is small
     beside the sum of c_j^2 r_j, where r is P applied to the diagonal of A, because the rows of P
-    are convex combinations. A form that vanishes on some functions passes.
+    are convex combinations. Of vectors each component has the hats, turned as the dofs of contact
+    nodes are. A form that vanishes on some functions passes.
 
     Args:
         A: The matrix.
-        space: The function space; nothing is checked where its dofs are too many.
-        fixed: The owned dofs with Dirichlet data.
+        layout: The dofs; nothing is checked where they are too many.
         diagonal: The diagonal of the matrix, the rows of this rank.
 
     Raises:
@@ -311,7 +309,12 @@ def check_definite(
     """
     if A.getSize()[0] > MOST_UNKNOWNS:
         return
-    P = _hats(space, fixed)
+    hats = _hats(layout)
+    P = hats
+    if layout.frame is not None:
+        turn = layout.frame.matrix()
+        P = turn.matMult(hats)
+        turn.destroy()
     product = A.ptap(P)
     first, last = product.getOwnershipRange()
     coarse, weights = np.zeros((product.getSize()[0],) * 2), P.createVecRight()
@@ -319,10 +322,10 @@ def check_definite(
     coarse[np.repeat(np.arange(first, last), np.diff(rows)), columns] = values
     vector = A.createVecLeft()
     vector.array_w[:] = diagonal
-    P.multTranspose(vector, weights)
-    comm = space.mesh.comm
+    hats.multTranspose(vector, weights)
+    comm = layout.space.mesh.comm
     scale = np.concatenate(comm.allgather(weights.array_r.copy()))
-    for item in (P, product, weights, vector):
+    for item in (hats, P, product, weights, vector):
         item.destroy()
     coarse = comm.allreduce(coarse)
     used = scale > 0.0
@@ -344,30 +347,35 @@ def _nearly_definite(matrix: Array) -> bool:
     return True
 
 
-def _hats(space: fem.FunctionSpace, fixed: LocalIndices) -> PETSc.Mat:
-    """The values at the nodes of the hat functions of a coarse grid, which are 0 at fixed dofs."""
-    points, lowest, sizes = _in_box(space)
-    count, dimension = points.shape
+def _hats(layout: Layout) -> PETSc.Mat:
+    """The values at the nodes of the hat functions of a coarse grid, which are 0 at fixed dofs.
+
+    Each component has them.
+    """
+    points, lowest, sizes = _in_box(layout.nodal)
+    (count, dimension), block = points.shape, layout.block
     # A smaller grid for few dofs: a fourth of their number is enough.
-    few = round((0.25 * space.dofmap.index_map.size_global) ** (1.0 / dimension))
+    few = round((0.25 * layout.nodal.dofmap.index_map.size_global) ** (1.0 / dimension))
     nodes = min(max(few, 3), HATS[dimension])
     place = (points - lowest) / np.where(sizes > 0.0, sizes, 1.0) * (nodes - 1)
     cell = np.clip(place.astype(np.int32), 0, nodes - 2)
     place -= cell
-    columns, values = np.zeros((count, 1), dtype=np.int32), np.ones((count, 1))
+    columns: LocalIndices = np.zeros((count, 1), dtype=np.int32)
+    values: Array = np.ones((count, 1))
     for k in range(dimension):
         shape = count, 2 ** (k + 1)
         columns = (columns[:, :, None] * nodes + cell[:, k, None, None] + [0, 1]).reshape(shape)
         ends = np.stack((1.0 - place[:, k], place[:, k]), axis=1)
         values = (values[:, :, None] * ends[:, None, :]).reshape(shape)
-    values[fixed] = 0.0
-    rows = np.arange(count + 1, dtype=np.int32) * columns.shape[1]
-    P = PETSc.Mat().createAIJ(
-        ((count, None), (None, nodes**dimension)),
+    columns = (columns[:, None, :] * block + np.arange(block)[:, None]).reshape(count * block, -1)
+    values = np.repeat(values, block, axis=0)
+    values[layout.fixed_dofs] = 0.0
+    rows = np.arange(count * block + 1, dtype=np.int32) * columns.shape[1]
+    return PETSc.Mat().createAIJ(
+        ((count * block, None), (None, block * nodes**dimension)),
         csr=(rows, columns.ravel().astype(np.int32), values.ravel()),
-        comm=space.mesh.comm,
+        comm=layout.space.mesh.comm,
     )
-    return P
 
 
 def check_held(system: System) -> None:

@@ -87,7 +87,8 @@ class ContactProblem(BoundConstrainedProblem):
             vector function, or a callable of the coordinates that returns shape (components, n); by
             default the outward normal, averaged over the facets around a node. For a constant
             direction, degree 1 and Bernstein elements the constraint holds at every point of the
-            contact boundary against the interpolant of g; otherwise it holds at the nodes. At
+            contact boundary against the interpolant of g; otherwise it holds at the nodes, and in
+            the Bernstein basis, whose coefficients are no values, up to the square of the width. At
             nodes where Dirichlet data fix some components, the obstacle stops the others.
         bcs: Dirichlet conditions, on vectors or on components. A rigid motion that neither they nor
             the form stop is held by contact, if the load presses the body against the obstacle.

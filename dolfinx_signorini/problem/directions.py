@@ -6,6 +6,7 @@ the averages converge to the normals of the side. Where the mesh has a corner, n
 the node is refused.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
@@ -18,11 +19,11 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
-from dolfinx_signorini.meshes.elements import control_points, facet_dofs
+from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.checks import place
-from dolfinx_signorini.problem.values import called, evaluator
+from dolfinx_signorini.problem.values import Data, evaluator
 from dolfinx_signorini.solvers.frames import Frame, turn_towards
 
 Direction: TypeAlias = Sequence[float] | Expr | fem.Function | Callable[[Array], Array] | None
@@ -121,29 +122,27 @@ def _evaluated(
     nodal: fem.FunctionSpace, direction: Direction, nodes: LocalIndices, size: int
 ) -> Array:
     """The vectors that a user gives as directions, shape (nodes, components)."""
+    parts: list[Data] = []
     if isinstance(direction, Expr):
         if direction.ufl_shape != (size,):
             shape = direction.ufl_shape
             raise InputError(
                 f"must be a vector of {size} components, has shape {shape}", "direction"
             )
-        parts = [evaluator(nodal, direction[i], nodes, "direction")() for i in range(size)]
-        return np.stack(parts, axis=1)
-    if callable(direction):
-        x = control_points(nodal)[nodes].T
+        parts = [direction[i] for i in range(size)]
+    elif callable(direction):
         function: Any = direction
 
-        def part(i: int) -> Callable[[Array], Any]:
-            def component(x: Array) -> Any:
-                found = np.asarray(function(x))
-                if len(found) != size:
-                    raise ValueError(f"{len(found)} components, not {size}")
-                return found[i]
+        def component(i: int, x: Array) -> Any:
+            found = np.asarray(function(x))
+            if len(found) != size:
+                raise ValueError(f"{len(found)} components, not {size}")
+            return found[i]
 
-            return component
-
-        comm = nodal.mesh.comm
-        return np.stack([called(comm, part(i), x, "direction") for i in range(size)], axis=1)
+        parts = [functools.partial(component, i) for i in range(size)]
+    if parts:
+        found = [evaluator(nodal, part, nodes, "direction")() for part in parts]
+        return np.stack(found, axis=1)
     try:
         constant = np.array(direction, dtype=np.float64)
     except (TypeError, ValueError):

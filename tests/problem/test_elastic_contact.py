@@ -8,7 +8,8 @@ import dolfinx
 import elastic_reference as reference
 import numpy as np
 import pytest
-from dolfinx import fem
+import ufl
+from dolfinx import fem, mesh
 from elastic_cases import (
     CELLS,
     COMM,
@@ -23,7 +24,7 @@ from elastic_cases import (
 )
 from elastic_reference import gathered, nodes_of
 
-from dolfinx_signorini import METHODS, ContactProblem
+from dolfinx_signorini import METHODS, ContactProblem, bernstein_space, elasticity
 
 
 @pytest.mark.parametrize("which", FEW, ids=lambda which: "-".join(map(str, which)))
@@ -156,6 +157,35 @@ def test_directions_of_any_length():
     found = check(case)
     assert 2 < (found.multipliers > 0.0).sum() < len(case.nodes) - 2
     case.problem.destroy()
+
+
+@pytest.mark.parametrize("kind", ["Bernstein", "nodal"])
+def test_a_direction_is_the_same_in_words_of_ufl_and_of_numpy(kind):
+    """A direction that varies, as an expression, as a function and as a callable."""
+    domain = mesh.create_rectangle(COMM, [(0.0, 0.0), (1.0, 0.7)], (8, 6))
+    if kind == "Bernstein":
+        space = bernstein_space(domain, 2, (2,))
+    else:
+        space = fem.functionspace(domain, ("Lagrange", 2, (2,)))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    bottom, top = (
+        mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (0.0, 0.7)
+    )
+    held = fem.dirichletbc(fem.Function(space), fem.locate_dofs_topological(space, 1, top))
+    load = ufl.inner(fem.Constant(domain, (3.0, -20.0)), v) * ufl.dx
+
+    def values(x):
+        return np.stack([0.8 * np.sin(6.0 * x[0]), np.full(x.shape[1], -1.0)])
+
+    expression, forces = ufl.as_vector([0.8 * ufl.sin(6.0 * x[0]), -1.0]), []
+    for direction in (expression, values):
+        keywords = {"contact": bottom, "gap": 0.01, "direction": direction, "bcs": [held]}
+        problem = ContactProblem(elasticity(u, v, 200.0, 0.3), load, **keywords)
+        problem.solve(rtol=1e-11)
+        forces.append(problem.force)
+        problem.destroy()
+    assert forces[1] == pytest.approx(forces[0], rel=1e-8) and forces[0][1] > 1.0
 
 
 def bent_normals(space, bottom):

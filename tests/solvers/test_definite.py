@@ -11,6 +11,8 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.elasticity import elasticity
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 COMM = MPI.COMM_WORLD
@@ -122,6 +124,27 @@ def test_an_indefinite_form_in_space():
         problem_with(c, cube)
     problem_with(with_reaction(lambda x: 0.0 * x[0]), cube).destroy()
     problem_with(with_reaction(lambda x: -29.0), cube, clamped=everywhere).destroy()
+
+
+@pytest.mark.parametrize("direction", [(0.0, -1.0), (0.6, -0.8)])
+@pytest.mark.parametrize(("factor", "indefinite"), [(0.2, False), (1.0, True), (3.0, True)])
+def test_a_body_that_bends_for_less_than_nothing(factor, indefinite, direction):
+    """A cantilever with - k (u, v), whose least eigenvalue is 0.015, -0.002 and -0.05."""
+    beam = mesh.create_rectangle(COMM, [(0.0, 0.0), (4.0, 1.0)], (24, 6))
+    space = fem.functionspace(beam, ("Lagrange", 1, (2,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    left, below = (
+        mesh.locate_entities_boundary(beam, 1, lambda x, k=k: np.isclose(x[k], 0.0)) for k in (0, 1)
+    )
+    clamped = fem.dirichletbc(fem.Function(space), fem.locate_dofs_topological(space, 1, left))
+    a = elasticity(u, v, 200.0, 0.3) - factor * ufl.inner(u, v) * ufl.dx
+    load = ufl.inner(fem.Constant(beam, (0.0, -3.0)), v) * ufl.dx
+    keywords = {"contact": below, "gap": 1e-3, "direction": direction, "bcs": [clamped]}
+    if not indefinite:
+        ContactProblem(a, load, **keywords).destroy()
+        return
+    with pytest.raises(InputError, match="form a: not positive definite"):
+        ContactProblem(a, load, **keywords)
 
 
 def test_a_form_on_a_mesh_thinner_than_wide():

@@ -112,7 +112,7 @@ class IterativeSolver(LinearSolver):
         ratio = self.multigrid.nested(self._rhs, self._correction)
         if ratio > 0.0:
             self._projected.project(self._correction)
-            x.axpy(unit, self._correction)
+            self._add(x, unit)
             stop.begin(ratio ** (2.0 / system.space.mesh.topology.dim) - 1.0)
 
     def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
@@ -252,7 +252,7 @@ class IterativeSolver(LinearSolver):
         watched = fresh and self.multigrid is not None
         self._watched = self._little * start if watched else math.inf
         self._ksp.solve(self._rhs, self._correction)
-        x.axpy(unit, self._correction)
+        self._add(x, unit)
         iterations, end = self._ksp.getIterationNumber(), self._ksp.getResidualNorm()
         self.iterations += iterations
         self._wear(iterations, start, end)
@@ -268,6 +268,11 @@ class IterativeSolver(LinearSolver):
         if indefinite and final and not system.singular and end > ROUNDED:
             raise InputError(f"{INDEFINITE}, found by conjugate gradients", "form a")
         return bool(reason > 0)
+
+    def _add(self, x: PETSc.Vec, unit: float) -> None:
+        """Add the correction to x, unless a preconditioner that failed has left no numbers."""
+        if math.isfinite(self._correction.norm()):
+            x.axpy(unit, self._correction)
 
     def _ended(self, ksp: PETSc.KSP, iterations: int, norm: float) -> Any:
         """Why a solve is to end: enough of convergence, or slow convergence of multigrid."""

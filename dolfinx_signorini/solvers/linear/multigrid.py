@@ -15,6 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.solvers.linear.rows import Rows
@@ -109,6 +110,9 @@ class Multigrid:
             dead = Rows(prolongation).largest(np.where(dead, 0.0, 1.0)) <= 0.0
             self._filled.append(np.flatnonzero(dead).astype(np.int32))
             _fill(coarse, self._filled[-1], diagonal)
+        # Coarse functions may differ at held dofs alone: the product is singular, which no factor
+        # takes. The difference is 0 at all free dofs, so that its coefficient does not matter.
+        _scale_diagonal(self.matrices[-1], 1.0 + ROUNDING)
         if not self._is_small:  # for algebraic multigrid
             self._attach(self.matrices[-1], self._filled[-1])
         if not filled:
@@ -317,6 +321,13 @@ def multigrid_for(
     if not degrees and not meshes:
         return None
     return Multigrid(degrees, meshes, prefix, coarsest, places)
+
+
+def _scale_diagonal(matrix: PETSc.Mat, factor: float) -> None:
+    diagonal = matrix.getDiagonal()
+    diagonal.scale(factor)
+    matrix.setDiagonal(diagonal)
+    diagonal.destroy()
 
 
 def _fill(matrix: PETSc.Mat, rows: LocalIndices, value: float) -> None:

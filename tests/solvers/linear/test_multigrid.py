@@ -11,10 +11,11 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.elements import bernstein_space, nodal_space
+from dolfinx_signorini.meshes.elements import bernstein_space, control_points, nodal_space
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
 from dolfinx_signorini.solvers.linear.algebraic import AMG, HYPRE
@@ -279,6 +280,23 @@ def test_few_coarse_nodes_are_solved_for_exactly():
     assert coarse.norm() <= 1e-9 * load.norm()
     for item in (matrix, x, rest, coarse, load, *others, multigrid, problem):
         item.destroy()
+
+
+def test_coarse_functions_that_differ_at_held_dofs_alone():
+    """The node between two coarse ones is free alone: their functions are equal there."""
+    domain = uniform(mesh.create_unit_square(COMM, 20, 20), 1)
+    space = space_on(domain)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    energy = ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v
+    problem = ObstacleProblem(energy * ufl.dx, v * ufl.dx, lower=0.0)
+    x = control_points(space)[problem.system.contact_dofs]
+    held = np.linalg.norm(x[:, :2] - [0.525, 0.5], axis=1) > 1e-9
+    assert COMM.allreduce(int((~held).sum())) == 1
+    solver, residual = solved(problem, held)
+    assert solver.setups == 1 and solver.preconditioner == "multigrid over 1 coarser meshes"
+    assert residual <= 1.001e-8
+    solver.destroy()
+    problem.destroy()
 
 
 def stretched(*sizes):
