@@ -8,7 +8,12 @@ from typing import Any
 from dolfinx_signorini.accuracy.data_errors import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import REACHED, Loop, Pose, posed
-from dolfinx_signorini.accuracy.problem_data import coefficients_of, data_of, integrate_piecewise
+from dolfinx_signorini.accuracy.problem_data import (
+    STIFFNESS,
+    coefficients_of,
+    data_of,
+    integrate_piecewise,
+)
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
@@ -265,7 +270,7 @@ def _first_mesh(
     if not isinstance(problem, BoundConstrainedProblem):
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
-    bodies = "pose" if problem.space.dofmap.bs > 1 else ""
+    stiffness = STIFFNESS if problem.space.dofmap.bs > 1 else ()
     problem.destroy()
 
     def data_on(level: SidedMesh) -> list[Datum]:
@@ -277,4 +282,4 @@ def _first_mesh(
 
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
-    return first_mesh(sided, data_on, known, most, bodies), known
+    return first_mesh(sided, data_on, known, most, stiffness, "pose"), known

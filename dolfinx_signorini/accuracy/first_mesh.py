@@ -6,7 +6,7 @@ cells follow the data. The data are known from samples and enclosures, which no 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -60,7 +60,8 @@ def first_mesh(
     data: Callable[[SidedMesh], Sequence[Datum]],
     coefficients: Coefficients,
     max_cells: int,
-    bodies: str = "",
+    stiffness: Collection[str] = (),
+    subject: str = "",
 ) -> Resolved:
     """Return a mesh that resolves data and is fitted to their jumps; the call is collective.
 
@@ -69,20 +70,22 @@ def first_mesh(
         data: Returns the data on a mesh.
         coefficients: The coefficients of a scalar problem.
         max_cells: The limit on the number of cells.
-        bodies: For displacements of elastic bodies the subject of the error; else "".
+        stiffness: The names of the data of the stiffness of an elastic body; of a scalar problem
+            none.
+        subject: The subject of the error.
 
     Raises:
-        InputError: Data of an elastic body jump or have a kink inside of cells.
+        InputError: The stiffness of an elastic body jumps or has a kink inside of cells.
     """
     most = min(MOST_CELLS, max_cells)
     straight = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
-    if bodies:
+    if stiffness:
         straight = [datum.formula for datum in _with_jumps(data(sided))]
     fit = partial(fitted_mesh, formulas=coefficients.entries, max_cells=most, straight=straight)
     fitted = fit(sided)
     known = data(fitted)
-    if bodies:
-        _require_no_jumps(known, fitted, bodies)
+    stiff = [datum for datum in known if datum.name in stiffness]
+    _require_no_jumps(stiff, fitted, subject)
     resolved = resolved_mesh(known, fitted, most)
     # Narrow layers are found by `resolved_mesh` only.
     return replace(resolved, sided=fit(resolved.sided))
@@ -94,7 +97,7 @@ def _with_jumps(data: Sequence[Datum]) -> list[Datum]:
 
 
 def _require_no_jumps(data: Sequence[Datum], sided: SidedMesh, subject: str) -> None:
-    """Refuse data of vectors that jump inside of cells, where no term of the error sees them."""
+    """Refuse a stiffness that jumps inside of cells, where no term of the error sees the jump."""
     found = [d.name for d in _with_jumps(data) if len(broken_cells([d.formula], sided.mesh))]
     names = sorted(set().union(*sided.mesh.comm.allgather(found)))
     if names:

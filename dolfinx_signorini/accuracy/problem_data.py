@@ -5,13 +5,15 @@ from functools import partial
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.form_data import form_data, is_everywhere, on_boundary, on_cells
+from dolfinx_signorini.data.form_data import NAMES, form_data, is_everywhere, on_boundary, on_cells
 from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+
+STIFFNESS = NAMES["cell", 2], NAMES["exterior_facet", 2]  # data of a, of which bodies are made
 
 
 def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
@@ -50,10 +52,8 @@ def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
     """Let a problem have its data integrated piece by piece where they jump inside of cells.
 
     Args:
-        problem: The problem; the call is collective. Forms of vectors stay as they are.
+        problem: The problem; the call is collective. The stiffness of a body stays as it is.
     """
-    if problem.space.dofmap.bs > 1:
-        return
     domain = problem.space.mesh
     a, L = piecewise(problem.a, domain), piecewise(problem.L, domain)
     if a is not None or L is not None:

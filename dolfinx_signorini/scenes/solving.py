@@ -33,6 +33,7 @@ from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.expectations import Expectation, check_errors, check_norms, expect
+from dolfinx_signorini.scenes.files.elasticity import STIFFNESS
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
 from dolfinx_signorini.scenes.scene_data import data_of
@@ -260,8 +261,9 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
     sided = scene.domain.make(comm)
-    bodies = "" if scene.elasticity is None else "elasticity"
-    return first_mesh(sided, partial(data_of, scene), known, max_unknowns // per_cell, bodies)
+    stiffness = () if scene.elasticity is None else STIFFNESS
+    most = max_unknowns // per_cell
+    return first_mesh(sided, partial(data_of, scene), known, most, stiffness, "elasticity")
 
 
 def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:

@@ -223,14 +223,71 @@ def test_a_slanted_line():
     found.problem.destroy()
 
 
-@pytest.mark.parametrize(
-    ("young", "force"),
-    [("where(x^2 + y^2 < 0.31, 10, 400)", "0"), ("100", "where(x^2 + y^2 < 0.31, -3, 0)")],
-)
-def test_curves_are_refused(young, force, parse):
+class Bubble:
+    """A x, and c (1 - r^2 / R^2)^2 in a disc: the force jumps across the circle.
+
+    The disc reaches beyond the lower side, where the traction has kinks.
+    """
+
+    middle, radius, c = np.array([0.45, 0.2]), 0.33, np.array([0.004, 0.006])
+
+    def inside(self, x):
+        ray = np.array([x[0] - self.middle[0], x[1] - self.middle[1]])
+        return ray, np.maximum(1.0 - (ray**2).sum(axis=0) / self.radius**2, 0.0)
+
+    def displacement(self, x):
+        return np.einsum("ij,j...->i...", Slanted.A, np.array(x[:2])) + np.multiply.outer(
+            self.c, self.inside(x)[1] ** 2
+        )
+
+    def gradient(self, x):
+        ray, q = self.inside(x)
+        slope = -4.0 * q * ray / self.radius**2
+        return np.stack([Slanted.A[i, j] + self.c[i] * slope[j] for i in (0, 1) for j in (0, 1)])
+
+    def pose(self, degree):
+        def posed(sided):
+            V = fem.functionspace(sided.mesh, ("Lagrange", degree, (2,)))
+            u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+            q = 1.0 - sum((x[i] - self.middle[i]) ** 2 for i in (0, 1)) / self.radius**2
+            bump = ufl.conditional(q > 0.0, q**2, 0.0)
+            exact = ufl.as_vector([ufl.dot(ufl.as_vector(Slanted.A[i]), x) + self.c[i] * bump
+                                   for i in (0, 1)])  # fmt: skip
+            inner = ds.stress(exact, 100.0, NU)
+            data = fem.Function(V)
+            data.interpolate(self.displacement)
+            bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 1, sided.sides["held"]))
+            facets = np.sort(sided.sides["below"])
+            tags = mesh.meshtags(sided.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
+            below = ufl.Measure("ds", sided.mesh, subdomain_data=tags)(1)
+            shear = ufl.dot(inner, ufl.FacetNormal(sided.mesh))[0]
+            return ds.ContactProblem(
+                ds.elasticity(u, v, 100.0, NU),
+                ufl.inner(-ufl.div(inner), v) * ufl.dx + shear * v[0] * below,
+                contact=sided.sides["below"],
+                gap=lambda x: -self.displacement(x)[1],
+                direction=(0.0, -1.0),
+                bcs=[bc],
+            )
+
+        return posed
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(("norm", "accuracy"), [("L2", 2e-5), ("Linf", 5e-5), ("H1", 1e-3)])
+def test_a_force_that_jumps_across_a_circle(degree, norm, accuracy):
+    """Loads of bodies are integrated piece by piece, as those of scalars are."""
+    bubble, accuracy = Bubble(), accuracy / 30 ** (degree - 1)
+    found = ds.solve_adaptively(bubble.pose(degree), square(4), norm=norm, accuracy=accuracy)
+    true = known.true_error(found.problem.u, bubble, norm)
+    assert found.reached
+    assert true <= 1.05 * found.estimate <= 1.05 * accuracy, (true, found)
+    found.problem.destroy()
+
+
+def test_a_stiffness_that_jumps_along_a_curve_is_refused(parse):
     """Before any solve, with the name of the datum."""
-    scene = parse(COLUMN.format(young=young, force=force))
-    name = "the body force" if young == "100" else "of displacements jumps inside of cells"
-    with pytest.raises(InputError, match=name) as error:
+    scene = parse(COLUMN.format(young="where(x^2 + y^2 < 0.31, 10, 400)", force="0"))
+    with pytest.raises(InputError, match="young of displacements jumps inside of cells") as error:
         solve_scene(scene, COMM, accuracy=0.1)
     assert error.value.subject == "elasticity"

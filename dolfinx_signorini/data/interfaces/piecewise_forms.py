@@ -1,10 +1,12 @@
 """Forms whose data jump inside of cells: integrated piece by piece, or with a warning.
 
 Summands f v of loads and c u v of bilinear forms have projections in place of f and c, see
-`jumps.projected`; so have the entries of the diffusion A in grad u . A grad v. A problem that is
-solved without them tells where its diffusion jumps inside of cells, where no polynomial follows.
+`jumps.projected`; so have the components of loads on vectors, and the entries of the diffusion A in
+grad u . A grad v. A problem that is solved without them tells where its diffusion jumps inside of
+cells, where no polynomial follows.
 """
 
+import math
 from collections.abc import Sequence
 from functools import cache, reduce
 from itertools import product
@@ -60,60 +62,73 @@ def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
 
 def _integrable(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool) -> Expr | None:
     """A summand that quadrature rules integrate well; None if it is one already, or unknown."""
-    arguments, dimension = reading.form.arguments(), domain.geometry.dim
-    degree, count = arguments[0].ufl_function_space().element.basix_element.degree, len(arguments)
-    if reading.has_normals(place):
-        return _along_normals(reading, place, domain, count * degree)
-    factor = reading.formula(place, [0] * count)
-    if factor is None:
+    arguments = reading.form.arguments()
+    if len(arguments) == 2 and arguments[0].ufl_shape:
+        return None  # stiffnesses of bodies
+    found = _of_values(reading, place, domain, in_cells)
+    if found is not None or len(arguments) == 1 or not in_cells:
+        return found
+    return _of_slopes(reading, place, domain)
+
+
+def _of_values(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool) -> Expr | None:
+    """A summand without derivatives: factors of components of v, and of the normal, or of u v."""
+    v, *others = reading.form.arguments()
+    size = v.ufl_shape[0] if v.ufl_shape else 1
+    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
+    has_normals = reading.has_normals(place)
+    if has_normals and not reading.is_linear_in_normals(place):
         return None
-    if is_singular(factor):
-        if _has_slopes(reading, place, count, dimension):
-            return None
-        found = _projected(factor, domain, count * degree, in_cells)
-        return None if found is None else found * reduce(lambda a, b: a * b, arguments)
-    if count == 1 or not in_cells or factor.constant != 0.0:
+    normals = range(domain.geometry.dim if has_normals else 1)
+    every = list(product(normals, range(size)))
+    read = [reading.formula(place, [c] * (1 + len(others)), k) for k, c in every]
+    factors = [factor for factor in read if factor is not None]
+    if len(factors) < len(read) or not any(map(is_singular, factors)):
+        return None
+    if any(_has_slopes(reading, place, k) for k in normals):
+        return None
+    degree = (1 + len(others)) * v.ufl_function_space().element.basix_element.degree
+    parts = [_projected(factor, domain, degree, in_cells and not has_normals) for factor in factors]
+    if all(part is None for part in parts):
+        return None
+    total: Expr = ufl.as_ufl(0.0)
+    for (k, c), part, factor in zip(every, parts, factors, strict=True):
+        value = factor.ufl(x) if part is None else part
+        value = value * n[k] if has_normals else value
+        total += reduce(lambda a, b: a * b, others, value * (v[c] if v.ufl_shape else v))
+    return total
+
+
+def _of_slopes(reading: Reading, place: Place, domain: mesh.Mesh) -> Expr | None:
+    """A summand A grad u . grad v of a scalar problem."""
+    v, u = reading.form.arguments()
+    reaction, dimension = reading.formula(place, [0, 0]), domain.geometry.dim
+    if reaction is None or reaction.constant != 0.0:
         return None
     slopes = range(1, dimension + 1)
     read = [reading.formula(place, [a, b]) for a in slopes for b in slopes]
     entries = [entry for entry in read if entry is not None]
     if len(entries) < dimension**2 or not any(map(is_singular, entries)):
         return None
-    parts = [_projected(entry, domain, 2 * (degree - 1), in_cells) for entry in entries]
+    degree = 2 * (v.ufl_function_space().element.basix_element.degree - 1)
+    parts = [_projected(entry, domain, degree, True) for entry in entries]
     if all(part is None for part in parts):
         return None
     x = ufl.SpatialCoordinate(domain)
     both = zip(parts, entries, strict=True)
     flat = [entry.ufl(x) if part is None else part for part, entry in both]
     A = ufl.as_matrix([flat[dimension * i : dimension * (i + 1)] for i in range(dimension)])
-    v, u = arguments
     return ufl.inner(ufl.dot(A, ufl.grad(u)), ufl.grad(v))
 
 
-def _along_normals(reading: Reading, place: Place, domain: mesh.Mesh, degree: int) -> Expr | None:
-    """A summand with normals that is integrated well: each component has a factor of its own."""
-    arguments, dimension = reading.form.arguments(), domain.geometry.dim
-    read = [reading.formula(place, [0] * len(arguments), k) for k in range(dimension)]
-    factors = [factor for factor in read if factor is not None]
-    if len(factors) < dimension or not reading.is_linear_in_normals(place):
-        return None
-    if any(_has_slopes(reading, place, len(arguments), dimension, k) for k in range(dimension)):
-        return None
-    parts = [_projected(factor, domain, degree, False) for factor in factors]
-    if all(part is None for part in parts):
-        return None
-    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
-    both = enumerate(zip(parts, factors, strict=True))
-    flux = sum((factor.ufl(x) if part is None else part) * n[k] for k, (part, factor) in both)
-    return reduce(lambda a, b: a * b, arguments, flux)
-
-
-def _has_slopes(
-    reading: Reading, place: Place, count: int, dimension: int, normal: int = 0
-) -> bool:
+def _has_slopes(reading: Reading, place: Place, normal: int) -> bool:
     """Whether a summand depends on derivatives of its arguments, for a direction of the normal."""
-    for k, slope in product(range(count), range(1, dimension + 1)):
-        found = reading.formula(place, [slope if j == k else 0 for j in range(count)], normal)
+    arguments = reading.form.arguments()
+    slopes = ufl.grad(arguments[0]).ufl_shape
+    size = math.prod(arguments[0].ufl_shape)
+    for k, code in product(range(len(arguments)), range(size, size + math.prod(slopes))):
+        chosen = [code if j == k else 0 for j in range(len(arguments))]
+        found = reading.formula(place, chosen, normal)
         if found is None or found.constant != 0.0:
             return True
     return False

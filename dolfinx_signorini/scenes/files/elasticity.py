@@ -25,6 +25,7 @@ from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable,
 
 # The energy norm, and what the names of norms of the stress begin with.
 ENERGY, STRESS = "energy", "stress_"
+STIFFNESS = "young", "poisson"  # the keys of the formulas that the stiffness depends on
 PLANES = one_of(("strain", "stress"))
 RATIO: Rule = "must lie between -1 and 1/2", lambda number: (number > -1.0) & (number < 0.5)
 
@@ -91,8 +92,8 @@ class Elasticity:
     def data(self) -> Iterator[tuple[str, Formula, str]]:
         """The names, formulas and measures of the data on cells."""
         for entry in with_reciprocal(self.young):
-            yield "young", entry, "mass"
-        yield "poisson", self.poisson, "mass"
+            yield STIFFNESS[0], entry, "mass"
+        yield STIFFNESS[1], self.poisson, "mass"
         for part in self.force:
             yield "the body force", part, "mass"
 
