@@ -107,16 +107,14 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
     zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
     if target.weighted:
         apart = solved.distance
-        dual = dual_solution(solved, _density(solved.error, target, apart))
-        # On the boundary the density of a norm is a polynomial, and J(w - u_h) nearly the norm.
-        scale = apart / abs(dual.value) if dual.value else 1.0
-        cells: Array = scale * np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
+        dual = dual_solution(solved, _density(solved.error, target))
+        cells: Array = np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
         if norm is None:  # parts may cancel in one difference by chance
             apart = max(apart, total(cells, 1.0, fine.comm))
             resolved &= _resolved(solved, dual.z, dual.detail)
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
-        iterated = scale * abs(fine.comm.allreduce(float(left)))
+        iterated = abs(fine.comm.allreduce(float(left)))
         inside: Array = zero
         if norm is not None and not norm.boundary:
             inside = collected(target.on_cells(solved.detail), parents, count, norm.p)
@@ -167,19 +165,18 @@ def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> npt.NDAr
     return result
 
 
-def _density(error: fem.Function, target: Target, apart: float) -> ufl.Form:
-    """The load of the dual problem: the derivative of the norm at the error."""
+def _density(error: fem.Function, target: Target) -> ufl.Form:
+    """The load of the dual problem: the derivative of the norm at the error, up to a factor."""
     space = error.function_space
     v = ufl.TestFunction(space)
     if target.functional is not None:
         return target.functional(v)
     assert target.norm is not None
-    p, largest = target.norm.p, highest(space.mesh.comm, np.abs(error.x.array))
+    p = target.norm.p
 
     def powers(values: Sequence[Array]) -> list[Array]:
         sizes = np.abs(length(values))
-        scale = (largest / apart) ** (p - 1.0) if apart > 0.0 else 0.0
-        factors = (sizes / (largest or 1.0)) ** (p - 1.0) * scale
+        factors = (sizes / (highest(space.mesh.comm, sizes) or 1.0)) ** (p - 1.0)
         units = (np.divide(v, sizes, out=np.zeros_like(v), where=sizes > 0.0) for v in values)
         return [factors * unit for unit in units]
 

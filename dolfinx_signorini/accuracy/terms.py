@@ -221,16 +221,21 @@ def dual_solution(solved: Solved, load: ufl.Form) -> Dual:
 
     Args:
         solved: The two solutions.
-        load: The functional J, a linear form on the divided mesh.
+        load: The functional J, a linear form on the divided mesh; for a norm up to the factor with
+            which J(w - u_h) is the norm.
     """
     J = assembled(load, solved.fine.space)
+    count = solved.fine.space.dofmap.index_map.size_local * solved.fine.space.dofmap.bs
+    own = float(J.x.array[:count] @ solved.error.x.array[:count])
+    value = float(solved.fine.comm.allreduce(own))
+    if solved.target.norm is not None and value != 0.0:
+        J.x.array[:] *= solved.distance / value
+        value = solved.distance
     z, _ = solved.fine.solve_linearised(J)
     restricted = solved.transfer.restrict(z)
     forces = difference(solved.acting(z), J)
     detail = difference(z, solved.transfer.prolong(restricted))
-    count = solved.fine.space.dofmap.index_map.size_local * solved.fine.space.dofmap.bs
-    own = float(J.x.array[:count] @ solved.error.x.array[:count])
-    return Dual(z, detail, restricted, forces, solved.fine.comm.allreduce(own))
+    return Dual(z, detail, restricted, forces, value)
 
 
 def residuals(solved: Solved, dual: Dual) -> Array:
