@@ -11,6 +11,9 @@ in contact with the other, but the signs of its gap and of its pressure contradi
 the exponent is that of two sides with the same condition. For the same reason the exponent at a
 detachment point inside a straight contact side is 3/2 and not 1/2.
 
+At a corner with given values the data of both sides, and the load, are those of a polynomial by
+chance only: integer exponents belong to parts like r^a log r there.
+
 Sources: Christof and Haubner, Theorem 2.3 and Section 2.2; Apel and Nicaise, Results Math. 75
 (2020) 75.
 """
@@ -93,7 +96,7 @@ def exponents_at_corners(problem: BoundConstrainedProblem) -> Array:
     part = principal_part(problem.a)
     if part is None:
         return np.full(len(owned_cells(domain)), SMOOTH)
-    exponents = exponents_at_places(domain, part, conditions_of(problem))
+    exponents = exponents_at_places(domain, part, conditions_of(problem), logarithms=True)
     return np.asarray(exponents[_corners(domain, 0)[owned_cells(domain)]].min(axis=1))
 
 
@@ -124,13 +127,17 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     return Sides(facets, given, stopped, touching & contact)
 
 
-def exponents_at_places(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Array:
+def exponents_at_places(
+    domain: mesh.Mesh, part: PrincipalPart, sides: Sides, logarithms: bool = False
+) -> Array:
     """Return the exponents at vertices in the plane, or edges in space; collective.
 
     Args:
         domain: A mesh of straight-sided triangles or tetrahedra.
         part: The coefficients of the form.
         sides: The conditions on the boundary.
+        logarithms: Whether data may be those of no polynomial, so that a solution has a part like
+            r^a log r at corners where a scalar has given values.
 
     Returns:
         The least exponent at each place that this rank knows, see `sector_exponent`.
@@ -139,7 +146,8 @@ def exponents_at_places(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) ->
     places = domain.topology.index_map(domain.topology.dim - 2)
     result = np.full(places.size_local + places.num_ghosts, SMOOTH)
     chosen = _candidates(domain, part, sides)
-    found = {place: _exponent(around) for place, around in _gathered(domain, part, sides, chosen)}
+    gathered = _gathered(domain, part, sides, chosen)
+    found = {place: _exponent(around, logarithms) for place, around in gathered}
     local = places.global_to_local(np.array([*found], dtype=np.int64))
     result[local[local >= 0]] = np.array([*found.values()])[local >= 0]
     return result
@@ -261,13 +269,13 @@ def _vertices(domain: mesh.Mesh, dim: int, entities: LocalIndices) -> LocalIndic
     return domain.topology.connectivity(dim, 0).array.reshape(-1, dim + 1)[entities]
 
 
-def _exponent(around: _Around) -> float:
+def _exponent(around: _Around, logarithms: bool) -> float:
     """The least exponent at a place: of all sectors around a place, or of each chain of them."""
     if not np.isfinite(around.tensors).all():
         return SMOOTH
     if len(around.angles) == 0:
         return _exponent_inside(around)
-    return min((_exponent_between(around, k) for k in range(len(around.angles))), default=SMOOTH)
+    return min(_exponent_between(around, k, logarithms) for k in range(len(around.angles)))
 
 
 def _exponent_inside(around: _Around) -> float:
@@ -286,7 +294,7 @@ def _exponent_inside(around: _Around) -> float:
     return sector_exponent(first + np.cumsum([0.0, *widths]), tensors, None)
 
 
-def _exponent_between(around: _Around, first: int) -> float:
+def _exponent_between(around: _Around, first: int, logarithms: bool) -> float:
     """The exponent of the sectors that begin at a side and end at another one."""
     relative = np.mod(around.starts - around.angles[first] + SAME, TURN) - SAME
     order, widths, end = np.argsort(relative), list[float](), 0.0
@@ -307,10 +315,12 @@ def _exponent_between(around: _Around, first: int) -> float:
     given, stopped, touching = around.given[ends], around.stopped[ends], around.touching[ends]
     both = stopped.any(axis=(1, 2)).all() and touching[0] != touching[1]
     states: list[Mask] = [np.full(2, s) for s in (False, True)] if both else [touching]
-    return min(
-        sector_exponent(directions, tensors, [_range(p) for p in _given(given, stopped, state)])
-        for state in states
-    )
+    found = []
+    for state in states:
+        held = [_range(projection) for projection in _given(given, stopped, state)]
+        corner = not straight and tensors.shape[1] == 1 and max(h.shape[1] for h in held) > 0
+        found.append(sector_exponent(directions, tensors, held, logarithms and corner))
+    return min(found)
 
 
 def _given(given: Array, stopped: Array, touching: Mask) -> Array:

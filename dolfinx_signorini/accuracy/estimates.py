@@ -27,10 +27,11 @@ from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
+from dolfinx_signorini.norms.sectors import LOGARITHM
 
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 
@@ -123,20 +124,33 @@ class Estimator:
 
     @property
     def doubt(self) -> str:
-        """What is not known of the norm, in words; "" for nothing."""
+        """What is not known of the norm, in words; "" for nothing; collective.
+
+        Where a logarithm makes the norm infinite, some corner must not look smooth.
+        """
         target = self._target
         if target.norm is None or target.of or is_finite(target.name, self.exponent):
             return ""
+        logarithm = abs(self.exponent - round(self.exponent)) < 2.0 * LOGARITHM
+        if logarithm and not self._somewhere(self.rates.singular_corners):
+            return ""
         return (
-            f"{target.name} of the solution is infinite if u ~ r^{self.exponent:.3g} at a corner, "
-            "as the angles and the conditions have it"
+            f"{target.name} of the solution is infinite if u ~ r^{self.exponent:.3g}"
+            f"{' log r' if logarithm else ''} at a corner, as the angles and the conditions have it"
         )
 
     @property
     def infinite(self) -> bool:
-        """Whether the norm is infinite, and a singular corner was seen; collective."""
-        seen = bool(self.doubt) and bool(self.rates.singular_corners.any())
-        return self._comm.allreduce(seen, op=MPI.LOR)
+        """Whether the norm may be infinite: a corner does not look smooth; collective."""
+        return bool(self.doubt) and self._somewhere(self.rates.singular_corners)
+
+    @property
+    def diverges(self) -> bool:
+        """Whether the norm is infinite, and divisions of a corner gain little; collective."""
+        return bool(self.doubt) and self._somewhere(self.rates.slow_corners)
+
+    def _somewhere(self, cells: Mask) -> bool:
+        return self._comm.allreduce(bool(cells.any()), op=MPI.LOR)
 
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.

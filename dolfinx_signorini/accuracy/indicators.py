@@ -107,7 +107,8 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
     zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
     if target.weighted:
         apart = solved.distance
-        dual = dual_solution(solved, _density(solved.error, target))
+        load = _density(solved.error, target)
+        dual = dual_solution(solved, load, None if norm is None else apart)
         cells: Array = np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
         if norm is None:  # parts may cancel in one difference by chance
             apart = max(apart, total(cells, 1.0, fine.comm))

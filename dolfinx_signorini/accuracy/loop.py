@@ -285,10 +285,12 @@ class Loop:
             marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
             divided = marks.apply(self.sided, self.curves.fit)
         else:
-            if self.estimator.infinite and estimate > DEFAULT_RTOL * self.whole:
+            reached = accuracy is not None and estimate <= accuracy
+            infinite = self.estimator.infinite if reached else self.estimator.diverges
+            if infinite and estimate > DEFAULT_RTOL * self.whole:
                 self.stopped = self.estimator.doubt
                 return None
-            if accuracy is not None and estimate <= accuracy:
+            if reached:
                 self.stopped = REACHED
                 return None
             if self._standing():

@@ -106,9 +106,13 @@ class Rates:
 
     @property
     def singular_corners(self) -> npt.NDArray[np.bool_]:
+        """Whether each cell is at a corner, and has not been seen to be smooth there."""
+        return (self.values < SINGULAR * self.order) & (self.corners < self.order)
+
+    @property
+    def slow_corners(self) -> npt.NDArray[np.bool_]:
         """Whether each cell is at a corner at which divisions were seen to gain little."""
-        slow = self.values < SINGULAR * self.order
-        return self._measured & slow & (self.corners < self.order)
+        return self.singular_corners & self._measured
 
     def local_prediction(self, norms: Array, p: float) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.

@@ -216,26 +216,26 @@ class Dual:
 Term: TypeAlias = Callable[[Solved, Dual | None], Array]
 
 
-def dual_solution(solved: Solved, load: ufl.Form) -> Dual:
+def dual_solution(solved: Solved, load: ufl.Form, value: float | None = None) -> Dual:
     """Return the dual solution of a functional; the call is collective.
 
     Args:
         solved: The two solutions.
-        load: The functional J, a linear form on the divided mesh; for a norm up to the factor with
-            which J(w - u_h) is the norm.
+        load: The functional J, a linear form on the divided mesh.
+        value: What J(w - u_h) is, where the form tells J up to a factor alone.
     """
     J = assembled(load, solved.fine.space)
     count = solved.fine.space.dofmap.index_map.size_local * solved.fine.space.dofmap.bs
     own = float(J.x.array[:count] @ solved.error.x.array[:count])
-    value = float(solved.fine.comm.allreduce(own))
-    if solved.target.norm is not None and value != 0.0:
-        J.x.array[:] *= solved.distance / value
-        value = solved.distance
+    found = float(solved.fine.comm.allreduce(own))
+    if value is not None and found != 0.0:
+        J.x.array[:] *= value / found
+        found = value
     z, _ = solved.fine.solve_linearised(J)
     restricted = solved.transfer.restrict(z)
     forces = difference(solved.acting(z), J)
     detail = difference(z, solved.transfer.prolong(restricted))
-    return Dual(z, detail, restricted, forces, value)
+    return Dual(z, detail, restricted, forces, found)
 
 
 def residuals(solved: Solved, dual: Dual) -> Array:

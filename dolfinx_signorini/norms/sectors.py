@@ -14,6 +14,9 @@ Values that are given at one of the two sides are 0 there, in U and V; nothing i
 without a flux. Where the sectors go all around, U is periodic. Polynomials have integers a, and are
 no singularities.
 
+Where an integer is an exponent and data meet at the corner, the polynomials of this degree satisfy
+some data only: for others the solution has a part like r^a log r. In the domain data are smooth.
+
 The problem covers all corners: for the Laplacian a = pi / w between sides with the same condition,
 and pi / (2 w) where the condition changes; anisotropic and jumping coefficients; elastic bodies.
 
@@ -37,11 +40,15 @@ DEGREE = 10  # of the polynomials for U, on pieces of WIDTH at most: nine digits
 WIDTH = math.radians(60.0)
 HIGHEST = 4.0  # elements of degree 4 converge in no norm faster than with exponents above
 WHOLE = 1e-3  # an exponent that is so near to an integer is the integer
+LOGARITHM = 1e-6  # r^a log r is taken as r to a power that is so much less
 DIGITS = 10  # of angles and coefficients, by which corners are the same
 
 
 def sector_exponent(
-    directions: Sequence[float] | Array, tensors: Array, given: Sequence[Array] | None
+    directions: Sequence[float] | Array,
+    tensors: Array,
+    given: Sequence[Array] | None,
+    logarithms: bool = False,
 ) -> float:
     """Return the least real part of the exponents of singular solutions at a corner.
 
@@ -53,6 +60,7 @@ def sector_exponent(
         given: For the first and the last side the directions of the unknowns that have given
             values, orthonormal columns, each of shape (n, any number); None where the sectors go
             all around.
+        logarithms: Whether integers count, less `LOGARITHM`.
 
     Returns:
         The exponent; `SMOOTH` where all exponents up to 4 are integers, which belong to
@@ -62,7 +70,9 @@ def sector_exponent(
     known = np.asarray(directions) - directions[0], tensors / (scale if scale > 0.0 else 1.0)
     turned = _turned(known[1], float(directions[0]))
     rounded = [np.round(values, DIGITS) + 0.0 for values in (known[0], turned, *(given or ()))]
-    return _exponent(tuple((part.shape, part.tobytes()) for part in rounded), given is None)
+    key = tuple((part.shape, part.tobytes()) for part in rounded)
+    singular, whole = _exponents(key, given is None)
+    return min(singular, whole - LOGARITHM) if logarithms else singular
 
 
 def _turned(tensors: Array, angle: float) -> Array:
@@ -73,7 +83,8 @@ def _turned(tensors: Array, angle: float) -> Array:
 
 
 @functools.lru_cache(maxsize=4096)
-def _exponent(key: tuple[tuple[tuple[int, ...], bytes], ...], around: bool) -> float:
+def _exponents(key: tuple[tuple[tuple[int, ...], bytes], ...], around: bool) -> tuple[float, float]:
+    """The least exponent that is no integer, and the least integer."""
     directions, tensors, *given = (np.frombuffer(data).reshape(shape) for shape, data in key)
     stiff, skew, mass = _pencil(directions, tensors, around)
     if not around:
@@ -89,10 +100,12 @@ def _exponent(key: tuple[tuple[tuple[int, ...], bytes], ...], around: bool) -> f
         )
         found = linalg.eigvals(companion)
     except (linalg.LinAlgError, ValueError):  # the coefficients are not positive or not finite
-        return SMOOTH
+        return SMOOTH, SMOOTH
     found = found[(found.real > WHOLE) & (found.real < HIGHEST)]
-    singular = found[np.abs(found - np.rint(found.real)) > WHOLE]
-    return float(singular.real.min(initial=SMOOTH))
+    singular = np.abs(found - np.rint(found.real)) > WHOLE
+    parts = found.real[singular], np.rint(found.real[~singular])
+    least, whole = (float(part.min(initial=SMOOTH)) for part in parts)
+    return least, whole
 
 
 def _pencil(directions: Array, tensors: Array, around: bool) -> list[Array]:

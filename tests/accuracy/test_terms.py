@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space
 from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes
 from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.marking import SAFETY
 from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import (
@@ -222,3 +224,14 @@ def test_an_estimate_knows_of_quadrature(compared, name):
     power = target(name).power
     unseen = total(estimator.found.unseen, power, solved.fine.comm)
     assert unseen >= 0.8 * size(error, target(name)) > 0.0
+
+
+@pytest.mark.parametrize("asked", ["L4", "L1000", "L1e8"])
+def test_powers_of_any_exponent_are_numbers(compared, asked):
+    """J(w - u_h) is the norm, and its terms have at least this size; one of w is the largest."""
+    solved = compared(2, asked=asked, load=lambda x: 100.0 * ufl.sin(7.0 * x[0]) * x[1])
+    found, comm = indicators(solved), solved.fine.comm
+    whole = total(found.cells, 1.0, comm)
+    assert (1.0 - 1e-6) * solved.distance <= whole < 100.0 * solved.distance
+    largest = comm.allreduce(float(np.abs(solved.error.x.array).max()), op=MPI.MAX)
+    assert 0.01 * largest < solved.distance < 2.0 * largest
