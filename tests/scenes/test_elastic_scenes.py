@@ -183,6 +183,35 @@ def test_layers_between_walls_have_the_stiffness_of_their_poissons_ratio(parse):
     result.destroy()
 
 
+def test_the_summary_knows_where_contact_with_a_cylinder_ends(parse):
+    """On a half-plane the half-width is 2 sqrt(R F (1 - nu^2) / (pi E)), with the force F."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 40
+[elasticity]
+young = 200
+poisson = 0.3
+[contact]
+sides = "bottom"
+gap = "0.125*(x - 0.5)^2"
+direction = [0, -1]
+[[dirichlet]]
+sides = "top"
+value = [0, -0.002]
+"""
+    result = solve_scene(parse(text), COMM)
+    summary = summarise(result, scene_boundary(result))
+    (left, low), (right, _) = summary.detachment_points
+    assert abs(low) <= 1e-12 and left + right == pytest.approx(1.0, abs=sum(summary.uncertainties))
+    width = 2.0 * np.sqrt(4.0 * summary.forces["contact"][1] * (1.0 - 0.3**2) / (np.pi * 200.0))
+    assert 0.5 * (right - left) == pytest.approx(width, rel=0.05)
+    assert summary.contact_size == pytest.approx(right - left, rel=1e-9)
+    assert dict(lines(summary))["detachment"].count("+-") == 2
+    result.destroy()
+
+
 # Everything at once, with polynomials that all rules integrate exactly.
 WHOLE = """
 rtol = 1e-11

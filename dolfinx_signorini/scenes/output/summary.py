@@ -22,6 +22,7 @@ from dolfinx_signorini.meshes.node_values import values_in_cells, vectors_at_nod
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
+from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes.posing import LOAD, PosedScene
@@ -98,7 +99,7 @@ def summarise(
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
     points: list[DetachmentPoint] = []
-    if isinstance(problem, SignoriniProblem) and scene.domain.dimension == 2:
+    if isinstance(problem, SignoriniProblem | ContactProblem) and scene.domain.dimension == 2:
         points = _by_place(detachment_points(problem))
     sizes = None
     if boundary is not None:  # rank 0
