@@ -59,3 +59,4 @@ def setup(app):
     # Before and after Napoleon, whose priority is 500.
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)
     app.connect("autodoc-process-docstring", docstrings.shown, priority=600)
+    app.connect("source-read", tutorials.linked)

@@ -111,6 +111,20 @@ def test_snippets_and_demos_load_the_mpi_of_pypi_before_dolfinx():
     assert both > 30
 
 
+def test_links_of_pages_lead_to_files_of_the_checkout():
+    """So they work where the site is not built, and links.py looks at those of the site."""
+    made = {ROOT / "docs" / name for name in ("tutorials", "gallery", "reference")}
+    count = 0
+    for page in (page for page in PAGES if page.parent not in made):
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for link in re.findall(r"\]\(([^)\s]+)\)", text):
+            target = link.partition("#")[0]
+            if target and "://" not in link:
+                count += 1
+                assert (page.parent / target).exists(), (page, link)
+    assert count > 100
+
+
 def test_a_loop_that_was_stopped_goes_on_as_the_recipe_says(tmp_path, monkeypatch):
     text = (ROOT / "docs/howto/continue.md").read_text()
     recipe = re.findall("```python\n(.*?)```", text, re.DOTALL)[0].replace("% 100", "% 10")

@@ -1,6 +1,8 @@
 """The tutorials: narrated scripts of demos/ as notebooks, which run when the site is built."""
 
+import re
 from pathlib import Path
+from typing import Any
 
 import jupytext
 
@@ -24,6 +26,26 @@ DOWNLOAD = """:::{{tip}}
 Download this page as a notebook: {{nb-download}}`{name}.ipynb`, or as a script for any number of
 processes: {{download}}`{name}.py <../../demos/{name}.py>`.
 :::"""
+
+
+LINK = re.compile(r"\]\((?:\.\./)+demos/(\w+)(\.py)?\)")
+
+
+def linked(app: Any, page: str, source: list[str]) -> None:
+    """Let links to scripts and scene files of demos/ lead to the pages that the site has of them.
+
+    Args:
+        app: The application of Sphinx, which calls this function.
+        page: The name of the page.
+        source: The text of the page, replaced in place.
+    """
+    up = "../" * page.count("/")
+
+    def target(found: re.Match[str]) -> str:
+        name, script = found.groups()
+        return f"]({up}{f'tutorials/{name}.ipynb' if script else 'gallery/index.md'})"
+
+    source[0] = LINK.sub(target, source[0])
 
 
 def make_notebooks(docs: Path) -> None:
