@@ -287,6 +287,64 @@ def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, acc
     result.destroy()
 
 
+def kellogg(exponent, ratio, angle):
+    """u = r^a U(t) with a diffusion of two values in four quadrants, by Kellogg (1974)."""
+    phases = [math.pi / 2 - angle, math.pi / 4, angle, math.pi / 4]
+    amplitudes = [math.cos(phase * exponent) for phase in phases]
+    middles = [math.pi / 4, math.pi - angle, 1.25 * math.pi, 1.5 * math.pi + angle]
+    # The angle in each quadrant, by functions that do not jump there.
+    angles = ["atan2(y, x)", "atan2(y, x)", "atan2(0-y, 0-x) + pi", "atan2(x, 0-y) + 1.5*pi"]
+    parts = [
+        f"{factor!r}*cos({exponent!r}*({name} - {middle!r}))"
+        for factor, name, middle in zip(amplitudes, angles, middles, strict=True)
+    ]
+    text = f"""
+[domain]
+shape = "polygon"
+vertices = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+width = 0.5
+[define]
+above = "where(x > 0, {parts[0]}, {parts[1]})"
+below = "where(x < 0, {parts[2]}, {parts[3]})"
+w = "hypot(x, y)^{exponent!r}*where(y > 0, above, below)"
+[equation]
+diffusion = "where(x*y > 0, {ratio!r}, 1)"
+load = 0
+[obstacle]
+lower = -100
+[[dirichlet]]
+sides = [1, 2, 3, 4]
+value = "w"
+"""
+
+    def u(x, y):
+        t = np.arctan2(y, x) % (2.0 * math.pi)
+        k = np.minimum((2.0 * t / math.pi).astype(int), 3)
+        waves = np.cos(exponent * (t - np.array(middles)[k]))
+        return np.hypot(x, y) ** exponent * np.array(amplitudes)[k] * waves
+
+    return Known(text, u, lambda x, y: (), {})
+
+
+@pytest.mark.parametrize(
+    ("exponent", "ratio", "angle", "norm", "accuracy"),
+    [
+        (0.5, 5.82842712474619, -2.356194490192345, "L2", 1e-4),
+        (0.5, 5.82842712474619, -2.356194490192345, "Linf", 1e-3),
+        (0.25, 25.27414236908818, -5.49778714378214, "L2", 1e-3),
+        (0.25, 25.27414236908818, -5.49778714378214, "L4", 1e-2),
+        (0.25, 25.27414236908818, -5.49778714378214, "Linf", 1e-2),
+    ],
+)
+def test_materials_that_meet_at_a_point(comm, exponent, ratio, angle, norm, accuracy):
+    known = kellogg(exponent, ratio, angle)
+    scene = parse_scene(known.text, Path("materials.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm)
+    assert result.found.reached
+    assert true_error(result.u, known, norm) <= 1.05 * result.found.estimate
+    result.destroy()
+
+
 def on_a_re_entrant_corner(comm, exact, power=0):
     """Pose a problem on a square of which a quarter is cut out.
 
