@@ -100,6 +100,28 @@ def exponents_at_corners(problem: BoundConstrainedProblem) -> Array:
     return np.asarray(exponents[_corners(domain, 0)[owned_cells(domain)]].min(axis=1))
 
 
+def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[Array, float]]:
+    """Return the corners, or middles of edges in space, with a smaller exponent; collective.
+
+    Args:
+        problem: The solved problem.
+        limit: The exponent that is not smaller; 1 where derivatives are finite.
+
+    Returns:
+        Points with their exponents, the least first; the same on all ranks.
+    """
+    domain, part = problem.space.mesh, principal_part(problem.a)
+    if part is None:
+        return []
+    exponents = exponents_at_places(domain, part, conditions_of(problem))
+    dim = domain.topology.dim - 2
+    chosen = np.flatnonzero(exponents[: domain.topology.index_map(dim).size_local] < limit)
+    middles = mesh.compute_midpoints(domain, dim, chosen.astype(np.int32))
+    own = [(point, float(exponents[k])) for k, point in zip(chosen, middles, strict=True)]
+    found = [each for parts in domain.comm.allgather(own) for each in parts]
+    return sorted(found, key=lambda each: (round(each[1], 6), *np.round(each[0], 9)))
+
+
 def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     """Return the conditions on the boundary facets of a solved problem; collective."""
     layout, facets = problem.system.layout, boundary_facets(problem.space.mesh)

@@ -212,6 +212,34 @@ value = [0, -0.002]
     result.destroy()
 
 
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+def test_the_summary_knows_where_the_stress_is_infinite(parse, poisson):
+    """Below the edges of a flat punch, and where a clamped side ends: Williams (1952) for 0.3."""
+    text = f"""
+[domain]
+shape = "polygon"
+vertices = [[-1, 0], [1, 0], [1, 1], [0.25, 1], [-0.25, 1], [-1, 1]]
+width = 0.2
+[elasticity]
+young = 1000
+poisson = {poisson}
+[contact]
+sides = 4
+gap = -0.01
+direction = [0, 1]
+[[dirichlet]]
+sides = 1
+value = [0, 0]
+"""
+    result = solve_scene(parse(text), COMM)
+    summary = summarise(result, scene_boundary(result))
+    expected = "r^-0.5 at (-0.25, 1), (0.25, 1)"
+    if poisson > 0.0:
+        expected += "; r^-0.289 at (-1, 0), (1, 0)"
+    assert summary.infinite_stress == dict(lines(summary))["infinite stress"] == expected
+    result.destroy()
+
+
 # Everything at once, with polynomials that all rules integrate exactly.
 WHOLE = """
 rtol = 1e-11

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.corners import places_below
 from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
@@ -22,6 +23,7 @@ from dolfinx_signorini.meshes.node_values import values_in_cells, vectors_at_nod
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -60,6 +62,7 @@ class Summary:
         algebraic_share: The estimate of the algebraic over the discretisation error, where the
             solve stopped by this.
         body: Of an elastic body the number of nodes in contact, and largest values, by name.
+        infinite_stress: Where the stress of an elastic body is infinite, in words; "" for nowhere.
         errors: Norms of the error where the solution is known, by name.
         bound: Where asked for, the proven bound of the energy error with its parts, in words.
         choice: With an accuracy or a budget, what was asked for and what came out, by name.
@@ -79,6 +82,7 @@ class Summary:
     natural_residual: float
     algebraic_share: float | None
     body: dict[str, float]
+    infinite_stress: str
     errors: dict[str, float]
     bound: dict[str, str]
     choice: dict[str, str]
@@ -125,6 +129,7 @@ def summarise(
         natural_residual=result.solve.natural_residual,
         algebraic_share=result.solve.algebraic_share,
         body=body,
+        infinite_stress="" if scene.elasticity is None else _where_stress_is_infinite(problem),
         errors=errors,
         bound=proven,
         choice={} if result.found is None else dict(found_lines(result.found)),
@@ -154,6 +159,8 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
         text = f"{s.algebraic_share:.1e} of the discretisation error (estimate)"
         rows.append(("algebraic error", text))
     rows += [(name, f"{value:.6g}") for name, value in s.body.items()]
+    if s.infinite_stress:
+        rows.append(("infinite stress", s.infinite_stress))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
     return [*s.choice.items(), *rows, *s.bound.items()]
 
@@ -196,12 +203,16 @@ def listing(rows: Iterable[tuple[str, str]]) -> str:
 
 def _place(point: Sequence[float], uncertainty: float) -> str:
     """Return coordinates with one digit more than is known, without digits of rounding."""
-    size = max(map(abs, point))
-    digits = 4
+    size, digits = max(map(abs, point)), 4
     if 0.0 < uncertainty < size:
         digits = min(1 + math.ceil(math.log10(size / uncertainty)), MAX_DIGITS)
+    return f"{_coordinates(point, digits)} +- {uncertainty:.1g}"
+
+
+def _coordinates(point: Sequence[float], digits: int = 4) -> str:
+    size = max(map(abs, point))
     numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
-    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)}) +- {uncertainty:.1g}"
+    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)})"
 
 
 def _bound(result: SceneResult) -> dict[str, str]:
@@ -266,6 +277,22 @@ def forces_on(posed: PosedScene) -> dict[str, Force]:
             forces[kind.force_name] = force
     numbers = {name: tuple(map(float, np.atleast_1d(force))) for name, force in forces.items()}
     return {name: force if size > 1 else force[0] for name, force in numbers.items()}
+
+
+def _where_stress_is_infinite(problem: BoundConstrainedProblem) -> str:
+    """Tell at which corners the stress grows like a power of the distance: no mesh has its largest.
+
+    As theory has it, of solutions in general; collective.
+    """
+    dim, places = problem.space.mesh.topology.dim, dict[float, list[str]]()
+    for point, exponent in places_below(problem, 1.0):
+        where = _coordinates([float(c) for c in point[:dim]])
+        places.setdefault(round(exponent - 1.0, 3), []).append(where)
+    if dim > 2:
+        texts = [f"r^{power:.3g} along edges, such as at {at[0]}" for power, at in places.items()]
+    else:
+        texts = [f"r^{power:.3g} at {listed(at)}" for power, at in places.items()]
+    return "; ".join(texts)
 
 
 def _largest_values(posed: PosedScene, boundary: ContactBoundary | None) -> dict[str, float]:
