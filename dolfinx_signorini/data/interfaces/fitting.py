@@ -61,7 +61,9 @@ def fitted_mesh(
     comm, best = sided.mesh.comm, sided
     parts = 2 ** (sided.mesh.topology.dim + 1)  # of a cell that is refined, with its neighbours
     for attempt in range(ROUNDS if curves or lines else 0):
-        whole, marks = _fitted(_gathered(sided), curves, lines, max_cells)
+        gathered, order = _gathered(sided)
+        whole, marks = _fitted(gathered, curves, lines, max_cells)
+        marks[order] = marks.copy()  # in the order of the cells of the ranks
         changed, marks = comm.bcast((whole is not None, marks))
         if attempt == 0 or not marks.any():
             best = _shared(sided, whole) if changed else sided
@@ -96,8 +98,11 @@ def _fitted(
     return (None if whole is gathered else whole), marks
 
 
-def _gathered(sided: SidedMesh) -> Simplices | None:
-    """The whole mesh on rank 0."""
+def _gathered(sided: SidedMesh) -> tuple[Simplices | None, Indices]:
+    """The whole mesh on rank 0, with numbers that do not depend on the ranks, and its cells' order.
+
+    The order has the number of each cell among those of all ranks, one rank after the other.
+    """
     domain = sided.mesh
     dim, comm = domain.topology.dim, domain.comm
     cells, corners = all_cells(domain)
@@ -107,11 +112,17 @@ def _gathered(sided: SidedMesh) -> Simplices | None:
     ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = comm.gather((ids.reshape(-1, dim), sides))
     if parts is None:
-        return None
+        return None, np.empty(0, dtype=np.int64)
     x = np.empty((cells.max() + 1, dim))
     x[cells] = corners
     all_facets, all_sides = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return Simplices(x, cells, all_facets, all_sides, np.zeros(len(x), dtype=bool))
+    by_place = np.lexsort(x.T)
+    number = np.empty(len(x), dtype=np.int64)
+    number[by_place] = np.arange(len(x))
+    cells = np.sort(number[cells], axis=1)
+    order = np.lexsort(cells.T)
+    known = x[by_place], cells[order], number[all_facets], all_sides
+    return Simplices(*known, np.zeros(len(x), dtype=bool)), order
 
 
 def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:

@@ -3,6 +3,7 @@
 import basix
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from dolfinx_signorini.data import parsing
 from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
@@ -17,6 +18,8 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_scale,
 )
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
+
+SELF = MPI.COMM_SELF
 
 STRAIGHT = [
     (2, "where(3*x < 1, 1, 1000)", lambda x: 3.0 * x[..., 0] < 1.0),
@@ -151,3 +154,19 @@ def test_vertices_that_are_not_moved_keep_every_digit(comm):
     before = sided.mesh.geometry.x.copy()
     follow(sided, [formula])
     assert (sided.mesh.geometry.x == before).all()
+
+
+@pytest.mark.parametrize(
+    "text", ["where(x - y < 0.1, 1, 3)", "where(hypot(x - 0.5, y - 0.45) < 0.31, 1, 9)"]
+)
+def test_the_fitted_mesh_is_the_same_on_any_number_of_ranks(comm, text):
+    """Where two choices are as good as each other, numbers of nodes must not decide."""
+    meshes = [fitted_mesh(Square(6).make(c), [parsing.parse(text)], 3000) for c in (comm, SELF)]
+    middles = []
+    for sided in meshes:
+        domain = sided.mesh
+        count = domain.topology.index_map(2).size_local
+        x = domain.geometry.x[domain.geometry.dofmap[:count], :2].mean(axis=1)
+        found = np.concatenate(domain.comm.allgather(x))
+        middles.append(found[np.lexsort(np.round(found, 9).T)])
+    assert middles[0] == pytest.approx(middles[1], abs=1e-14)
