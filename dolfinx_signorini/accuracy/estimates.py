@@ -62,6 +62,7 @@ class Estimator:
         estimate: The estimated error of the finer solution.
         polygon: The part of the estimate that facets in place of curves have.
         exponent: The least power of the distance that the solution may have at a corner.
+        logarithm: The least power that the solution may have there with a logarithm.
     """
 
     found: Indicators
@@ -76,7 +77,7 @@ class Estimator:
         self._target, self._read, self._comm = target, read, domain.comm
         self._terms = UNSEEN if read is None else (*UNSEEN, data_errors(read))
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
-        self.exponent = SMOOTH
+        self.exponent = self.logarithm = SMOOTH
 
     @property
     def predictions(self) -> list[Prediction]:
@@ -119,35 +120,42 @@ class Estimator:
         exponents = np.full(solved.count, SMOOTH)
         np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine))
         self.rates.corners = self._target.singular_order(exponents, exponents)
-        least = float(exponents.min(initial=SMOOTH))
-        self.exponent = self._comm.allreduce(least, op=MPI.MIN)
-
-    @property
-    def doubt(self) -> str:
-        """What is not known of the norm, in words; "" for nothing; collective.
-
-        Where a logarithm makes the norm infinite, some corner must not look smooth.
-        """
-        target = self._target
-        if target.norm is None or target.of or is_finite(target.name, self.exponent):
-            return ""
-        logarithm = abs(self.exponent - round(self.exponent)) < 2.0 * LOGARITHM
-        if logarithm and not self._somewhere(self.rates.singular_corners):
-            return ""
-        return (
-            f"{target.name} of the solution is infinite if u ~ r^{self.exponent:.3g}"
-            f"{' log r' if logarithm else ''} at a corner, as the angles and the conditions have it"
+        finite = exponents[np.isfinite(exponents)]
+        logarithms = np.abs(finite - np.rint(finite)) < 2.0 * LOGARITHM
+        self.exponent, self.logarithm = (
+            self._comm.allreduce(float(part.min(initial=SMOOTH)), op=MPI.MIN)
+            for part in (finite[~logarithms], finite[logarithms])
         )
 
     @property
-    def infinite(self) -> bool:
-        """Whether the norm may be infinite: a corner does not look smooth; collective."""
-        return bool(self.doubt) and self._somewhere(self.rates.singular_corners)
+    def doubt(self) -> str:
+        """Why the norm of solutions is infinite in general, in words; "" where it is finite."""
+        return self._told_infinite(self.exponent)
 
     @property
-    def diverges(self) -> bool:
-        """Whether the norm is infinite, and divisions of a corner gain little; collective."""
-        return bool(self.doubt) and self._somewhere(self.rates.slow_corners)
+    def infinite(self) -> str:
+        """The same, or that a logarithm makes the norm infinite, if a corner does not look smooth.
+
+        Collective.
+        """
+        if not self._somewhere(self.rates.singular_corners):
+            return ""
+        return self.doubt or self._told_infinite(self.logarithm)
+
+    @property
+    def diverges(self) -> str:
+        """The doubt, if divisions of a corner are seen to gain little; collective."""
+        return self.doubt if self._somewhere(self.rates.slow_corners) else ""
+
+    def _told_infinite(self, exponent: float) -> str:
+        target = self._target
+        if target.norm is None or target.of or is_finite(target.name, exponent):
+            return ""
+        power = f"r^{exponent:.3g}{' log r' if exponent == self.logarithm else ''}"
+        return (
+            f"{target.name} of the solution is infinite if u ~ {power} at a corner, "
+            "as the angles and the conditions have it"
+        )
 
     def _somewhere(self, cells: Mask) -> bool:
         return self._comm.allreduce(bool(cells.any()), op=MPI.LOR)

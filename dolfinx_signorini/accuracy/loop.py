@@ -288,7 +288,7 @@ class Loop:
             reached = accuracy is not None and estimate <= accuracy
             infinite = self.estimator.infinite if reached else self.estimator.diverges
             if infinite and estimate > DEFAULT_RTOL * self.whole:
-                self.stopped = self.estimator.doubt
+                self.stopped = infinite
                 return None
             if reached:
                 self.stopped = REACHED
