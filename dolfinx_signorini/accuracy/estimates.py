@@ -28,6 +28,7 @@ from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
@@ -134,18 +135,25 @@ class Estimator:
 
     @property
     def infinite(self) -> str:
-        """The same, or that a logarithm makes the norm infinite, if a corner does not look smooth.
-
-        Collective.
-        """
-        if not self._somewhere(self.rates.singular_corners):
-            return ""
-        return self.doubt or self._told_infinite(self.logarithm)
+        """The doubt, if a corner does not look smooth, or the same of a logarithm; collective."""
+        doubt = self.doubt if self._somewhere(self.rates.singular_corners) else ""
+        return doubt or self._with_logarithm()
 
     @property
     def diverges(self) -> str:
         """The doubt, if divisions of a corner are seen to gain little; collective."""
-        return self.doubt if self._somewhere(self.rates.slow_corners) else ""
+        doubt = self.doubt if self._somewhere(self.rates.slow_corners) else ""
+        return doubt or self._with_logarithm()
+
+    def _with_logarithm(self) -> str:
+        """That a logarithm makes the norm infinite, if a corner has the error and keeps it.
+
+        Data are those of a polynomial, without a logarithm, more often than by chance.
+        """
+        left = self.prediction.remaining
+        worst = left >= NOTABLE * highest(self._comm, left)
+        kept = self._somewhere(worst & self.rates.standing_corners)
+        return self._told_infinite(self.logarithm) if kept else ""
 
     def _told_infinite(self, exponent: float) -> str:
         target = self._target

@@ -72,6 +72,8 @@ class Rates:
         self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self._measured: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
+        # The number of the last divisions that gained nothing.
+        self._stood: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
 
     def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
         """Take some cells to be no faster than theory says.
@@ -113,6 +115,11 @@ class Rates:
     def slow_corners(self) -> npt.NDArray[np.bool_]:
         """Whether each cell is at a corner at which divisions were seen to gain little."""
         return self.singular_corners & self._measured
+
+    @property
+    def standing_corners(self) -> npt.NDArray[np.bool_]:
+        """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
+        return (self._stood > 1) & (self.corners < self.order)
 
     def local_prediction(self, norms: Array, p: float) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
@@ -164,6 +171,7 @@ class Rates:
         self.values = np.where(divided.away, self.order, self._slow)
         self._confirmed = divided.owners.of(self._confirmed) & ~divided.away
         self._measured = divided.owners.of(self._measured)
+        self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
         self._limited = np.zeros(len(self.values), dtype=bool)
         self._domain, self._before = domain, before
@@ -191,6 +199,8 @@ class Rates:
         new = told & ~divided.away
         self.values = np.where(new, self._lasting(rates, owned(depth)), self.values)
         self._measured |= new | divided.away
+        stands = np.where(self.values < 2.0 * SLOWEST, self._stood + 1, 0)
+        self._stood = np.where(new, stands, self._stood)
         # The slow part of a slow cell is where most of the error is left, and is at the point.
         largest = owned(divided.collected(counted, np.inf))
         slow = told & (rates < SINGULAR * self.order)

@@ -287,6 +287,36 @@ def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, acc
     result.destroy()
 
 
+LOGARITHM = """
+degree = 2
+[domain]
+shape = "square"
+cells = 4
+[define]
+w = "{factor}*(x*atan2(y, x) + y*log(max(hypot(x, y), 1e-30))) - y"
+[equation]
+load = 0
+[obstacle]
+lower = -100
+[[dirichlet]]
+sides = ["bottom", "right", "top"]
+value = "w"
+[[neumann]]
+sides = "left"
+flux = "{factor}*0 - {factor}*pi/2"
+"""
+
+
+@pytest.mark.parametrize(("factor", "infinite"), [(1.0, True), (0.0, False)])
+def test_data_that_meet_at_a_right_angle_make_a_logarithm(comm, factor, infinite):
+    """Im(z log z) is 0 on the x-axis, and its flux is constant on the y-axis."""
+    scene = parse_scene(LOGARITHM.format(factor=factor), Path("log.toml"), comm)
+    found = solve_scene(scene, comm, accuracy=1e-2, norm="W1_inf").found
+    assert found.reached != infinite
+    assert ("infinite if u ~ r^1 log r at a corner" in found.stopped) == infinite
+    found.problem.destroy()
+
+
 def kellogg(exponent, ratio, angle):
     """u = r^a U(t) with a diffusion of two values in four quadrants, by Kellogg (1974)."""
     phases = [math.pi / 2 - angle, math.pi / 4, angle, math.pi / 4]
