@@ -53,7 +53,7 @@ class Sides:
     """The conditions on boundary facets, for n unknowns:
 
         sides = conditions_of(problem)
-        print(sides.held.mean())
+        print(sides.touching.mean())
 
     Attributes:
         facets: The owned boundary facets.

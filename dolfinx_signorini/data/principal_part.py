@@ -5,8 +5,8 @@ entries of a diffusion tensor, or the stiffness of an elastic body.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any, TypeAlias
 
@@ -18,7 +18,7 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.form_data import cells_of
-from dolfinx_signorini.data.formulas import Formula, Node, number, together
+from dolfinx_signorini.data.formulas import Formula, Node, nodes, number, together
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
 
@@ -37,13 +37,14 @@ class PrincipalPart:
         domain: The mesh.
         entries: The coefficients in each integral.
         cells: The owned cells of each integral; None for all of them.
-        functions: What stands for the coordinates of formulas behind those of space.
+        functions: What stands for the coordinates of formulas behind those of space: functions, by
+            the number of the coordinate that their first component is.
     """
 
     domain: mesh.Mesh
     entries: tuple[Entries, ...]
     cells: tuple[LocalIndices | None, ...]
-    functions: tuple[fem.Function, ...] = ()
+    functions: Mapping[int, fem.Function] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -89,8 +90,12 @@ class PrincipalPart:
         corners = np.asarray(basix.geometry(cell))
         middles = np.array([corners[list(v)].mean(axis=0) for v in basix.topology(cell)[dim - 2]])
         points = Points(self.domain, cells, middles)
-        values = [value for f in self.functions for value in points.values(f)]
-        x = np.stack([*points.inside, *values], axis=-1)
+        coordinates = dict(enumerate(points.inside))
+        for first, f in self.functions.items():
+            coordinates |= dict(enumerate(points.values(f), start=first))
+        x = np.zeros((len(cells), len(middles), 1 + max(coordinates)))
+        for k, values in coordinates.items():
+            x[:, :, k] = values
         for entries, own in zip(self.entries, self.cells, strict=True):
             inside: Mask = np.isin(cells, own) if own is not None else np.ones(len(cells), bool)
             distinct: list[Node] = list(dict.fromkeys(entries.flat))
@@ -103,7 +108,7 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
     """Return the coefficients of a form on first derivatives; None where they are not readable."""
     space, reading = a.arguments()[0].ufl_function_space(), Reading(a)
     size, dim = space.dofmap.bs, space.mesh.geometry.dim
-    functions, found, cells = a.coefficients(), [], []
+    found, cells = [], []
     for i, integral in enumerate(a.integrals()):
         if integral.integral_type() != "cell":
             continue
@@ -118,6 +123,14 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         cells.append(cells_of(space.mesh, integral))
     if not found:
         return None
+    leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
+    used = {int(n.value) for n in leaves if n.op == "coordinate"}
+    functions, first = {}, dim
+    for f in a.coefficients():
+        last = first + math.prod(f.ufl_shape)
+        if used & set(range(first, last)):
+            functions[first] = f
+        first = last
     part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)
     try:  # values of functions in other spaces are not known
         part.at_corners(np.empty(0, dtype=np.int32))
