@@ -115,6 +115,7 @@ def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[A
         return []
     exponents = exponents_at_places(domain, part, conditions_of(problem))
     dim = domain.topology.dim - 2
+    domain.topology.create_connectivity(dim, dim + 2)
     chosen = np.flatnonzero(exponents[: domain.topology.index_map(dim).size_local] < limit)
     middles = mesh.compute_midpoints(domain, dim, chosen.astype(np.int32))
     own = [(point, float(exponents[k])) for k, point in zip(chosen, middles, strict=True)]

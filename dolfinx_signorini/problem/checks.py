@@ -367,7 +367,8 @@ def _hats(layout: Layout) -> PETSc.Mat:
         columns = (columns[:, :, None] * nodes + cell[:, k, None, None] + [0, 1]).reshape(shape)
         ends = np.stack((1.0 - place[:, k], place[:, k]), axis=1)
         values = (values[:, :, None] * ends[:, None, :]).reshape(shape)
-    columns = (columns[:, None, :] * block + np.arange(block)[:, None]).reshape(count * block, -1)
+    columns = columns[:, None, :] * block + np.arange(block, dtype=np.int32)[:, None]
+    columns = columns.reshape(count * block, columns.shape[2])
     values = np.repeat(values, block, axis=0)
     values[layout.fixed_dofs] = 0.0
     rows = np.arange(count * block + 1, dtype=np.int32) * columns.shape[1]

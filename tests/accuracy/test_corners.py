@@ -291,6 +291,31 @@ def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, acc
     result.destroy()
 
 
+def test_a_note_tells_that_the_strain_of_a_clamped_body_is_infinite(comm):
+    """At the ends of the clamped side of a block, with Poisson's ratio 0.3."""
+    domain = box_mesh(comm, [np.linspace(0.0, 1.0, 4)] * 2)
+    left, bottom = (
+        mesh.locate_entities_boundary(domain, 1, lambda x, k=k: np.isclose(x[k], 0.0))
+        for k in (0, 1)
+    )
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2, (2,)))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        dofs = fem.locate_dofs_topological(space, 1, sided.sides["left"])
+        clamped = fem.dirichletbc(fem.Function(space), dofs)
+        a, load = elasticity(u, v, young=3.0, poisson=0.3), -0.1 * v[1] * ufl.dx
+        keywords = {"contact": sided.sides["bottom"], "gap": 0.01, "direction": (0.0, -1.0)}
+        return ContactProblem(a, load, bcs=[clamped], **keywords)
+
+    sides = {"left": left, "bottom": bottom}
+    wanted = {"norm": "W1_inf", "accuracy": 1e-6, "max_unknowns": 2000}
+    found = solve_adaptively(pose, SidedMesh(domain, sides), **wanted)
+    assert not found.reached
+    assert any("infinite if u ~ r^0.711 at a corner" in note for note in found.notes)
+    found.problem.destroy()
+
+
 LOGARITHM = """
 degree = 2
 [domain]
