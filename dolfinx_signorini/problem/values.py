@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
+from ufl.classes import RealValue, Zero
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
@@ -39,8 +40,9 @@ def evaluator(
         dofs: Dofs of this rank: all of them on some facets, or in some cells.
         name: The name of the argument, for messages.
     """
-    if isinstance(value, int | float | np.number):
-        return lambda: np.full(len(dofs), float(value))
+    if isinstance(value, int | float | np.number | RealValue | Zero):  # UFL's have no mesh
+        number = 0.0 if isinstance(value, Zero) else float(value)
+        return lambda: np.full(len(dofs), number)
     if isinstance(value, fem.Function) and value.function_space == space:
         return lambda: value.x.array[dofs].copy()
     if is_bernstein(space):
