@@ -28,7 +28,7 @@ from dolfinx import common, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import largest, marked, summed
-from dolfinx_signorini.data.principal_part import PrincipalPart, principal_part
+from dolfinx_signorini.data.principal_part import PrincipalPart, mixing, principal_part
 from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -93,11 +93,8 @@ def exponents_at_corners(problem: BoundConstrainedProblem) -> Array:
         are not readable.
     """
     domain = problem.space.mesh
-    part = principal_part(problem.a)
-    if part is None:
-        return np.full(len(owned_cells(domain)), SMOOTH)
-    exponents = exponents_at_places(domain, part, conditions_of(problem), logarithms=True)
-    return np.asarray(exponents[_corners(domain, 0)[owned_cells(domain)]].min(axis=1))
+    exponents = _of_problem(problem, logarithms=True)
+    return np.asarray(exponents[corners_of(domain, 0)[owned_cells(domain)]].min(axis=1))
 
 
 def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[Array, float]]:
@@ -110,10 +107,7 @@ def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[A
     Returns:
         Points with their exponents, the least first; the same on all ranks.
     """
-    domain, part = problem.space.mesh, principal_part(problem.a)
-    if part is None:
-        return []
-    exponents = exponents_at_places(domain, part, conditions_of(problem))
+    domain, exponents = problem.space.mesh, _of_problem(problem)
     dim = domain.topology.dim - 2
     domain.topology.create_connectivity(dim, dim + 2)
     chosen = np.flatnonzero(exponents[: domain.topology.index_map(dim).size_local] < limit)
@@ -121,6 +115,12 @@ def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[A
     own = [(point, float(exponents[k])) for k, point in zip(chosen, middles, strict=True)]
     found = [each for parts in domain.comm.allgather(own) for each in parts]
     return sorted(found, key=lambda each: (round(each[1], 6), *np.round(each[0], 9)))
+
+
+def _of_problem(problem: BoundConstrainedProblem, logarithms: bool = False) -> Array:
+    """The exponents at places, see `exponents_at_places`."""
+    known = principal_part(problem.a), conditions_of(problem)
+    return exponents_at_places(problem.space.mesh, *known, logarithms)
 
 
 def conditions_of(problem: BoundConstrainedProblem) -> Sides:
@@ -143,7 +143,7 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     contact = everywhere(layout.obstacle_nodes)
     units = np.ones((len(facets), 1))
     if isinstance(problem, ContactProblem):
-        directions = problem.along_direction.directions.x.array.reshape(-1, size)
+        directions = problem.directions.x.array.reshape(-1, size)
         units = directions[on_facets].mean(axis=1)
         units /= np.maximum(np.linalg.norm(units, axis=1), SAME)[:, None]
     stopped[contact] = (units[:, :, None] * units[:, None])[contact]
@@ -151,23 +151,26 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
 
 
 def exponents_at_places(
-    domain: mesh.Mesh, part: PrincipalPart, sides: Sides, logarithms: bool = False
+    domain: mesh.Mesh, part: PrincipalPart | None, sides: Sides, logarithms: bool = False
 ) -> Array:
     """Return the exponents at vertices in the plane, or edges in space; collective.
 
     Args:
         domain: A mesh of straight-sided triangles or tetrahedra.
-        part: The coefficients of the form.
+        part: The coefficients of the form; None where they are not readable.
         sides: The conditions on the boundary.
         logarithms: Whether data may be those of no polynomial, so that a solution has a part like
             r^a log r at corners where a scalar has given values.
 
     Returns:
-        The least exponent at each place that this rank knows, see `sector_exponent`.
+        The least exponent at each place that this rank knows, see `sector_exponent`; `SMOOTH`
+        everywhere where the coefficients are not readable.
     """
     domain.topology.create_entities(domain.topology.dim - 2)
     places = domain.topology.index_map(domain.topology.dim - 2)
     result = np.full(places.size_local + places.num_ghosts, SMOOTH)
+    if part is None:
+        return result
     chosen = _candidates(domain, part, sides)
     gathered = _gathered(domain, part, sides, chosen)
     found = {place: _exponent(around, logarithms) for place, around in gathered}
@@ -176,8 +179,13 @@ def exponents_at_places(
     return result
 
 
-def _corners(domain: mesh.Mesh, codim: int) -> LocalIndices:
-    """The corners of cells, or of facets, which are vertices in the plane and edges in space."""
+def corners_of(domain: mesh.Mesh, codim: int) -> LocalIndices:
+    """Return the corners of all cells, or of all facets: vertices in the plane, edges in space.
+
+    Args:
+        domain: A mesh of triangles or tetrahedra.
+        codim: 0 for cells, 1 for facets.
+    """
     topology, tdim = domain.topology, domain.topology.dim
     dim = tdim - codim
     topology.create_connectivity(dim, tdim - 2)
@@ -188,14 +196,13 @@ def _corners(domain: mesh.Mesh, codim: int) -> LocalIndices:
 def _candidates(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Mask:
     """Where the boundary bends, the condition changes, or coefficients jump."""
     places, every = domain.topology.index_map(domain.topology.dim - 2), owned_cells(domain)
-    on_facets, on_cells = _corners(domain, 1)[sides.facets], _corners(domain, 0)[every]
+    on_facets, on_cells = corners_of(domain, 1)[sides.facets], corners_of(domain, 0)[every]
     boundary = summed(places, on_facets) > 0.0
     cells = every[boundary[on_cells].any(axis=1)]
     angles = summed(places, on_cells[cells], cell_angles(domain, cells))
     bent = boundary & (np.abs(angles - math.pi) >= STRAIGHT)
     conditions = _given(sides.given, sides.stopped, sides.touching)
-    weights = np.sqrt(2.0 + np.arange(part.size**2)).reshape(part.size, part.size)
-    mixed = np.einsum("fij,ij->f", conditions, weights)
+    mixed = np.einsum("fij,ij->f", conditions, mixing((part.size, part.size)))
     changes = _spread(places, on_facets, np.repeat(mixed[:, None], on_facets.shape[1], axis=1))
     plain = summed(places, on_facets[~sides.stopped.any(axis=(1, 2))]) > 0.0
     chosen = bent | ((changes > SAME) & plain)
@@ -218,7 +225,7 @@ def _gathered(
 ) -> Iterator[tuple[int, _Around]]:
     """Yield on each rank the sectors and sides of all ranks around each of the chosen places."""
     places, every = domain.topology.index_map(domain.topology.dim - 2), owned_cells(domain)
-    on_cells, on_facets = _corners(domain, 0)[every], _corners(domain, 1)[sides.facets]
+    on_cells, on_facets = corners_of(domain, 0)[every], corners_of(domain, 1)[sides.facets]
     row, corner = np.nonzero(chosen[on_cells])
     here = on_cells[row, corner]
     angles, frames = _directions(domain, domain.topology.dim, every[row], here)

@@ -77,8 +77,7 @@ class PrincipalPart:
 
         Where coefficients differ, so do their combinations, but for unlikely coincidences.
         """
-        shape = self.entries[0].shape
-        weights = np.sqrt(2.0 + np.arange(math.prod(shape))).reshape(shape)
+        weights = mixing(self.entries[0].shape)
         result = np.zeros((len(cells), CORNERS[self.domain.topology.dim]))
         for inside, place, values in self._at_corners(cells):
             result[inside] += weights[place] * values
@@ -102,6 +101,11 @@ class PrincipalPart:
             found = dict(zip(distinct, together(distinct, x[inside]), strict=True))
             for place in np.ndindex(entries.shape):
                 yield inside, place, found[entries[place]]
+
+
+def mixing(shape: tuple[int, ...]) -> Array:
+    """Return weights of a linear combination that tells different tensors of a shape apart."""
+    return np.sqrt(2.0 + np.arange(math.prod(shape))).reshape(shape)
 
 
 def principal_part(a: ufl.Form) -> PrincipalPart | None:

@@ -234,16 +234,22 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        layout, size, (u, _) = self._layout, self.space.dofmap.bs, self.towards_obstacle()
+        layout, (u, _) = self._layout, self.towards_obstacle()
         nodes, gap = layout.obstacle_nodes, self.gap
-        directions = fem.Function(self.space, name="directions")
-        directions.x.array.reshape(-1, size)[nodes] = self._directions.units
         distance = fem.Function(layout.nodal, name="distance")
         distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
-        for function in (directions, distance):
-            function.x.scatter_forward()
+        distance.x.scatter_forward()
         known = u, gap, self.pressure, self.contact, layout.held_nodes
-        return AlongDirection(layout.nodal, *known, directions, distance)
+        return AlongDirection(layout.nodal, *known, self.directions, distance)
+
+    @property
+    def directions(self) -> fem.Function:
+        """The unit vectors of the direction at nodes with an obstacle, 0 elsewhere; collective."""
+        directions = fem.Function(self.space, name="directions")
+        blocks = directions.x.array.reshape(-1, self.space.dofmap.bs)
+        blocks[self._layout.obstacle_nodes] = self._directions.units
+        directions.x.scatter_forward()
+        return directions
 
     @property
     def sense(self) -> float:

@@ -41,8 +41,7 @@ def evaluator(
         name: The name of the argument, for messages.
     """
     if isinstance(value, int | float | np.number | RealValue | Zero):  # UFL's have no mesh
-        number = 0.0 if isinstance(value, Zero) else float(value)
-        return lambda: np.full(len(dofs), number)
+        return lambda: np.full(len(dofs), float(value))
     if isinstance(value, fem.Function) and value.function_space == space:
         return lambda: value.x.array[dofs].copy()
     if is_bernstein(space):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.corners import Sides, exponents_at_places
+from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
@@ -72,8 +72,7 @@ def singular_corners(
     exponents = np.min([exponents_at_places(domain, part, known) for known in sides], axis=0)
     places = domain.topology.index_map(0)
     angles = _vertex_angles(domain)
-    domain.topology.create_connectivity(1, 0)
-    ends = domain.topology.connectivity(1, 0).array.reshape(-1, 2)
+    ends = corners_of(domain, 1)
     meeting = {kind: summed(places, ends[on]) > 0.0 for kind, on in facets.items()}
     owned = np.arange(places.size_local, dtype=np.int32)
     x = domain.geometry.x[entity_nodes(domain, 0, owned)[:, 0]]
@@ -126,5 +125,5 @@ def largest_angle(domain: mesh.Mesh) -> float:
 def _vertex_angles(domain: mesh.Mesh) -> Array:
     """The sum of the angles of the cells at each vertex that this rank knows; collective."""
     cells = owned_cells(domain)
-    corners = domain.topology.connectivity(2, 0).array.reshape(-1, 3)[cells]
+    corners = corners_of(domain, 0)[cells]
     return summed(domain.topology.index_map(0), corners, cell_angles(domain, cells))

@@ -140,6 +140,16 @@ def test_layers_follow_facets(parse):
     result.destroy()
 
 
+def held_and_below(sided, space, displacement):
+    """The condition on the sides that are held, and the measure of the lower side."""
+    data = fem.Function(space)
+    data.interpolate(displacement)
+    bc = fem.dirichletbc(data, fem.locate_dofs_topological(space, 1, sided.sides["held"]))
+    facets = np.sort(sided.sides["below"])
+    tags = mesh.meshtags(sided.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
+    return bc, ufl.Measure("ds", sided.mesh, subdomain_data=tags)(1)
+
+
 class Slanted:
     """Two materials on either side of a slanted line; u = A x, and A x + b d beyond the line.
 
@@ -179,12 +189,7 @@ class Slanted:
         far = self.normal[0] * x[0] + self.normal[1] * x[1] > self.at
         young = ufl.conditional(far, self.young[1], self.young[0])
         shear = ufl.conditional(far, -self.stresses[1][0, 1], -self.stresses[0][0, 1])
-        data = fem.Function(V)
-        data.interpolate(self.displacement)
-        bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 1, sided.sides["held"]))
-        facets = np.sort(sided.sides["below"])
-        tags = mesh.meshtags(sided.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
-        below = ufl.Measure("ds", sided.mesh, subdomain_data=tags)(1)
+        bc, below = held_and_below(sided, V, self.displacement)
         return ds.ContactProblem(
             ds.elasticity(u, v, young, NU),
             shear * v[0] * below,
@@ -254,12 +259,7 @@ class Bubble:
             exact = ufl.as_vector([ufl.dot(ufl.as_vector(Slanted.A[i]), x) + self.c[i] * bump
                                    for i in (0, 1)])  # fmt: skip
             inner = ds.stress(exact, 100.0, NU)
-            data = fem.Function(V)
-            data.interpolate(self.displacement)
-            bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 1, sided.sides["held"]))
-            facets = np.sort(sided.sides["below"])
-            tags = mesh.meshtags(sided.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
-            below = ufl.Measure("ds", sided.mesh, subdomain_data=tags)(1)
+            bc, below = held_and_below(sided, V, self.displacement)
             shear = ufl.dot(inner, ufl.FacetNormal(sided.mesh))[0]
             return ds.ContactProblem(
                 ds.elasticity(u, v, 100.0, NU),
