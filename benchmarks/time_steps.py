@@ -1,15 +1,21 @@
-"""A step of a parabolic problem with contact, beside a step of the same loop without contact.
+"""A step of a loop with contact, beside a step of the same loop without contact.
 
     ./with-dolfinx python3 benchmarks/time_steps.py [--cells 300] [--steps 200]
     ./with-dolfinx python3 benchmarks/time_steps.py --shape cube    # on a mesh of gmsh
+    ./with-dolfinx python3 benchmarks/time_steps.py --contact domain
+    ./with-dolfinx python3 benchmarks/time_steps.py --contact body --steps 50
 
-The problem is that of `demos/parabolic.py`. Both loops make the same time steps in turn in one
-process. The loop without contact has the best of what a user would write: the matrix and the set-up
-of BoomerAMG with the contact solve's settings are made once, and CG starts from the last solution
-and ends at the residual that the contact solve has to reach, 1e-7 of the load.
+The problem is that of `demos/parabolic.py`, with the obstacle on a side or in the domain, or that
+of `demos/growing_load.py`. Both loops make the same steps in turn in one process. The loop without
+contact has the best of what a user would write: the matrix and the set-up of BoomerAMG with the
+contact solve's settings are made once, and CG starts from the last solution and ends at the
+residual that the contact solve has to reach, 1e-7 of the load.
 """
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import ufl
 from common import parser, spread, timed, write_json
 from dolfinx import fem, mesh
@@ -18,25 +24,37 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from shapes import TRIED, mesh_of
 
-from dolfinx_signorini import SignoriniProblem, friedrichs_keller
+from dolfinx_signorini import (
+    ContactProblem,
+    ObstacleProblem,
+    SignoriniProblem,
+    elasticity,
+    friedrichs_keller,
+)
 from dolfinx_signorini.base.tables import text_table
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
-from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
+from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.options import options_set
 
 DT = 0.01
 
 
-class Loop:
-    """Forms of one implicit Euler step; `u` is the solution of the step before."""
+class Parabolic:
+    """Forms of one implicit Euler step; `u` is the solution of the step before.
 
-    def __init__(self, domain: mesh.Mesh):
-        self.mesh = domain
-        space = fem.functionspace(self.mesh, ("Lagrange", 1))
+    Args:
+        domain: The mesh.
+        steps: The number of steps.
+    """
+
+    def __init__(self, domain: mesh.Mesh, steps: int):
+        self.mesh, self.bcs = domain, []
+        space = fem.functionspace(domain, ("Lagrange", 1))
         self.u, trial, v = fem.Function(space), ufl.TrialFunction(space), ufl.TestFunction(space)
-        self.pump = fem.Constant(self.mesh, (0.0, 0.2))
+        self.pump = fem.Constant(domain, (0.0, 0.2))
         dx = ufl.dx(metadata={"quadrature_degree": 4})
-        x = ufl.SpatialCoordinate(self.mesh)
+        x = ufl.SpatialCoordinate(domain)
         distance = ufl.as_vector((x[0], x[1])) - self.pump
         source = 5.0 - 100.0 * ufl.exp(-50.0 * ufl.inner(distance, distance))
         self.a = (trial * v + DT * ufl.inner(ufl.grad(trial), ufl.grad(v))) * dx
@@ -46,34 +64,85 @@ class Loop:
         """Move the pump to its place in a step."""
         self.pump.value[0] = 0.5 - 0.35 * np.cos(2.0 * np.pi * DT * (step + 1))
 
+    def problem(self) -> BoundConstrainedProblem:
+        """The problem with contact on the lower side."""
+        wall = side(self.mesh, 1, 0.0)
+        return SignoriniProblem(self.a, self.L, contact=wall, u=self.u)
 
-class Contact(Loop):
-    """The loop with contact on the lower side."""
 
-    def __init__(self, domain: mesh.Mesh):
-        super().__init__(domain)
-        facets = domain.topology.dim - 1
-        wall = mesh.locate_entities_boundary(domain, facets, lambda x: np.isclose(x[1], 0.0))
-        self.problem = SignoriniProblem(self.a, self.L, contact=wall, u=self.u)
+class InDomain(Parabolic):
+    """The same with the obstacle in the domain."""
+
+    def problem(self) -> BoundConstrainedProblem:
+        """The problem with contact in all cells."""
+        return ObstacleProblem(self.a, self.L, lower=0.0, u=self.u)
+
+
+class Body:
+    """Forms of a block whose weight grows; see `Parabolic`."""
+
+    def __init__(self, domain: mesh.Mesh, steps: int):
+        self.mesh, self.steps, dim = domain, steps, domain.geometry.dim
+        space = fem.functionspace(domain, ("Lagrange", 1, (dim,)))
+        self.u, trial, v = fem.Function(space), ufl.TrialFunction(space), ufl.TestFunction(space)
+        self.weight = fem.Constant(domain, 0.0)
+        self.a = elasticity(trial, v, young=200.0, poisson=0.3)
+        self.L = -self.weight * v[dim - 1] * ufl.dx
+        above = fem.locate_dofs_topological(space, dim - 1, side(domain, dim - 1, 1.0))
+        self.bcs = [fem.dirichletbc(np.zeros(dim), above, space)]
+
+    def move(self, step: int) -> None:
+        """Let the weight grow."""
+        self.weight.value = 40.0 * (step + 1) / self.steps
+
+    def problem(self) -> BoundConstrainedProblem:
+        """The problem with contact with a bump below."""
+        below = side(self.mesh, self.mesh.geometry.dim - 1, 0.0)
+        gap = 0.2 * (ufl.SpatialCoordinate(self.mesh)[0] - 0.45) ** 2
+        return ContactProblem(self.a, self.L, contact=below, gap=gap, bcs=self.bcs, u=self.u)
+
+
+LOOPS = {"side": Parabolic, "domain": InDomain, "body": Body}
+
+
+def side(domain: mesh.Mesh, axis: int, place: float) -> npt.NDArray[np.int32]:
+    """The facets of a side at right angles to an axis."""
+    facets = domain.topology.dim - 1
+    return mesh.locate_entities_boundary(domain, facets, lambda x: np.isclose(x[axis], place))
+
+
+class Contact:
+    """The loop with contact."""
+
+    def __init__(self, forms: Any):
+        self.forms, self.problem = forms, forms.problem()
 
     def step(self, number: int) -> int:
         """Make a step, and return the CG iterations that the step took."""
-        self.move(number)
+        self.forms.move(number)
         self.problem.solve()
         return self.problem.result.linear_iterations
 
 
-class Linear(Loop):
+class Linear:
     """The loop without contact, with the matrix and the multigrid set-up of the first step."""
 
-    def __init__(self, domain: mesh.Mesh):
-        super().__init__(domain)
-        A = fem_petsc.assemble_matrix(fem.form(self.a))
+    def __init__(self, forms: Any):
+        self.forms, self.a = forms, fem.form(forms.a)
+        A = fem_petsc.assemble_matrix(self.a, bcs=forms.bcs)
         A.assemble()
-        self.form, self.b, self.x = fem.form(self.L), A.createVecLeft(), A.createVecRight()
-        self.ksp = PETSc.KSP().create(domain.comm)
+        self.form, self.b, self.x = fem.form(forms.L), A.createVecLeft(), A.createVecRight()
+        self.ksp = PETSc.KSP().create(forms.mesh.comm)
         self.ksp.setOptionsPrefix("linear_")
-        with options_set("linear_", DEFAULT_OPTIONS):
+        space = forms.u.function_space
+        block = space.dofmap.bs
+        if block > 1:
+            places = A.createVecLeft()
+            places.setBlockSize(block)
+            owned = space.dofmap.index_map.size_local
+            places.array_w[:] = space.tabulate_dof_coordinates()[:owned, :block].ravel()
+            A.setNearNullSpace(PETSc.NullSpace().createRigidBody(places))
+        with options_set("linear_", amg_options(block, alone=forms.mesh.comm.size == 1)):
             self.ksp.setFromOptions()
         self.ksp.setOperators(A)
         self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
@@ -82,20 +151,24 @@ class Linear(Loop):
 
     def step(self, number: int) -> int:
         """Make a step, and return the CG iterations that the step took."""
-        self.move(number)
+        self.forms.move(number)
         with self.b.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self.b, self.form)
+        fem_petsc.apply_lifting(self.b, [self.a], [self.forms.bcs])
         self.b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(self.b, self.forms.bcs)
         self.ksp.solve(self.b, self.x)
-        self.u.x.array[: self.x.getLocalSize()] = self.x.array_r
-        self.u.x.scatter_forward()
+        values = self.forms.u.x
+        values.array[: self.x.getLocalSize()] = self.x.array_r
+        values.scatter_forward()
         return int(self.ksp.getIterationNumber())
 
 
 def main() -> None:
     options = parser(__doc__ or "", 300)
     options.add_argument("--steps", type=int, default=200)
+    options.add_argument("--contact", choices=list(LOOPS), default="side")
     options.add_argument("--shape", choices=[name for name in TRIED if "P2" not in name])
     options.add_argument("--size", type=float, default=1.0, help="times the sizes of cells")
     args = options.parse_args()
@@ -104,10 +177,14 @@ def main() -> None:
         domain, where = friedrichs_keller(comm, args.cells), f"N = {args.cells}"
     else:
         domain, where = mesh_of(comm, TRIED[args.shape], args.size), args.shape
-    loops = {"contact": Contact(domain), "linear": Linear(domain)}
+    forms = LOOPS[args.contact]
+    loops = {
+        "contact": Contact(forms(domain, args.steps)),
+        "linear": Linear(forms(domain, args.steps)),
+    }
     seconds: dict[str, list[float]] = {name: [] for name in loops}
     iterations: dict[str, list[int]] = {name: [] for name in loops}
-    solves, moved = [], []
+    solves, moved, setups = [], [], []
     for step in range(args.steps):
         for name, loop in loops.items():
             took, count = timed(comm, loop.step, step)
@@ -117,6 +194,7 @@ def main() -> None:
         result = loops["contact"].problem.result
         solves.append(result.linear_solves)
         moved.append(result.active_dofs)
+        setups.append(result.setups)
     ratio = float(np.sum(seconds["contact"]) / np.sum(seconds["linear"]))
     if comm.rank == 0:
         rows = [
@@ -124,10 +202,10 @@ def main() -> None:
             for name in loops
         ]
         columns = ["loop", "min s", "median s", "max s", "CG iterations"]
-        print(text_table(columns, rows, f"a step, {where}, {comm.size} ranks"))
+        print(text_table(columns, rows, f"a step, {args.contact}, {where}, {comm.size} ranks"))
         print(f"all steps after the first, contact / linear: {ratio:.2f}")
         print(
-            f"linear solves per step {np.mean(solves):.2f}, "
+            f"linear solves per step {np.mean(solves):.2f}, set-ups {np.mean(setups[1:]):.2f}, "
             f"dofs in contact from {min(moved)} to {max(moved)}"
         )
     content = {
@@ -137,7 +215,8 @@ def main() -> None:
         "iterations": {name: float(np.mean(values)) for name, values in iterations.items()},
         "ratio": ratio,
     }
-    write_json(comm, "time_steps" if args.shape is None else f"time_steps_{args.shape}", content)
+    kinds = [kind for kind in (args.contact, args.shape) if kind not in ("side", None)]
+    write_json(comm, "_".join(["time_steps", *kinds]), content)
 
 
 if __name__ == "__main__":

@@ -134,7 +134,8 @@ class ActiveSetSolver:
         """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
 
         With an obstacle in the domain the coarser meshes of multigrid tell more of the long ends of
-        the contact set than a solution on another mesh, or solutions that are too far away. A
+        the contact set than a solution on another mesh, or solutions that are too far away: these
+        are no better as a start of cycles than none (`benchmarks/time_steps.py`). A
         problem without any of these starts with all contact dofs held.
         """
         if held is not None:
@@ -149,7 +150,7 @@ class ActiveSetSolver:
             return Start(x, np.full(len(system.contact_dofs), False), predicted=True)
         multigrid = self.linear.multigrid
         if multigrid is not None and (coarse is None or system.layout.in_domain):
-            found = full_multigrid(system, multigrid, x, guess is not None)
+            found = full_multigrid(system, multigrid, x)
             if found is not None:
                 self.linear.forget()
                 # A coarse body may be far too stiff: the residual tells whether to trust the set.

@@ -177,16 +177,13 @@ class Level:
         return np.asarray(self._signs * self._more.array_r)
 
 
-def full_multigrid(
-    system: System, multigrid: Multigrid, x: PETSc.Vec, begun: bool = False
-) -> Mask | None:
-    """Improve x by cycles over all coarser meshes of a multigrid cycle.
+def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> Mask | None:
+    """Set x to a rough solution by cycles over all coarser meshes, from the coarsest one on.
 
     Args:
         system: The system; the call is collective.
         multigrid: The cycle, whose matrices are overwritten.
-        x: A feasible vector, overwritten.
-        begun: Whether to begin with this x; else the coarsest mesh begins.
+        x: The vector, overwritten by a feasible one.
 
     Returns:
         The active set by the sign of pressure minus gap, one entry per contact dof of this rank;
@@ -195,28 +192,26 @@ def full_multigrid(
     """
     if multigrid.prolongations[-1].getSize()[1] > SMALL * system.layout.block:
         return None
-    frame, signs = system.layout.frame, np.ones(x.getLocalSize())
-    if frame is not None:
-        if not system.comm.allreduce(frame.along_axes, op=MPI.LAND):
-            return None
-        signs = frame.turned(signs)
-    levels = _levels(system, multigrid, signs)
+    frame = system.layout.frame
+    if frame is not None and not system.comm.allreduce(frame.along_axes, op=MPI.LAND):
+        return None
+    levels = levels_of(system, multigrid)
     degrees = len(multigrid.prolongations) - len(multigrid.meshes)
-    if not begun:
-        density = _begin(system, levels, degrees, x)
-        held = presses(system, density, x.array_r[system.contact_dofs])
-    else:
-        for _ in range(0 if degrees else CYCLES[False]):
-            levels[0].cycle(x, levels[1:])
-        held = system.touching_once(x)
+    density = _begin(system, levels, degrees, x)
     for level in levels:
         level.free()
-    return held
+    return presses(system, density, x.array_r[system.contact_dofs])
 
 
-def _levels(system: System, multigrid: Multigrid, signs: Array) -> list[Level]:
-    """The levels of a system, the finest first, whose prolongation has rows of these signs."""
+def levels_of(system: System, multigrid: Multigrid) -> list[Level]:
+    """Return the levels of a system, the finest first; the matrices of the cycle are overwritten.
+
+    Args:
+        system: The system; where nodes have a direction, along an axis. The call is collective.
+        multigrid: The cycle.
+    """
     none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
+    signs = system.layout.turned(np.ones(len(none)))
     multigrid.coarsen(system.A, system.assembled, none, system.A)
     load = system.b.copy()
     load.array_w[system.fixed_dofs] = 0.0
