@@ -84,7 +84,7 @@ class Records:
             key: The entries.
             compute: Returns the other entries.
         """
-        row = self._finished(key)
+        row = self.finished(key)
         if row is not None:
             log.info("%s: already done", title)
             return row
@@ -98,7 +98,7 @@ class Records:
             task: What the rows are, in words.
             wanted: The rows.
         """
-        work = [each.work if self._finished(each.key) is None else 0.0 for each in wanted]
+        work = [each.work if self.finished(each.key) is None else 0.0 for each in wanted]
         rows = []
         with Progress(task, sum(work)) as progress:
             for each, done in zip(wanted, work, strict=True):
@@ -106,8 +106,8 @@ class Records:
                 progress.advance(done)
         return rows
 
-    def _finished(self, key: Mapping[str, Any]) -> dict[str, Any] | None:
-        """The row that has some entries, if the row is finished."""
+    def finished(self, key: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return the row that has some entries, or None if no such row is finished."""
         return next((row for row in self.rows if key.items() <= row.items()), None)
 
     def append(self, row: Mapping[str, Any]) -> None:

@@ -58,7 +58,10 @@ def run(args: argparse.Namespace) -> int:
     text = next(iter(scenes.values())).text
     settings = {"scene": text, "set": args.overrides, "key": args.key}
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
-    done = {row["value"]: row for row in records.rows}
+    # A file of a mesh may be another one than that of the rows at hand.
+    keys = {v: {"value": v, **scene.domain.record()} for v, scene in scenes.items()}
+    found = {value: records.finished(key) for value, key in keys.items()}
+    done = {value: row for value, row in found.items() if row is not None}
     missing = [value for value in values if value not in done]
     for value in values:
         if value not in missing:
@@ -75,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
             if value in failures:
                 log.warning("%s = %s: %s: %s", args.key, value, FAILED, failures[value])
                 continue
-            records.append({"value": value} | row)
+            records.append(keys[value] | row)
             done[value] = row = records.rows[-1]
             told = args.key, value, row["unknowns"], row["seconds"]
             log.info("%s = %s: %d unknowns, %.2f s", *told)
@@ -124,7 +127,11 @@ def _row(scene: Scene, comm: MPI.Comm) -> Row:
 def _write(folder: Path, key: str, rows: list[Row]) -> None:
     """Print the table, and write table and plot; rank 0 only."""
     solved = [row for row in rows if FAILED not in row]
-    numbers = list(dict.fromkeys(name for row in solved for name in row if name != "value"))
+    numbers = list(
+        dict.fromkeys(
+            name for row in solved for name, entry in row.items() if isinstance(entry, int | float)
+        )
+    )
     columns = ["value", *numbers, *([FAILED] if len(solved) < len(rows) else [])]
     cells = [[row.get(name, "") for name in columns] for row in rows]
     print(_text([key, *numbers], rows, cells), end="", flush=True)

@@ -92,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
         "norms": norms,
         "repeats": args.repeats,
         "reference": "exact" if reference is None else str(reference),
+        **({} if scene is None else scene.domain.record()),
     }
     check_outputs(comm, args.out, result_files(norms))
     records = Records(comm, args.out / ROWS, settings, keys=("mesh", "degree", "purpose", "ranks"))

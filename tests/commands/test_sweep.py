@@ -9,7 +9,10 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from dolfinx import mesh
+from dolfinx.io import XDMFFile
 from mpi4py import MPI
 
 from dolfinx_signorini import __version__
@@ -19,6 +22,8 @@ from dolfinx_signorini.base.records import Records, Wanted
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands.options import completion
 from dolfinx_signorini.commands.sweep import draw_sweep
+from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.scenes.solving import solve_scene
 
 COMM = MPI.COMM_WORLD
@@ -94,6 +99,34 @@ def test_a_sweep_goes_on_with_further_values(scene, folder, capsys):
     assert sweep(scene, folder, "-1", "x^") == 2
     if COMM.rank == 0:
         assert "--set neumann.1.flux" in capsys.readouterr().err
+
+
+def write_mesh(path, cells):
+    """Write the unit square with four sides, each with a tag of its own, as XDMF."""
+    domain = friedrichs_keller(COMM, cells)
+    middles = mesh.compute_midpoints(domain, 1, facets := boundary_facets(domain))
+    tags = np.argmin(np.stack([middles.T[:2], 1.0 - middles.T[:2]]).reshape(4, -1), axis=0)
+    sides = mesh.meshtags(domain, 1, facets, tags.astype(np.int32))
+    sides.name = "sides"
+    with XDMFFile(COMM, path, "w") as file:
+        file.write_mesh(domain)
+        domain.topology.create_connectivity(1, 2)
+        file.write_meshtags(sides, domain.geometry)
+
+
+def test_rows_of_another_mesh_are_not_taken_for_those_of_this_one(folder):
+    text = PRESSED.replace('"bottom"', "1").replace('"top"', "3")
+    file = 'shape = "file"\nfile = "mesh.xdmf"\ntags = "sides"'
+    scene = folder / "file.toml"
+    if COMM.rank == 0:
+        scene.write_text(text.replace('shape = "square"\ncells = 4', file))
+    for cells in (4, 5):
+        write_mesh(folder / "mesh.xdmf", cells)
+        assert sweep(scene, folder, "-1", "-2") == 0
+        rows = (folder / "out" / "sweep.csv").read_text().splitlines()
+        unknowns = [int(row["unknowns"]) for row in csv.DictReader(rows)]
+        assert unknowns == 2 * [(cells + 1) ** 2]
+        assert "mesh" not in rows[0]
 
 
 @pytest.mark.parametrize(
