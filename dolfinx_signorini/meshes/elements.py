@@ -21,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.kinds import check, integer, sequence, simplices
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 
 HIGHEST_DEGREE = 4  # that problems are tested with
 # Of references for these problems. Higher degrees are of no use, and their tables fill the memory.
@@ -182,6 +182,20 @@ def values_at_control_points(space: fem.FunctionSpace, coefficients: Array) -> A
         coefficients: The values of all dofs of this rank.
     """
     return _changed(space, coefficients, None, 0)
+
+
+def determined(space: fem.FunctionSpace, known: Mask) -> Mask:
+    """Tell at the places of which dofs a function has a value that known coefficients determine.
+
+    A nodal value is its coefficient; in the Bernstein basis a value on a facet or in a cell has
+    positive shares of all coefficients there.
+
+    Args:
+        space: The space of the function.
+        known: Whether the coefficient of each dof of this rank is known.
+    """
+    shares = values_at_control_points(space, np.where(known, 0.0, 1.0))
+    return np.asarray(np.abs(shares) <= ROUNDING)
 
 
 def coefficients_of(

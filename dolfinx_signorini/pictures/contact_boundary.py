@@ -9,10 +9,11 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
-from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
 from dolfinx_signorini.meshes.elements import (
+    determined,
     facet_dofs,
     facet_pieces,
     subtriangles,
@@ -64,8 +65,8 @@ class ContactBoundary:
 
     Attributes:
         points: Coordinates of the contact dofs, shape (points, dimension), sorted.
-        values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where u
-            has Dirichlet data, because the force there is that of the data.
+        values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where it
+            is not known, see `known_pressure`.
         pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
             as many pieces as its degree.
         touching: Whether the dof of a point is (but for rounding) at the obstacle.
@@ -200,6 +201,23 @@ def gather_contact_boundary(
     return None if found is None else _sorted(ContactBoundary, problem, names, *found)
 
 
+def known_pressure(
+    u: fem.Function, gap: fem.Function, fixed: npt.NDArray[np.int32]
+) -> npt.NDArray[np.bool_]:
+    """Tell at the places of which dofs the pressure is known; collective.
+
+    Where Dirichlet data lie at the obstacle, the force is that of the data, of which nobody knows
+    the share of the obstacle; in the Bernstein basis it has a share in the values on whole facets.
+
+    Args:
+        u: The solution, or of a body the displacement along the direction.
+        gap: The gap.
+        fixed: The owned dofs with Dirichlet data.
+    """
+    space, size = gap.function_space, highest(gap.function_space.mesh.comm, np.abs(u.x.array))
+    return determined(space, ~(marked(space, fixed) & (gap.x.array <= TOUCHING * size)))
+
+
 def _gathered(
     problem: Solved, used: LocalIndices, pieces: LocalIndices, sides: Indices
 ) -> tuple[npt.NDArray[Any], ...] | None:
@@ -212,11 +230,11 @@ def _gathered(
         sides: The number of the side of each piece.
     """
     space = problem.space
-    fixed = marked(space, problem.fixed_dofs)
+    known = known_pressure(problem.u, problem.gap, problem.fixed_dofs)
     opened = problem.gap.x.array
     fields = problem.u.x.array, opened, problem.pressure.x.array
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
-    pressure[fixed[used]] = np.nan
+    pressure[~known[used]] = np.nan
     columns = np.stack((values, gap, pressure, opened[used]), axis=1)
     return gathered(space, used, columns, pieces, sides)
 

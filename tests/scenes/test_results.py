@@ -104,7 +104,7 @@ def test_csv_and_record_fit_together(run):
     assert np.abs(gap - (0.1 + 0.2 * (1.0 - y) - u)).max() <= 1e-12
     assert gap.min() >= 0.0
     known = np.isfinite(pressure)
-    assert np.count_nonzero(~known) == 1  # the lower end of the right side has Dirichlet data
+    assert np.count_nonzero(~known) == 0  # the Dirichlet data are away from the obstacle
     assert pressure[known].min() >= 0.0
     assert np.abs(pressure[known & ~touching]).max() <= 1e-6 * np.nanmax(pressure)
     assert touching.any() and not touching.all()
@@ -164,22 +164,61 @@ def test_the_contact_summary_agrees_with_itself(degree, comm, parse):
 @pytest.mark.skipif(not dolfinx.has_adios2, reason="ADIOS2 is missing")
 def test_fields_say_where_gap_and_pressure_are_defined(run, comm, parse):
     result = solve_scene(parse(UPPER), comm)
-    masks = {mask.name: mask.x.array for mask in fields.masks(result)}
-    problem, gap, pressure = result.posed.problem, result.gap.x.array, result.pressure.x.array
-    inside = np.ones(len(gap), dtype=bool)
-    inside[problem.contact_dofs] = False
+    written = {field.name: field.x.array for field in fields.fields_of(result)}
+    problem = result.posed.problem
     owned = slice(0, problem.space.dofmap.index_map.size_local)
-    assert (masks["contact_boundary"][owned] == ~inside[owned]).all()
-    touching = (masks["in_contact"] == 1.0)[owned]
-    assert (touching <= ~inside[owned]).all()
-    assert (gap[owned][touching] == 0.0).all() and pressure.min() >= 0.0
-    assert (pressure[owned][~touching] == 0.0).all()
-    assert comm.allreduce(int(touching.sum())) == result.solve.active_dofs > 0
+    inside = np.ones(problem.u.x.array.shape, dtype=bool)
+    inside[problem.system.layout.obstacle_dofs] = False
+    here, touching = (written[name] == 1.0 for name in ("contact_boundary", "in_contact"))
+    assert (here <= ~inside)[owned].all()
+    assert comm.allreduce(int((~inside & ~here)[owned].sum())) == 0
+    assert not written["gap"][~here].any() and not written["pressure"][~here].any()
+    assert (touching <= here).all() and not written["gap"][touching].any()
+    assert (written["gap"][here & ~touching] > 0.0).all()
+    assert 0 < comm.allreduce(int(touching[owned].sum())) <= result.solve.active_dofs
     result.destroy()
     out, _ = run(UPPER, "--outputs", "fields")
     if comm.rank == 0:
         written = b"".join(path.read_bytes() for path in (out / "fields.bp").iterdir())
         assert b"contact_boundary" in written and b"in_contact" in written
+
+
+BESIDE_DIRICHLET = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = 3
+[contact]
+sides = "bottom"
+obstacle = 0
+[[dirichlet]]
+sides = ["left", "top"]
+[solution]
+u = "-y"
+manufactured = true
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_a_uniform_pressure_is_uniform_wherever_it_is_known(degree, comm, parse):
+    result = solve_scene(parse(BESIDE_DIRICHLET.format(degree=degree)), comm)
+    boundary = gather_contact_boundary(result.posed.problem)
+    written = {field.name: field for field in fields.fields_of(result)}
+    mask = written["contact_boundary"].x.array
+    x = written["u"].function_space.tabulate_dof_coordinates()
+    # Bernstein coefficients on the whole facet beside the Dirichlet side have a share in values.
+    known = (x[:, 1] < 1e-9) & (x[:, 0] > (1e-9 if degree == 1 else 1.0 / 3.0 - 1e-9))
+    assert (mask == known).all() and (written["in_contact"].x.array == known).all()
+    assert written["pressure"].x.array == pytest.approx(1.0 * known, abs=1e-6)
+    assert written["gap"].x.array == pytest.approx(0.0, abs=1e-9)
+    assert written["u"].x.array == pytest.approx(-x[:, 1], abs=1e-6)
+    if boundary is not None:  # rank 0
+        pressure, place = boundary.values[:, 2], boundary.points[:, 0]
+        assert (
+            np.isfinite(pressure) == (place > (1e-9 if degree == 1 else 1.0 / 3.0 - 1e-9))
+        ).all()
+        assert pressure[np.isfinite(pressure)] == pytest.approx(1.0, abs=1e-6)
+    result.destroy()
 
 
 def test_the_record_repeats_the_run(run, comm, parse):

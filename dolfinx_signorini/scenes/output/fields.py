@@ -14,9 +14,10 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import largest
+from dolfinx_signorini.base.ranks import largest, marked
 from dolfinx_signorini.base.records import on_first
 from dolfinx_signorini.meshes.elements import (
+    determined,
     lagrange_space,
     nodal_space,
     values_at_control_points,
@@ -26,6 +27,7 @@ from dolfinx_signorini.meshes.node_values import (
     values_in_cells,
     vectors_at_nodes,
 )
+from dolfinx_signorini.pictures.contact_boundary import known_pressure
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -36,8 +38,9 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     """Write the fields of a scene for ParaView: VTX, or XDMF at the vertices without ADIOS2.
 
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
-    `has_obstacle`: at the contact dofs. Elsewhere both are 0. Where `in_contact` is 1 the solution
-    touches the obstacle.
+    `has_obstacle`: at the nodes with an obstacle and a pressure that is known, see
+    `known_pressure`. Elsewhere both are 0. Where `in_contact` is 1 the solution touches the
+    obstacle.
 
     Args:
         result: The solved scene; the call is collective.
@@ -71,9 +74,9 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
     u, material, space = result.u, result.posed.scene.elasticity, result.gap.function_space
     nodal, at_nodes = nodal_space(space), partial(values_at_control_points, space)
     marks = {mark.name: mark.x.array for mark in (*masks(result), *indicator(result))}
+    first = next(iter(marks.values()))
     if material is None:
         values = {"u": at_nodes(u.x.array)}
-        marks = {name: at_nodes(coefficients) for name, coefficients in marks.items()}
     else:
         cells = [values_in_cells(nodal, stress) for stress in material.stresses(u)]
         tensor, scalar = (node_averages(nodal, each) for each in cells)
@@ -81,7 +84,7 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
         values = {"displacement": moved, "stress": tensor.reshape(*moved.shape, -1)}
         values["von_mises_stress"] = scalar[:, 0]
     for field in (result.gap, result.pressure):
-        values[field.name] = at_nodes(field.x.array)
+        values[field.name] = at_nodes(field.x.array) * first
     return [_function(nodal, name, found) for name, found in (values | marks).items()]
 
 
@@ -98,18 +101,18 @@ def _function(nodal: fem.FunctionSpace, name: str, values: Array) -> fem.Functio
 
 
 def masks(result: SceneResult) -> list[fem.Function]:
-    """Return functions that are 1 at the contact dofs, and at those in contact; collective.
+    """Return functions with the values 1 at contact nodes, and at those in contact; collective.
 
-    Of a body these are nodes.
+    The values are those at the places of the dofs, see `determined`.
     """
     problem, space = result.posed.problem, result.gap.function_space
     place = "has_obstacle" if problem.in_domain else "contact_boundary"
-    contact = problem.contact_dofs // problem.space.dofmap.bs
+    layout, (u, _) = problem.system.layout, problem.towards_obstacle()
+    known = known_pressure(u, result.gap, layout.held_nodes)
     found = []
-    for name, dofs in ((place, contact), ("in_contact", problem.active)):
+    for name, nodes in ((place, layout.obstacle_nodes), ("in_contact", problem.active)):
         mask = fem.Function(space, name=name)
-        mask.x.array[dofs] = 1.0
-        mask.x.scatter_forward()
+        mask.x.array[:] = determined(space, marked(space, nodes)) & known
         found.append(mask)
     return found
 
