@@ -27,7 +27,7 @@ from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.scenes.posing import LOAD, PosedScene
+from dolfinx_signorini.scenes.posing import PosedScene
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -110,8 +110,6 @@ def summarise(
         sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
     contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
     forces, body = forces_on(result.posed), _largest_values(result.posed, boundary)
-    columns = np.array([np.atleast_1d(force) for force in forces.values()])
-    total = float(np.linalg.norm(columns, axis=1).sum())
     proven = _bound(result) if bound else {}
     result.phases.lap("summary")
     errors = {} if exact is None else _errors(result.u, exact, scene.norms)
@@ -125,7 +123,7 @@ def summarise(
         detachment_points=tuple(point.position for point in points),
         uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
-        imbalance=float(np.linalg.norm(columns.sum(axis=0))) / total if total > 0.0 else 0.0,
+        imbalance=_imbalance([np.atleast_1d(force) for force in forces.values()]),
         natural_residual=result.solve.natural_residual,
         algebraic_share=result.solve.algebraic_share,
         body=body,
@@ -239,6 +237,16 @@ def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str
     return errors
 
 
+def _imbalance(forces: Sequence[Array]) -> float:
+    """Return the size of the sum of forces over the sum of their sizes, whose squares may be none."""
+    columns = np.array(forces)
+    largest = float(np.abs(columns).max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    columns = columns / largest
+    return float(np.linalg.norm(columns.sum(axis=0)) / np.linalg.norm(columns, axis=1).sum())
+
+
 def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
     """Return points in the order of their coordinates, whatever the error of the solve."""
     size = max((abs(c) for point in points for c in point.position), default=1.0)
@@ -247,8 +255,6 @@ def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
 
 def forces_on(posed: PosedScene) -> dict[str, Force]:
     """Return what acts on u: integrals of sources and reactions, and the forces of conditions.
-
-    The integral of the load of a scalar is what the others leave of the sum of the load vector.
 
     Args:
         posed: A solved scene; the call is collective.
@@ -261,10 +267,7 @@ def forces_on(posed: PosedScene) -> dict[str, Force]:
         own = [fem.assemble_scalar(compiled.form(f)) if not f.empty() else 0.0 for f in forms]
         return np.asarray(problem.comm.allreduce(np.array(own)))
 
-    sources = [(name, term) for name, term in posed.sources.items() if name != LOAD]
-    forces: dict[str, Any] = {name: integral(*term) for name, term in sources}
-    if LOAD in posed.sources:
-        forces = {LOAD: problem.total_load - sum(forces.values())} | forces
+    forces: dict[str, Any] = {name: integral(*term) for name, term in posed.sources.items()}
     for name, (c, measure) in posed.reactions.items():
         forces[name] = forces.get(name, 0.0) - integral(c * u, measure)
     residual = ufl.action(posed.a, u)
@@ -308,11 +311,13 @@ def _largest_values(posed: PosedScene, boundary: ContactBoundary | None) -> dict
     pressure, gap = problem.comm.bcast(found)
     nodal = problem.gap.function_space
     moved = vectors_at_nodes(nodal, problem.u)
+    size = highest(problem.comm, np.abs(moved))
+    lengths = np.linalg.norm(moved / (size or 1.0), axis=1)
     stress = values_in_cells(nodal, material.stresses(problem.u)[1])
     return {
         "nodes in contact": problem.comm.allreduce(len(problem.active)),
         "largest pressure": pressure,
         "smallest gap": gap,
-        "largest displacement": highest(problem.comm, np.linalg.norm(moved, axis=1)),
+        "largest displacement": size * highest(problem.comm, lengths),
         "largest von Mises stress": highest(problem.comm, stress),
     }
