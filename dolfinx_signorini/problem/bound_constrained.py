@@ -36,6 +36,7 @@ from dolfinx_signorini.problem.assembly import Assembly
 from dolfinx_signorini.problem.checks import check_unique
 from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
+from dolfinx_signorini.problem.held import check_free, warn_of_loose
 from dolfinx_signorini.problem.values import Data
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
@@ -384,7 +385,8 @@ class BoundConstrainedProblem:
 
         Args:
             load: A linear form on the space of the problem, or a function whose coefficients are
-                the values of the form for the basis functions.
+                the values of the form for the basis functions; the work of the latter on motions
+                that nothing stops is left out.
             rtol: The residual to reach, relative to the load.
 
         Returns:
@@ -392,7 +394,8 @@ class BoundConstrainedProblem:
             with the basis functions as v.
 
         Raises:
-            InputError: The problem has not been solved, or an argument makes no sense.
+            InputError: The problem has not been solved, an argument makes no sense, or a form does
+                work on a motion that nothing stops.
         """
         if not isinstance(load, fem.Function):
             checked_space(self.a, load, self.vector_valued)
@@ -413,6 +416,9 @@ class BoundConstrainedProblem:
         x = system.A.createVecRight()
         x.set(0.0)
         try:
+            if not isinstance(load, fem.Function):
+                check_free(linear)
+            b.array_w[:] -= system.free @ self.comm.allreduce(b.array_r @ system.free)
             self._solver.linear.solve(linear, x, held, rtol * b.norm())
             z = fem.Function(self.space)
             system.fill(z, x)
@@ -524,6 +530,8 @@ class BoundConstrainedProblem:
             x.destroy()
             raise
         self._x = x
+        if self.vector_valued:
+            warn_of_loose(system, x)
         system.fill(self.u, x)
         return self.u
 

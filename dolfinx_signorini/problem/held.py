@@ -25,6 +25,8 @@ from scipy.optimize import linprog
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.components import Loose
@@ -130,19 +132,8 @@ def check_held(system: System) -> None:
     Raises:
         InputError: The subject is "load".
     """
+    check_free(system)
     layout, loose, load = system.layout, system.loose, system.b.array_r
-    sizes = _at_nodes(load, layout) * sum(
-        (_at_nodes(motion, layout) for motion in system.free.T), start=np.zeros(1)
-    )
-    size, work = (
-        system.comm.allreduce(float(sizes.sum())),
-        system.comm.allreduce(load @ system.free),
-    )
-    for j in np.flatnonzero(np.abs(work) > SOLVED * size)[:1]:
-        name = _name(layout, None, system.free[:, j])
-        raise InputError(
-            f"does work on {name}, which nothing stops: the energy is unbounded", "load"
-        )
     if not loose:
         return
     works, pushes = loose.sums(load), layout.components.sums(_at_nodes(load, layout))
@@ -156,6 +147,55 @@ def check_held(system: System) -> None:
         if found is not None:
             column = loose.rows[:, :count] @ found * (loose.numbers == k)
             raise InputError(f"{_name(layout, k, column)} {message}", "load")
+
+
+def check_free(system: System) -> None:
+    """Refuse a load that does work on a motion that nothing stops.
+
+    Args:
+        system: The system; the call is collective.
+
+    Raises:
+        InputError: The subject is "load".
+    """
+    layout, load = system.layout, system.b.array_r
+    sizes = _at_nodes(load, layout) * sum(
+        (_at_nodes(motion, layout) for motion in system.free.T), start=np.zeros(1)
+    )
+    size, work = (
+        system.comm.allreduce(float(sizes.sum())),
+        system.comm.allreduce(load @ system.free),
+    )
+    for j in np.flatnonzero(np.abs(work) > SOLVED * size)[:1]:
+        name = _name(layout, None, system.free[:, j])
+        raise InputError(
+            f"does work on {name}, which nothing stops: the energy is unbounded", "load"
+        )
+
+
+def warn_of_loose(system: System, x: PETSc.Vec) -> None:
+    """Warn of a solution that is one of many: the nodes with a contact force leave a motion.
+
+    On a coarse mesh, or under a small load, the whole force may be that of one node, around which
+    the body turns without energy as far as the gaps of other nodes let it.
+
+    Args:
+        system: The system of a body; the call is collective.
+        x: Its solution.
+    """
+    loose, layout = system.loose, system.layout
+    if not loose:
+        return
+    forces = system.multiplier(x)
+    pressed = forces > NO_WORK * highest(system.comm, forces)
+    for k, (_, still) in enumerate(loose.parted(system.contact_dofs[pressed])):
+        for motion in still.T[:1]:
+            column = loose.rows @ motion * (loose.numbers == k)
+            log.warning(
+                "the solution is one of many: no node with a contact force stops %s; a finer mesh "
+                "or a larger load has more of these nodes",
+                _name(layout, k, column),
+            )
 
 
 def _at_nodes(values: Array, layout: Layout) -> Array:

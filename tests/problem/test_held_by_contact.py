@@ -13,7 +13,7 @@ from dolfinx import fem
 from elastic_cases import COMM, TIGHT, largest
 from elastic_reference import gathered, nodes_of
 
-from dolfinx_signorini import ContactProblem, InputError
+from dolfinx_signorini import ContactProblem, InputError, elasticity
 from dolfinx_signorini.base.compat import gmsh_mesh
 
 E, NU = 7.0, 0.25
@@ -319,4 +319,47 @@ def test_a_disc_in_a_round_seat_turns():
     nodes = reference.gathered_numbers(space, problem.contact_nodes)
     x = nodes_of(space)
     check_kkt(problem, forms, nodes, x[:2, nodes].T, 0.0)
+    problem.destroy()
+
+
+def on_a_bump(young, load):
+    """A block that nothing but a round bump under its middle holds, and its problem."""
+    domain = dolfinx.mesh.create_rectangle(COMM, [(-1.0, 0.0), (1.0, 1.0)], (8, 4))
+    space = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    below = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    return ContactProblem(
+        elasticity(u, v, young, 0.3),
+        -load * v[1] * ufl.dx,
+        contact=below,
+        gap=0.2 * x[0] ** 2,
+        held_weakly=True,
+    )
+
+
+@pytest.mark.parametrize(("young", "told"), [(10.0, False), (1e4, True)])
+def test_a_turn_that_no_force_stops_is_told(young, told, caplog):
+    problem = on_a_bump(young, 1.0)
+    problem.solve(rtol=1e-9)
+    forces = problem.normal_forces.x.array[problem.active]
+    pressed = COMM.allreduce(int((forces > 1e-6).sum()))
+    assert (pressed == 1) == told
+    assert problem.force == pytest.approx([0.0, 2.0], abs=1e-6)
+    if COMM.rank == 0:
+        assert ("one of many: no node with a contact force stops a turn" in caplog.text) == told
+    problem.destroy()
+
+
+def test_a_derivative_along_a_motion_that_nothing_stops_is_refused():
+    problem = on_a_bump(10.0, 1.0)
+    problem.solve(rtol=1e-9)
+    v = ufl.TestFunction(problem.space)
+    with pytest.raises(InputError, match="does work on a translation"):
+        problem.solve_linearised(v[0] * ufl.dx)
+    z, forces = problem.solve_linearised(-v[1] * ufl.dx, rtol=1e-10)
+    own = forces.function_space.dofmap.index_map.size_local
+    assert COMM.allreduce(forces.x.array[:own].sum()) == pytest.approx(-2.0)
+    # z has no part of the free motion: the mean of its values along x.
+    parts = z.x.array.reshape(-1, 2)[: z.function_space.dofmap.index_map.size_local]
+    assert COMM.allreduce(parts[:, 0].sum()) == pytest.approx(0.0, abs=1e-9)
     problem.destroy()

@@ -14,6 +14,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.meshes.elements import bernstein_space
+from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.elasticity import elasticity
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 Array = npt.NDArray[np.float64]
@@ -150,6 +152,31 @@ def test_every_step_of_a_random_loop_has_its_contact(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("cells", [1, 2])
+def test_a_body_of_few_cells_comes_and_goes(cells, comm):
+    """On several ranks some have no dof of the body."""
+    domain = mesh.create_unit_cube(comm, cells, 1, 1, mesh.CellType.hexahedron)
+    space = fem.functionspace(domain, ("Lagrange", 1, (3,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    below, above = (
+        mesh.locate_entities_boundary(domain, 2, lambda x, z=z: np.isclose(x[2], z))
+        for z in (0.0, 1.0)
+    )
+    bc = fem.dirichletbc(fem.Function(space), fem.locate_dofs_topological(space, 2, above))
+    load = fem.Constant(domain, 20.0)
+    gap = 0.05 + 0.1 * ufl.SpatialCoordinate(domain)[0]
+    form = elasticity(u, v, 5.0, 0.3)
+    problem = ContactProblem(form, -load * v[2] * ufl.dx, contact=below, gap=gap, bcs=[bc])
+    forces = []
+    for k in range(4):
+        load.value = 20.0 * (-1) ** k
+        problem.solve(rtol=1e-10)
+        forces.append(problem.force[2])
+    assert forces[0] == pytest.approx(forces[2]) and forces[0] > 1.0
+    assert forces[1] == forces[3] == 0.0
+    problem.destroy()
+
+
 @pytest.mark.parametrize("block", range(10))
 def test_a_thousand_random_loops(block):
     for seed in range(100 * block, 100 * (block + 1)):

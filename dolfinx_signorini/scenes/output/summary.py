@@ -238,7 +238,7 @@ def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str
 
 
 def _imbalance(forces: Sequence[Array]) -> float:
-    """Return the size of the sum of forces over the sum of their sizes, whose squares may be none."""
+    """Return the size of the sum of forces over the sum of their sizes, without their squares."""
     columns = np.array(forces)
     largest = float(np.abs(columns).max(initial=0.0))
     if largest == 0.0:

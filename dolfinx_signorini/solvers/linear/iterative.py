@@ -214,6 +214,8 @@ class IterativeSolver(LinearSolver):
             if self._block > 1:  # constants are known without
                 zero = np.concatenate((dofs, system.fixed_dofs))
                 attach_motions(matrix, motions_of(system.layout), zero)
+            if self._pc.getType() == PETSc.PC.Type.GAMG:
+                self._pc.reset()  # else a second set-up may wait for a rank without dofs for ever
             self._pc.setOperators(matrix)
             self._pc.setUp()
         else:
