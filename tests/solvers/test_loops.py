@@ -151,7 +151,6 @@ def test_every_step_of_a_random_loop_has_its_contact(seed):
     run(seed)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cells", [1, 2])
 def test_a_body_of_few_cells_comes_and_goes(cells, comm):
     """On several ranks some have no dof of the body."""
@@ -177,6 +176,7 @@ def test_a_body_of_few_cells_comes_and_goes(cells, comm):
     problem.destroy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", range(10))
 def test_a_thousand_random_loops(block):
     for seed in range(100 * block, 100 * (block + 1)):
