@@ -4,10 +4,13 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from ufl.classes import RealValue, Zero
+from ufl.algorithms import extract_coefficients
+from ufl.classes import Derivative, RealValue, Zero
 from ufl.core.expr import Expr
+from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
@@ -39,7 +42,12 @@ def evaluator(
             or a callable of the coordinates, shape (3, n), which returns shape (n,).
         dofs: Dofs of this rank: all of them on some facets, or in some cells.
         name: The name of the argument, for messages.
+
+    Raises:
+        InputError: The data have several values where cells meet.
     """
+    if isinstance(value, Expr):
+        _check_continuous(value, name)
     if isinstance(value, int | float | np.number | RealValue | Zero):  # UFL's have no mesh
         return lambda: np.full(len(dofs), float(value))
     if isinstance(value, fem.Function) and value.function_space == space:
@@ -61,6 +69,19 @@ def evaluator(
         return g.x.array[dofs].copy()
 
     return evaluate
+
+
+def _check_continuous(value: Expr, name: str) -> None:
+    """Refuse data that have several values at a dof: which one is taken would be left to chance."""
+    slopes = [e for e in unique_pre_traversal(value) if isinstance(e, Derivative)]
+    broken = [f for f in extract_coefficients(value) if f.ufl_element() not in ufl.H1]
+    if broken or any(map(extract_coefficients, slopes)):
+        what = "discontinuous functions" if broken else "derivatives of functions"
+        raise InputError(
+            f"{what} have several values at a node between cells; interpolate into a continuous "
+            "space, for a lower obstacle the largest value around each node",
+            name,
+        )
 
 
 def _coefficients(

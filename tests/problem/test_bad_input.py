@@ -421,6 +421,19 @@ def test_no_obstacle_in_the_domain(between, parts):
     between.refused("lower, upper", words, lower=None, upper=None)
 
 
+@pytest.mark.parametrize("name", ["lower", "upper"])
+def test_an_obstacle_with_several_values_at_a_node(name, between, parts):
+    """Which cell's value counts would depend on the number of ranks."""
+    domain = parts.space.mesh
+    broken = fem.Function(fem.functionspace(domain, ("DG", 0)))
+    smooth = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
+    sign = -0.1 if name == "lower" else 0.1
+    for obstacle in (broken, sign + broken * ufl.SpatialCoordinate(domain)[0], smooth.dx(0)):
+        between.refused(name, "several values at a node", **{name: obstacle})
+    arguments = {"lower": -1.0, "upper": 1.0, name: sign + 0.01 * smooth}
+    ObstacleProblem(parts.a, parts.L, **arguments).destroy()
+
+
 @pytest.mark.parametrize("value", [NAN, INF, -INF])
 @pytest.mark.parametrize("name", ["lower", "upper"])
 def test_bounds_that_are_not_finite(between, name, value):
