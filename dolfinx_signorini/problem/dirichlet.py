@@ -47,7 +47,7 @@ def dirichlet(
     nodes = fem.locate_dofs_topological(nodal, space.mesh.topology.dim - 1, facets)
     owned = nodes[nodes < space.dofmap.index_map.size_local]
     values, first = fem.Function(space), component or 0
-    values.x.array[owned * size + first] = evaluator(nodal, value, owned)()
+    values.x.array[owned * size + first] = evaluator(nodal, value, owned, "value")()
     values.x.scatter_forward()
     dofs = nodes * size + first
     if component is not None:

@@ -422,9 +422,9 @@ def test_no_obstacle_in_the_domain(between, parts):
 
 
 @pytest.mark.parametrize("name", ["lower", "upper"])
-def test_an_obstacle_with_several_values_at_a_node(name, between, parts):
+def test_an_obstacle_with_several_values_at_a_node(name, between):
     """Which cell's value counts would depend on the number of ranks."""
-    domain = parts.space.mesh
+    parts, domain = between.parts, between.parts.mesh
     broken = fem.Function(fem.functionspace(domain, ("DG", 0)))
     smooth = fem.Function(fem.functionspace(domain, ("Lagrange", 2)))
     sign = -0.1 if name == "lower" else 0.1
