@@ -10,6 +10,8 @@ from typing import Any
 
 import basix
 import numpy as np
+import ufl
+from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
@@ -42,10 +44,13 @@ from dolfinx_signorini.bounds.lifted_energy import cone_norms, lifted_energy, ro
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
+from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import one_sided
 
+TORN = "the Dirichlet data jump: no solution has finite energy"
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
 
@@ -108,7 +113,23 @@ def energy_bound(
     on_boundary = [each for each in (rest.obstacle, rest.obstacle_in_space) if each is not None]
     elsewhere = on_boundary if problem.in_domain else rest.obstacles_in_cells
     require(domain.comm, not elsewhere, "tells of obstacles that are elsewhere", "rest")
-    return _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
+    bound = _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
+    return with_energy(bound, terms, domain)
+
+
+def with_energy(bound: EnergyBound, terms: EnergyTerms, domain: mesh.Mesh) -> EnergyBound:
+    """Return a bound, which is infinite where Dirichlet data are seen to jump; collective.
+
+    Args:
+        bound: The bound.
+        terms: The strong form, with the data as they are.
+        domain: The mesh.
+    """
+    read = [(formula_of(ufl.as_ufl(data)), on) for data, on in terms.dirichlet if data is not None]
+    torn = data_jumps(domain, [(data, on) for data, on in read if data is not None])
+    if not torn or TORN in bound.notes:
+        return bound
+    return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
 
 
 def _by_a_flux(solved: Solved) -> EnergyBound:

@@ -32,8 +32,10 @@ from dolfinx_signorini.scenes.posing import (
 )
 from dolfinx_signorini.scenes.regularity import (
     Corner,
+    dirichlet_jumps,
     known_corner,
     largest_angle,
+    point_text,
     singular_corners,
 )
 
@@ -73,7 +75,7 @@ class Expectation:
         rest = [name for name, order in self.orders.items() if order <= 0.0]
         infinite = [name for name in rest if self.infinite(name)]
         unknown = [name for name in rest if name not in infinite]
-        text = ", ".join(orders) + " (uniform meshes, up to logarithms)"
+        text = (", ".join(orders) or "none") + " (uniform meshes, up to logarithms)"
         text += f"; {', '.join(unknown)} unknown" if unknown else ""
         return text + (f"; {', '.join(infinite)} of the solution infinite" if infinite else "")
 
@@ -84,9 +86,13 @@ class Expectation:
 
 def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     """Return what to expect of a scene, by any mesh of its domain; the call is collective."""
-    if scene.elasticity is not None:
-        return Expectation({}, _stiff(scene, scene.elasticity))
+    torn = dirichlet_jumps(scene, sided)
     notes: list[str] = []
+    if torn:
+        places = listed([point_text(point) for point in torn])
+        notes.append(f"Dirichlet data jump at {places}: no solution has finite energy")
+    if scene.elasticity is not None:
+        return Expectation({}, (*notes, *_stiff(scene, scene.elasticity)))
     corners: list[Corner] = []
     if scene.domain.dimension == 2:
         corners = _note_corners(scene, sided, notes)
@@ -106,9 +112,11 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load may be infinite along a curve, next to which it is integrated roughly: no "
             "estimate of errors shows that"
         )
-    exponent = corners[0].exponent if corners else _contact_exponent(scene)
+    exponent = 0.0 if torn else corners[0].exponent if corners else _contact_exponent(scene)
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
+    # Near a jump u is like the angle around the point, of the power 0.
+    corners += [Corner(point, math.pi, ("jump of Dirichlet data",), 0.0) for point in torn]
     worst = min(corners, key=lambda corner: corner.exponent, default=None)
     return Expectation(_orders(scene, exponent), tuple(notes), worst)
 

@@ -12,10 +12,13 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
-from dolfinx_signorini.meshes.sided_meshes import entity_nodes, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, entity_nodes, owned_cells
 from dolfinx_signorini.norms.orders import SMOOTH
+from dolfinx_signorini.scenes.files.conditions import Dirichlet
+from dolfinx_signorini.scenes.files.scene import Scene
 
 GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
 RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
@@ -37,17 +40,21 @@ class Corner:
         exponent: The power of the distance that the solution behaves like.
     """
 
-    point: tuple[float, float]
+    point: tuple[float, ...]
     angle: float
     kinds: tuple[str, ...]
     exponent: float
 
     def __str__(self) -> str:
-        x, y = (round(c, 12) + 0.0 for c in self.point)
         return (
-            f"({x:.4g}, {y:.4g}), angle {math.degrees(self.angle):.4g} degrees, "
+            f"{point_text(self.point)}, angle {math.degrees(self.angle):.4g} degrees, "
             f"{' meets '.join(self.kinds)}: u ~ r^{self.exponent:.3g}"
         )
+
+
+def point_text(point: Sequence[float]) -> str:
+    """Return the coordinates of a point in words."""
+    return f"({', '.join(f'{round(c, 12) + 0.0:.4g}' for c in point)})"
 
 
 def singular_corners(
@@ -83,6 +90,16 @@ def singular_corners(
         found.append(Corner(point, float(angles[i]), kinds, float(exponents[i])))
     everywhere = [c for parts in domain.comm.allgather(found) for c in parts]
     return sorted(everywhere, key=lambda c: (c.exponent, c.point))
+
+
+def dirichlet_jumps(scene: Scene, sided: SidedMesh) -> list[tuple[float, ...]]:
+    """Return the points at which the Dirichlet data of a scene jump; the call is collective."""
+    given: dict[int | None, list[tuple[Formula, LocalIndices]]] = {}
+    for c in scene.conditions:
+        if isinstance(c, Dirichlet) and c.value is not None:
+            given.setdefault(c.component, []).append((c.value, sided.facets(c.sides)))
+    found = {point for same in given.values() for point in data_jumps(sided.mesh, same)}
+    return sorted(found)
 
 
 def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner:

@@ -6,12 +6,14 @@ import ufl
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.data import parsing
-from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps, integrable_on_facets
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.scenes import pose
 from dolfinx_signorini.scenes.expectations import expect
+from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
+from dolfinx_signorini.scenes.solving import solve_scene
 
 JUMP = 0.3713  # no mesh line
 
@@ -212,3 +214,75 @@ def test_poles_of_the_load_of_a_manufactured_solution_are_named(comm, parse, u, 
     scene = parse(CURRENT.format(diffusion="1", u=f"{u} - y"))
     notes = expect(scene, scene.domain.make(comm)).notes
     assert any("infinite along a curve" in note for note in notes) == told
+
+
+@pytest.mark.parametrize(
+    ("data", "places"),
+    [
+        ("where(x < 0.3, 0, 1)", [0.3]),
+        ("abs(x - 0.31)", []),
+        ("tanh(1e6*(x - 0.31))", []),
+        ("abs(x - 0.5)^0.2", []),
+        ("where(x < 0.25, 0, 1e-3) + where(x < 0.8, x, 2)", [0.25, 0.8]),  # 0.25 is a vertex
+        ("where(y < 0.5, 0, 1)", []),  # no jump on the side
+    ],
+)
+def test_jumps_of_data_on_a_side_are_found(comm, data, places):
+    domain = friedrichs_keller(comm, 4)
+    top = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
+    found = data_jumps(domain, [(parsing.parse(data, 2), top)])
+    assert [point[0] for point in found] == pytest.approx(places, abs=1e-9)
+    assert all(point[1] == 1.0 for point in found)
+
+
+def test_jumps_of_data_on_a_face_are_found(comm):
+    domain = mesh.create_unit_cube(comm, 2, 2, 2)
+    top = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 1.0))
+    left = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 0.0))
+    torn = data_jumps(domain, [(parsing.parse("where(x < 0.3, 0, 1)", 3), top)])
+    assert torn and {point[0] for point in torn} == {0.3}
+    both = [(parsing.parse(data, 3), on) for data, on in (("x", top), ("1 - z", left))]
+    assert data_jumps(domain, both) == []
+    met = data_jumps(domain, [both[0], (parsing.parse("y", 3), left)])
+    # Where the sides meet, but at the vertex (0, 0, 1).
+    assert met == [(0.0, 0.5, 1.0), (0.0, 1.0, 1.0)]
+
+
+TORN = """
+[domain]
+shape = "square"
+cells = 8
+[equation]
+load = -1
+[contact]
+sides = "bottom"
+obstacle = "-0.1 - 0.05*x"
+[[dirichlet]]
+sides = "top"
+value = "{top}"
+[[dirichlet]]
+sides = "left"
+value = "{left}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("top", "left", "place"),
+    [
+        ("where(x < 0.3, 0, 0.1)", "0", "(0.3, 1)"),
+        ("0.1*x", "1 - y", None),
+        ("0", "0.2", "(0, 1)"),
+        ("0.2", "0", "(0, 1)"),
+    ],
+)
+def test_no_energy_is_finite_where_dirichlet_data_jump(comm, parse, top, left, place):
+    scene = parse(TORN.format(top=top, left=left))
+    found = expect(scene, scene.domain.make(comm))
+    assert found.infinite("H1") == (place is not None)
+    told = [note for note in found.notes if "Dirichlet data jump" in note]
+    assert [f"at {place}:" in note for note in told] == ([] if place is None else [True])
+    result = solve_scene(scene, comm)
+    bound = bound_of_scene(result.posed)
+    assert np.isinf(bound.total) == (place is not None)
+    assert any("Dirichlet data jump" in note for note in bound.notes) == (place is not None)
+    result.destroy()

@@ -1,5 +1,9 @@
 """Data that are not smooth inside boundary facets, as `jumps` has them for cells."""
 
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
 import basix
 import numpy as np
 import numpy.typing as npt
@@ -7,13 +11,21 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, Indices
-from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.ranks import highest, largest
+from dolfinx_signorini.base.tolerances import HALVINGS, SOLVED
+from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.jumps import Projection
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.meshes.polynomials import barycentric
-from dolfinx_signorini.meshes.sided_meshes import facet_cells, facet_vertices
+from dolfinx_signorini.meshes.sided_meshes import (
+    entity_nodes,
+    facet_cells,
+    facet_vertices,
+    longest_side,
+)
+
+PARTS = 16  # of an edge, each of which may have a jump
 
 
 def integrable_on_facets(
@@ -68,3 +80,66 @@ def _on_facet(
     shares = barycentric(np.array(element.points))
     on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
     return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
+
+
+def data_jumps(
+    domain: mesh.Mesh, given: Sequence[tuple[Formula, LocalIndices]]
+) -> list[tuple[float, ...]]:
+    """Return points at which Dirichlet data jump, where no function of finite energy has them.
+
+    Between the points of a lattice on the edges of facets, bisection follows the larger difference:
+    the difference of a continuous function goes to 0. Where tables meet their values are compared.
+
+    Args:
+        domain: A mesh of straight-sided cells; the call is collective.
+        given: The formulas, each with the facets of this rank on which it gives u.
+    """
+    comm, dim = domain.comm, domain.topology.dim
+    nodes = [entity_nodes(domain, dim - 1, facets) for _, facets in given]
+    x = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
+    values = [evaluated(formula.root, x[on]) for (formula, _), on in zip(given, nodes, strict=True)]
+    every = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
+    every = every[np.isfinite(every)]
+    low = -highest(comm, -every)
+    size = highest(comm, every) - low
+    places: list[Array] = []
+    both = np.full((2, len(x)), 0.0)
+    for (formula, _), on, v in zip(given, nodes, values, strict=True):
+        places.append(_jumps_on_edges(formula, x[on[:, list(combinations(range(dim), 2))]], size))
+        heights = np.where(np.isfinite(v), v, low) - low
+        for row, above in zip(both, (heights, size - heights), strict=True):
+            np.maximum(row, largest(domain.geometry.index_map(), on, above), out=row)
+    if size > 0.0:
+        places.append(x[both.sum(axis=0) > (1.0 + SOLVED) * size])
+    found = np.concatenate(comm.allgather(np.concatenate([np.empty((0, dim)), *places])))
+    digits = 9 - round(math.log10(longest_side(comm, x)))
+    return sorted({tuple(map(float, point)) for point in np.round(found, digits) + 0.0})
+
+
+def _jumps_on_edges(formula: Formula, edges: Array, size: float) -> Array:
+    """The points on edges, shape (facets, edges, 2, dimension), at which a formula jumps."""
+    ends = edges.reshape(-1, *edges.shape[2:])
+    lattice: Array = np.linspace(0.0, 1.0, PARTS + 1, dtype=np.float64)
+    part, edge = np.nonzero(_steps(formula, ends, lattice[:, None]) > SOLVED * size)
+    ends, low, high = ends[edge], lattice[part], lattice[part + 1]
+    steps = []
+    for _ in range(HALVINGS):
+        first, second = _steps(formula, ends, np.stack((low, 0.5 * (low + high), high)))
+        middle, left = 0.5 * (low + high), first >= second
+        low, high = np.where(left, low, middle), np.where(left, middle, high)
+        steps.append(np.maximum(first, second))
+    # A power of the distance goes on falling.
+    stays = (steps[-1] > 0.5 * steps[HALVINGS // 2]) & (steps[-1] > SOLVED * size)
+    return np.asarray(_along(ends, high)[stays])
+
+
+def _along(ends: Array, places: Array) -> Array:
+    """Points on edges at shares of the way from the first end, shape (..., edges)."""
+    return np.asarray(ends[:, 0] + places[..., None] * (ends[:, 1] - ends[:, 0]))
+
+
+def _steps(formula: Formula, ends: Array, places: Array) -> Array:
+    """The differences of a formula between neighbouring points on edges, without a sign."""
+    both: Array = np.asarray(places + np.zeros(len(ends)), dtype=np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):  # at poles
+        return np.asarray(np.abs(np.diff(evaluated(formula.root, _along(ends, both)), axis=0)))

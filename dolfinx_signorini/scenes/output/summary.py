@@ -243,8 +243,8 @@ def _imbalance(forces: Sequence[Array]) -> float:
     largest = float(np.abs(columns).max(initial=0.0))
     if largest == 0.0:
         return 0.0
-    columns = columns / largest
-    return float(np.linalg.norm(columns.sum(axis=0)) / np.linalg.norm(columns, axis=1).sum())
+    shares = columns / largest
+    return float(np.linalg.norm(shares.sum(axis=0)) / np.linalg.norm(shares, axis=1).sum())
 
 
 def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
