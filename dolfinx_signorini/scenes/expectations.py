@@ -5,10 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
+from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.singular_sets import jumps, poles
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -16,6 +19,7 @@ from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.norms.orders import (
     DETACHMENT_EXPONENT,
     FREE_BOUNDARY_EXPONENT,
+    KINK_EXPONENT,
     expected_orders,
     is_finite,
 )
@@ -115,10 +119,31 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     exponent = 0.0 if torn else corners[0].exponent if corners else _contact_exponent(scene)
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
+    orders = _orders(scene, exponent)
+    if _has_cut_diffusion(scene, sided):
+        notes.append(
+            "the diffusion jumps inside of cells, and with it the slope of u: errors in H1 fall "
+            "with h^(1/2) for any degree, until facets follow the jump"
+        )
+        known = expected_orders(scene.degree, KINK_EXPONENT, 1)
+        # A dual solution has the same kink.
+        most = {norm: min(order, 2.0 * known["H1"]) for norm, order in known.items()}
+        orders = {norm: min(order, most[norm]) for norm, order in orders.items()}
     # Near a jump u is like the angle around the point, of the power 0.
     corners += [Corner(point, math.pi, ("jump of Dirichlet data",), 0.0) for point in torn]
     worst = min(corners, key=lambda corner: corner.exponent, default=None)
-    return Expectation(_orders(scene, exponent), tuple(notes), worst)
+    return Expectation(orders, tuple(notes), worst)
+
+
+def _has_cut_diffusion(scene: Scene, sided: SidedMesh) -> bool:
+    """Whether the diffusion jumps inside of cells; the call is collective."""
+    domain, found = sided.mesh, False
+    for entry in scene.diffusion_entries:
+        if jumps(entry):
+            cells = broken_cells([entry], domain)
+            x = np.asarray(domain.geometry.x, dtype=np.float64)
+            found |= jumps_in_cells(entry, x[domain.geometry.dofmap[cells]])
+    return bool(domain.comm.allreduce(found, op=MPI.LOR))
 
 
 def _stiff(scene: Scene, material: Elasticity) -> tuple[str, ...]:
@@ -272,5 +297,5 @@ def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corn
             f"near {listed([str(corner) for corner in limiting], '; ')}"
         )
     if scene.diffusion and constant is None:
-        notes.append("the exponents are those of constant diffusion")
+        notes.append("the orders at corners are those of a constant diffusion")
     return limiting

@@ -18,6 +18,7 @@ from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
 from dolfinx_signorini.scenes import pose, solve_scene
+from dolfinx_signorini.scenes.expectations import expect
 
 SCENE = """
 rtol = 1e-11
@@ -335,3 +336,52 @@ value = "w"
     error = float(np.abs(result.u.x.array[vertices] - exact).max(initial=0.0))
     result.destroy()
     assert comm.allreduce(error, op=MPI.MAX) < 0.02
+
+
+LAYERS = """
+degree = {degree}
+[domain]
+shape = "square"
+cells = {cells}
+[equation]
+diffusion = "{diffusion}"
+[contact]
+sides = "bottom"
+obstacle = -5
+[[dirichlet]]
+sides = ["left", "right"]
+value = "where(x < 0.5, x, 0.45 + 0.1*x)"
+[solution]
+u = "where(x < 0.5, x, 0.45 + 0.1*x)"
+norms = ["L2", "H1", "Linf"]
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_where_the_diffusion_jumps_inside_of_cells(degree, comm, parse):
+    errors = []
+    for cells in (15, 63):
+        scene = parse(LAYERS.format(degree=degree, cells=cells, diffusion="where(x < 0.5, 1, 10)"))
+        result = solve_scene(scene, comm)
+        errors.append(error_norms(result.u, result.posed.exact, scene.norms))
+        expectation = result.expectation
+        assert any("jumps inside of cells" in note for note in expectation.notes)
+        result.destroy()
+    for norm, expected in (("L2", 1.0), ("H1", 0.5), ("Linf", 1.0)):
+        assert expectation.orders[norm] == expected
+        assert np.log(errors[0][norm] / errors[1][norm]) / np.log(63 / 15) == pytest.approx(
+            expected, abs=0.1
+        )
+
+
+@pytest.mark.parametrize(
+    ("diffusion", "cells"),
+    [("where(x < 0.5, 1, 10)", 16), ("where(x < 0.5, 1, 1)", 15), ("1 + abs(x - 0.5)", 15)],
+)
+def test_no_order_is_lost_where_facets_follow_the_jump_or_there_is_none(
+    diffusion, cells, comm, parse
+):
+    scene = parse(LAYERS.format(degree=1, cells=cells, diffusion=diffusion))
+    expectation = expect(scene, scene.domain.make(comm))
+    assert expectation.orders["H1"] == 1.0
+    assert not any("jumps inside of cells" in note for note in expectation.notes)

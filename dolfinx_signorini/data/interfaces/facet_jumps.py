@@ -15,7 +15,9 @@ from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import highest, largest
 from dolfinx_signorini.base.tolerances import HALVINGS, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.interfaces.interface import SAMPLES
 from dolfinx_signorini.data.interfaces.jumps import Projection
+from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.meshes.polynomials import barycentric
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -82,13 +84,31 @@ def _on_facet(
     return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
 
 
+def jumps_in_cells(formula: Formula, corners: Array) -> bool:
+    """Return whether a formula jumps inside of cells of this rank, and has no kink alone.
+
+    Args:
+        formula: The formula.
+        corners: The corners of the cells that it may jump in, shape (cells, corners, dimension).
+    """
+    kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
+    kinds = basix.LatticeType.equispaced
+    lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
+    # From the middle of a cell to points everywhere in the cell: an inclusion may touch no edge.
+    points = inside(corners, lattice).swapaxes(0, 1)
+    middles = np.broadcast_to(corners.mean(axis=1, keepdims=True), points.shape)
+    values = evaluated(formula.root, points)
+    size = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    return len(jumps_on_edges(formula, np.stack((middles, points), axis=2), size)) > 0
+
+
 def data_jumps(
     domain: mesh.Mesh, given: Sequence[tuple[Formula, LocalIndices]]
 ) -> list[tuple[float, ...]]:
     """Return points at which Dirichlet data jump, where no function of finite energy has them.
 
-    Between the points of a lattice on the edges of facets, bisection follows the larger difference:
-    the difference of a continuous function goes to 0. Where tables meet their values are compared.
+    The edges of facets are looked at, see `jumps_on_edges`; where tables meet their values are
+    compared.
 
     Args:
         domain: A mesh of straight-sided cells; the call is collective.
@@ -105,7 +125,7 @@ def data_jumps(
     places: list[Array] = []
     both = np.full((2, len(x)), 0.0)
     for (formula, _), on, v in zip(given, nodes, values, strict=True):
-        places.append(_jumps_on_edges(formula, x[on[:, list(combinations(range(dim), 2))]], size))
+        places.append(jumps_on_edges(formula, x[on[:, list(combinations(range(dim), 2))]], size))
         heights = np.where(np.isfinite(v), v, low) - low
         for row, above in zip(both, (heights, size - heights), strict=True):
             np.maximum(row, largest(domain.geometry.index_map(), on, above), out=row)
@@ -116,8 +136,17 @@ def data_jumps(
     return sorted({tuple(map(float, point)) for point in np.round(found, digits) + 0.0})
 
 
-def _jumps_on_edges(formula: Formula, edges: Array, size: float) -> Array:
-    """The points on edges, shape (facets, edges, 2, dimension), at which a formula jumps."""
+def jumps_on_edges(formula: Formula, edges: Array, size: float) -> Array:
+    """Return the points on some edges at which a formula jumps.
+
+    Between the points of a lattice on the edges, bisection follows the larger difference: that of a
+    continuous function goes to 0.
+
+    Args:
+        formula: The formula.
+        edges: The edges of some facets or cells, shape (facets, edges, 2, dimension).
+        size: The size of the values of the formula.
+    """
     ends = edges.reshape(-1, *edges.shape[2:])
     lattice: Array = np.linspace(0.0, 1.0, PARTS + 1, dtype=np.float64)
     part, edge = np.nonzero(_steps(formula, ends, lattice[:, None]) > SOLVED * size)

@@ -12,6 +12,7 @@ from functools import cache, reduce
 from itertools import product
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
@@ -19,7 +20,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.form_data import choices_in_diffusion
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets, jumps_in_cells
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import projected
 from dolfinx_signorini.data.interfaces.rules import cell_rule
@@ -176,8 +177,10 @@ def warn_of_cut_coefficients(a: ufl.Form, domain: mesh.Mesh) -> None:
     if domain.topology.cell_name() not in ("triangle", "tetrahedron"):
         return
     for choice, formula, corners in choices_in_diffusion(a):
-        depths = [interface.depths(corners).any() for interface in interfaces(formula)]
-        if domain.comm.allreduce(any(depths)):
+        cut = np.zeros(len(corners), dtype=bool)
+        for interface in interfaces(formula):
+            cut |= interface.depths(corners) > 0
+        if domain.comm.allreduce(jumps_in_cells(formula, corners[cut])):
             _warn_once(str(choice))
 
 
