@@ -157,8 +157,8 @@ def jumps_on_edges(formula: Formula, edges: Array, size: float) -> Array:
         middle, left = 0.5 * (low + high), first >= second
         low, high = np.where(left, low, middle), np.where(left, middle, high)
         steps.append(np.maximum(first, second))
-    # A power of the distance goes on falling.
-    stays = (steps[-1] > 0.5 * steps[HALVINGS // 2]) & (steps[-1] > SOLVED * size)
+    # A power of the distance goes on falling; a sign has a value of its own between two others.
+    stays = (steps[-1] > 0.25 * steps[HALVINGS // 2]) & (steps[-1] > SOLVED * size)
     return np.asarray(_along(ends, high)[stays])
 
 
