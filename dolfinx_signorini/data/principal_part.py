@@ -19,6 +19,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.form_data import cells_of
 from dolfinx_signorini.data.formulas import Formula, Node, nodes, number, together
+from dolfinx_signorini.data.interfaces.jumps import marks_projections
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
 
@@ -38,13 +39,13 @@ class PrincipalPart:
         entries: The coefficients in each integral.
         cells: The owned cells of each integral; None for all of them.
         functions: What stands for the coordinates of formulas behind those of space: functions, by
-            the number of the coordinate that their first component is.
+            the number of the coordinate that their first component is; None for 0.
     """
 
     domain: mesh.Mesh
     entries: tuple[Entries, ...]
     cells: tuple[LocalIndices | None, ...]
-    functions: Mapping[int, fem.Function] = field(default_factory=dict)
+    functions: Mapping[int, fem.Function | None] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -91,7 +92,8 @@ class PrincipalPart:
         points = Points(self.domain, cells, middles)
         coordinates = dict(enumerate(points.inside))
         for first, f in self.functions.items():
-            coordinates |= dict(enumerate(points.values(f), start=first))
+            zero = np.zeros_like(points.inside[0])
+            coordinates |= dict(enumerate([zero] if f is None else points.values(f), start=first))
         x = np.zeros((len(cells), len(middles), 1 + max(coordinates)))
         for k, values in coordinates.items():
             x[:, :, k] = values
@@ -129,11 +131,12 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         return None
     leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
     used = {int(n.value) for n in leaves if n.op == "coordinate"}
-    functions, first = {}, dim
+    functions, first = dict[int, fem.Function | None](), dim
     for f in a.coefficients():
         last = first + math.prod(f.ufl_shape)
         if used & set(range(first, last)):
-            functions[first] = f
+            # Projections jump between cells, unlike the formula that they stand for.
+            functions[first] = None if marks_projections(f) else f
         first = last
     part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)
     try:  # values of functions in other spaces are not known

@@ -609,3 +609,36 @@ def test_a_material_that_is_none_inside_of_the_body_is_refused(parse):
         with pytest.raises(InputError) as error:
             pose(parse(text), COMM)
         assert error.value.subject == key
+
+
+STEEP = """
+[domain]
+shape = "square"
+cells = 6
+[elasticity]
+young = "{young}"
+poisson = 0.3
+[contact]
+sides = "bottom"
+gap = 0.01
+direction = [0, -1]
+[[dirichlet]]
+sides = "top"
+value = [0, -0.05]
+"""
+
+
+@pytest.mark.parametrize(
+    ("young", "places"),
+    [
+        ("100", "r^-0.289 at (0, 1), (1, 1)"),
+        # Integrated piece by piece near its pole, which is outside of the domain.
+        ("100/(x + 0.01)", "r^-0.289 at (0, 1), (1, 1)"),
+        ("where(x < 1/3, 100, 100)", "r^-0.289 at (0, 1), (1, 1)"),
+    ],
+)
+def test_projections_of_a_modulus_make_no_stress_infinite(young, places, parse):
+    result = solve_scene(parse(STEEP.format(young=young)), COMM)
+    summary = summarise(result, scene_boundary(result))
+    assert summary.infinite_stress == places
+    result.destroy()

@@ -11,6 +11,7 @@ are divided next to a pole until the integrals over the cell do not change any m
 import functools
 import math
 from collections.abc import Iterator, Sequence
+from weakref import WeakSet
 
 import basix
 import numpy as np
@@ -43,6 +44,8 @@ from dolfinx_signorini.meshes.sided_meshes import (
 
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
+
+_marks: WeakSet[fem.Function] = WeakSet()  # of cells with projections
 
 
 def integrable(formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True) -> Expr:
@@ -89,7 +92,16 @@ def projected(
     projection.x.array[space.dofmap.list[cells]] = values
     for function in (marks, projection):
         function.x.scatter_forward()
+    _marks.add(marks)
     return ufl.gt(marks, 0.5), projection
+
+
+def marks_projections(f: fem.Function) -> bool:
+    """Return whether a function is 1 in cells with a projection in place of a formula, 0 elsewhere.
+
+    With 0 in its place everywhere, an expression has the formula itself.
+    """
+    return f in _marks
 
 
 def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tuple[Array, Indices]:
