@@ -11,6 +11,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
+from dolfinx_signorini.data.interfaces.integrability import infinite_integrals
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.singular_sets import jumps, poles
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -42,6 +43,7 @@ from dolfinx_signorini.scenes.regularity import (
     point_text,
     singular_corners,
 )
+from dolfinx_signorini.scenes.scene_data import data_of
 
 # Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
 BYTES = {2: (1.3e3, 1.4e3, 1.6e3, 2.1e3), 3: (2.8e3, 4.1e3, 7.0e3, 1.1e4)}
@@ -95,8 +97,9 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     if torn:
         places = listed([point_text(point) for point in torn])
         notes.append(f"Dirichlet data jump at {places}: no solution has finite energy")
+    endless = _endless(scene, sided)
     if scene.elasticity is not None:
-        return Expectation({}, (*notes, *_stiff(scene, scene.elasticity)))
+        return Expectation({}, (*notes, *endless, *_stiff(scene, scene.elasticity)))
     corners: list[Corner] = []
     if scene.domain.dimension == 2:
         corners = _note_corners(scene, sided, notes)
@@ -110,8 +113,9 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load of the manufactured solution leaves out what kinks of the solution, or jumps "
             "of its flux, add on curves"
         )
+    notes += endless
     load = coefficients(scene).load
-    if load is not None and _has_poles_on_curves(load, sided):
+    if load is not None and not endless and _has_poles_on_curves(load, sided):
         notes.append(
             "the load may be infinite along a curve, next to which it is integrated roughly: no "
             "estimate of errors shows that"
@@ -144,6 +148,22 @@ def _has_cut_diffusion(scene: Scene, sided: SidedMesh) -> bool:
             x = np.asarray(domain.geometry.x, dtype=np.float64)
             found |= jumps_in_cells(entry, x[domain.geometry.dofmap[cells]])
     return bool(domain.comm.allreduce(found, op=MPI.LOR))
+
+
+def _endless(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
+    """Return notes on data that grow so fast towards a pole that their integral is infinite."""
+    notes = []
+    for datum in data_of(scene, sided):
+        places = datum.formula, datum.corners
+        own = infinite_integrals(*places) if datum.measure == "mass" else np.empty((0, 3))
+        found = np.concatenate(sided.mesh.comm.allgather(own[:1]))
+        if len(found):
+            point = point_text(min(map(tuple, found)))
+            notes.append(
+                f"{datum.name} grows like 1/distance or faster, for example towards {point}: the "
+                "integral is infinite, and what the quadrature makes of it depends on the mesh"
+            )
+    return tuple(dict.fromkeys(notes))
 
 
 def _stiff(scene: Scene, material: Elasticity) -> tuple[str, ...]:

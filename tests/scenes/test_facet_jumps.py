@@ -209,6 +209,40 @@ value = 0
     assert any("infinite along a curve" in note for note in notes) == told
 
 
+@pytest.mark.parametrize(
+    ("load", "flux", "places"),
+    [
+        ("1/x", "0", ["the load grows"]),
+        ("x^-0.9", "0", []),
+        ("(x + 2*y)^-1.2", "0", []),  # infinite at a vertex alone
+        ("1/(x - 0.3)^2 + 1/(x + 1)", "0", ["the load grows"]),
+        ("abs(x - 0.3)^-0.5", "1/y", ["the flux of 'neumann' grows"]),
+        ("1", "abs(y - 0.37)^-1.5", ["the flux of 'neumann' grows"]),
+        ("1", "abs(y - 0.37)^-0.5 + log(y)", []),
+        ("1", "1/(y + 1e-3)", []),
+    ],
+)
+def test_data_without_an_integral_are_named(comm, parse, load, flux, places):
+    scene = parse(f"""
+[domain]
+shape = "square"
+cells = 4
+[equation]
+load = "{load}"
+[contact]
+sides = "bottom"
+[[dirichlet]]
+sides = "top"
+value = 0
+[[neumann]]
+sides = "right"
+flux = "{flux}"
+""")
+    notes = [n for n in expect(scene, scene.domain.make(comm)).notes if "is infinite, and" in n]
+    assert len(notes) == len(places)
+    assert all(note.startswith(place) for note, place in zip(notes, places, strict=True))
+
+
 @pytest.mark.parametrize(("u", "told"), [("abs(x - 0.43)^1.5", True), ("abs(x - 0.43)^2.5", False)])
 def test_poles_of_the_load_of_a_manufactured_solution_are_named(comm, parse, u, told):
     scene = parse(CURRENT.format(diffusion="1", u=f"{u} - y"))
