@@ -39,6 +39,10 @@ Projection = Callable[[Array], Array]
 FLAT, SHARP = SOLVED**0.5, math.tau / 4.5
 
 
+# Of a facet: its vertices are that far from the curve at most, which the facet stands for.
+ASIDE = 0.1
+
+
 class CurvedSides:
     """The curves, or curved surfaces, that sides of a mesh stand for:
 
@@ -64,8 +68,9 @@ class CurvedSides:
         """Refuse what does not belong to a mesh; the call is collective.
 
         Raises:
-            InputError: There is no such side, a projection is none, or the facets are so few that
-                halves of the facets are as far from the curve as the facets are.
+            InputError: There is no such side, a projection is none, vertices of the side are off
+                the curve, or the facets are so few that halves of the facets are as far from the
+                curve as the facets are.
         """
         names = (*sided.sides, "all")
         for name in sorted(self.known):
@@ -75,6 +80,15 @@ class CurvedSides:
         comm = sided.mesh.comm
         for name, projection in self.projections.items():
             one = CurvedSides({name: projection})
+            corners = sided.mesh.geometry.x[facet_nodes(sided.mesh, self._facets(sided, name))]
+            edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+            places = np.asarray(corners.reshape(-1, 3), dtype=np.float64)
+            off = np.linalg.norm(one._projected(sided, name, places) - places, axis=1)
+            beyond = off > ASIDE * np.repeat(edges, corners.shape[1])
+            farthest = highest(comm, off[beyond])
+            if farthest > 0.0:
+                message = f"the mesh has vertices at a distance of {farthest:.2g} from this curve"
+                raise InputError(f"{name!r}: {message}", "geometry")
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
             if farther > max(far, ROUNDING * _size(sided) * one._measure(sided)):
                 message = "is followed too roughly by the first mesh, which should be finer there"

@@ -52,6 +52,10 @@ PROGRAM_BYTES = 1.5e8
 # Poisson's ratio from which on degree 1 locks. A pressed block of 16, 32, 64 cells a side had 2.0,
 # 0.7, 0.2 % too much force for 0.45, 7.1, 2.7, 0.9 % for 0.49, and 30, 13, 5 % for 0.499.
 LOCKING = 0.49
+CUT = (
+    "the diffusion jumps inside of cells, and with it the slope of u: errors in H1 fall with "
+    "h^(1/2) for any degree, until facets follow the jump"
+)
 
 
 @dataclass(frozen=True)
@@ -124,11 +128,8 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
     orders = _orders(scene, exponent)
-    if _has_cut_diffusion(scene, sided):
-        notes.append(
-            "the diffusion jumps inside of cells, and with it the slope of u: errors in H1 fall "
-            "with h^(1/2) for any degree, until facets follow the jump"
-        )
+    if diffusion_is_cut(scene, sided):
+        notes.append(CUT)
         known = expected_orders(scene.degree, KINK_EXPONENT, 1)
         # A dual solution has the same kink.
         most = {norm: min(order, 2.0 * known["H1"]) for norm, order in known.items()}
@@ -139,8 +140,8 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     return Expectation(orders, tuple(notes), worst)
 
 
-def _has_cut_diffusion(scene: Scene, sided: SidedMesh) -> bool:
-    """Whether the diffusion jumps inside of cells; the call is collective."""
+def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
+    """Return whether the diffusion jumps inside of cells; the call is collective."""
     domain, found = sided.mesh, False
     for entry in scene.diffusion_entries:
         if jumps(entry):

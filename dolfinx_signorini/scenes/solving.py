@@ -27,12 +27,18 @@ from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.following import follow
-from dolfinx_signorini.data.interfaces.jumps import projected
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.scenes.expectations import Expectation, check_errors, check_norms, expect
+from dolfinx_signorini.scenes.expectations import (
+    CUT,
+    Expectation,
+    check_errors,
+    check_norms,
+    diffusion_is_cut,
+    expect,
+)
 from dolfinx_signorini.scenes.files.elasticity import STIFFNESS
 from dolfinx_signorini.scenes.files.scene import Scene
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, pose
@@ -43,7 +49,6 @@ from dolfinx_signorini.solvers.result import SolveResult
 if TYPE_CHECKING:
     from dolfinx_signorini.pictures.picture import Picture
 
-CUT = "the diffusion jumps or has a kink inside cells, which converges slowly"
 DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
 
 
@@ -228,8 +233,9 @@ def _solve_on_adapted_meshes(
         read=lambda _: coefficients(scene),
         fit=lambda refined: follow(refined, scene.diffusion_entries),
     )
-    if _diffusion_is_cut(scene, found.sided):
-        expectation = replace(expectation, notes=(*expectation.notes, CUT))
+    notes = [note for note in expectation.notes if note != CUT]  # cells have followed a jump
+    notes += [CUT] if diffusion_is_cut(scene, found.sided) else []
+    expectation = replace(expectation, notes=tuple(notes))
     phases.lap("adaptive loop")
     return _result(posed[0], expectation, phases, found=found)
 
@@ -264,12 +270,6 @@ def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
     stiffness = () if scene.elasticity is None else STIFFNESS
     most = max_unknowns // per_cell
     return first_mesh(sided, partial(data_of, scene), known, most, stiffness, "elasticity")
-
-
-def _diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
-    """Whether an entry of the diffusion jumps or has a kink inside of a cell."""
-    found = (projected(entry, sided.mesh, 0) for entry in scene.diffusion_entries)
-    return any(cut is not None for cut in found)
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:

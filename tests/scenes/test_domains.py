@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data import parsing
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -494,3 +495,25 @@ def test_all_boundary_facets_are_on_some_side(comm):
     owned = set(boundary_facets(sided.mesh).tolist())
     listed = set(np.concatenate(list(sided.sides.values())).tolist())
     assert owned <= listed
+
+
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        ("hypot(x - 0.7, y - 0.5) - 0.2", None),
+        ("hypot(x - 0.7, y - 0.5) - 0.15", "vertices at a distance of 0.05 from this curve"),
+        ("hypot(x - 5, y - 0.5) - 0.2", "vertices at a distance of"),
+    ],
+)
+@pytest.mark.parametrize("refinements", [0, 1])
+def test_a_curve_that_a_side_does_not_follow_is_refused(curve, words, refinements, comm, demos):
+    pytest.importorskip("gmsh")
+    found = MeshFile.open(comm, demos / "plate.msh")
+    curves = (("hole", parsing.parse(curve, 2)),)
+    domain = replace(found, refinements=refinements, curves=curves)
+    if words is None:
+        assert sizes(domain.make(comm), comm)["hole"] == pytest.approx(0.4 * math.pi, rel=0.01)
+        return
+    with pytest.raises(InputError, match=words) as refusal:
+        domain.make(comm)
+    assert refusal.value.subject == "geometry"

@@ -136,7 +136,9 @@ class RefinedDomain(Domain):
         """Make the mesh before refinement."""
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
-        return self._refined(self.make_coarsest(comm), self.refinements)
+        coarsest = self.make_coarsest(comm)
+        CurvedSides(self.geometry).check(coarsest)
+        return self._refined(coarsest, self.refinements)
 
     def make_after(self, coarser: Domain, sided: SidedMesh) -> SidedMesh:
         assert isinstance(coarser, RefinedDomain)

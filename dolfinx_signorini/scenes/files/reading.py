@@ -40,6 +40,7 @@ OTHERS = {
     "bcs": "dirichlet",
     "Dirichlet data": "dirichlet",
     "form a": "equation",
+    "geometry": "domain.curves",
     "solution": "solution.u",
 }
 OF_BODIES = {"form a": "elasticity", "load": "elasticity.force"}
