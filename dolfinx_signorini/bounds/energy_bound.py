@@ -177,6 +177,11 @@ def with_bound(value: Any) -> str:
     """The kind of problems that have a bound."""
     if isinstance(value, BoundConstrainedProblem) and value.space.dofmap.bs > 1:
         return "has displacements, whose bound needs a symmetric equilibrated stress: not known"
+    if isinstance(value, BoundConstrainedProblem) and value.u in value.L.coefficients():
+        return (
+            "has a load that depends on the function that it fills, as in a time step: the load of "
+            "this solution is gone; keep the last solution in a function of its own"
+        )
     in_cells = isinstance(value, BoundConstrainedProblem) and value.in_domain
     return "" if in_cells else one_sided(value)
 

@@ -51,6 +51,8 @@ def checked_space(a: Any, L: Any, vectors: bool = False) -> fem.FunctionSpace:
     space = arguments[0].ufl_function_space()
     if not isinstance(space, fem.FunctionSpace):
         raise InputError("its space must be one of dolfinx", "form a")
+    if space.component():
+        raise InputError("its space is a part of another one; take `collapse()[0]` of it", "form a")
     check(**{"form a": (space.mesh, MESH)})
     cell = space.mesh.topology.cell_name()
     if cell not in CELLS:

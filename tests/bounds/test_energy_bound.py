@@ -440,3 +440,18 @@ def test_a_reaction_on_a_part_of_the_domain_makes_no_warning(comm):
     coarse = energy_bound(problem, EnergyTerms(load=-1.0, reaction=c)).total
     assert 0.0 < coarse < 0.5
     problem.destroy()
+
+
+def test_a_load_that_the_solve_has_overwritten_has_no_bound(comm):
+    domain = friedrichs_keller(comm, 4)
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    state, trial, v = fem.Function(V), ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = (trial * v + 0.1 * ufl.inner(ufl.grad(trial), ufl.grad(v))) * ufl.dx
+    problem = SignoriniProblem(
+        a, (state - 0.1) * v * ufl.dx, contact=boundary_facets(domain), u=state
+    )
+    problem.solve()
+    terms = EnergyTerms(diffusion=0.1, reaction=1.0, load=state - 0.1)
+    with pytest.raises(InputError, match="keep the last solution in a function of its own"):
+        energy_bound(problem, terms)
+    problem.destroy()

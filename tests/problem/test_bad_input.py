@@ -600,3 +600,12 @@ def two_squares():
         x, cells = x[:0], cells[:0]
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     return dolfinx.mesh.create_mesh(COMM, cells, x=x, e=ufl.Mesh(element))
+
+
+def test_a_space_that_is_a_part_of_another_one():
+    domain = dolfinx.mesh.create_unit_square(COMM, 3, 3)
+    part = fem.functionspace(domain, ("Lagrange", 1, (2,))).sub(0)
+    u, v = ufl.TrialFunction(part), ufl.TestFunction(part)
+    facets = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    with pytest.raises(InputError, match="form a: its space is a part of another one"):
+        SignoriniProblem(u * v * ufl.dx, v * ufl.dx, contact=facets)
