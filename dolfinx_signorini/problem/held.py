@@ -87,8 +87,8 @@ def divided(loose: Loose, layout: Layout, weakly: bool) -> tuple[Loose, Array]:
         if not weakly:
             raise InputError(
                 f"{_name(layout, k, own[:, 0])} is free: neither Dirichlet conditions, nor the "
-                "form a, nor contact stops it; fix it by a condition, add a reaction term, or ask "
-                "for held_weakly=True",
+                "form a, nor contact stops it; fix it by a condition, or in Python by a reaction "
+                "term or held_weakly=True",
                 "bcs",
             )
         values, vectors = np.linalg.eigh(loose.comm.allreduce(own.T @ own))

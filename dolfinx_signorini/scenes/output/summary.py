@@ -156,7 +156,7 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     if s.algebraic_share is not None:
         text = f"{s.algebraic_share:.1e} of the discretisation error (estimate)"
         rows.append(("algebraic error", text))
-    rows += [(name, f"{value:.6g}") for name, value in s.body.items()]
+    rows += [(name, f"{value + 0.0:.6g}") for name, value in s.body.items()]
     if s.infinite_stress:
         rows.append(("infinite stress", s.infinite_stress))
     rows += [(f"error {name}", f"{error:.4g}") for name, error in s.errors.items()]
@@ -171,7 +171,7 @@ def force_text(force: Force, size: float = 0.0) -> str:
         size: The size of the largest of all forces.
     """
     if isinstance(force, int | float):
-        return f"{force:.6g}"
+        return f"{force + 0.0:.6g}"  # no negative zero
     return f"({', '.join(f'{f if abs(f) > SOLVED * size else 0.0:.6g}' for f in force)})"
 
 
