@@ -74,7 +74,7 @@ def _prepare(folder: Path, outputs: Sequence[str], stack: ExitStack) -> Path:
     # A signal may stop the run at any instruction: what is made is to be removed before it exists.
     if made:
         stack.callback(_remove_empty, folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     stack.enter_context(in_use(folder, PART + 8 * "?"))
     part = folder / f"{PART}{secrets.token_hex(4)}"
     stack.callback(shutil.rmtree, part, ignore_errors=True)
