@@ -53,6 +53,38 @@ class Solved(Protocol):
         """The density of the contact pressure."""
 
 
+@dataclass
+class AlongDirection:
+    """The contact of a displacement along the direction of the obstacle, as that of a scalar.
+
+    What draws and gathers the contact boundary of scalar problems takes the object:
+
+        boundary = gather_contact_boundary(problem.along_direction)
+
+    Attributes:
+        space: The scalar space of one component.
+        u: The displacement u.d at the contact nodes, 0 elsewhere.
+        gap, pressure: As those of the problem.
+        contact: The contact facets that this rank knows.
+        fixed_dofs: The contact nodes that Dirichlet data hold.
+        directions: The unit vectors d at the contact nodes, 0 elsewhere.
+        distance: The distance at rest from each contact node to the obstacle along d, 0 elsewhere.
+        sign: -1, as of an upper obstacle.
+        unknown: The name of u, as matplotlib sets it.
+    """
+
+    space: fem.FunctionSpace
+    u: fem.Function
+    gap: fem.Function
+    pressure: fem.Function
+    contact: LocalIndices
+    fixed_dofs: LocalIndices
+    directions: fem.Function
+    distance: fem.Function
+    sign: float = -1.0
+    unknown: str = r"u \cdot d"
+
+
 @dataclass(frozen=True)
 class ContactBoundary:
     """Points and straight pieces of the contact boundary.

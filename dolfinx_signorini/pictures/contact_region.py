@@ -12,6 +12,7 @@ from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, known_by
 from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.pictures.contact_boundary import Solved
 from dolfinx_signorini.pictures.palette import COLOURS
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_plane, gather_facets
@@ -33,26 +34,12 @@ PLANE = known_by(
 )
 
 
-class Signed(Protocol):
-    """An obstacle, as far as its picture needs it."""
-
-    @property
-    def sign(self) -> float:
-        """1 for a lower obstacle, and -1 for an upper one."""
-
-
-class Solved(Protocol):
+class InDomain(Solved, Protocol):
     """The part of a solved `ObstacleProblem` that this module needs."""
 
-    u: fem.Function
-
     @property
-    def pressure(self) -> fem.Function:
-        """The density of the contact pressure."""
-
-    @property
-    def obstacles(self) -> Sequence[Signed]:
-        """The obstacles."""
+    def obstacles(self) -> Sequence[Any]:
+        """The obstacles; the `sign` of each is 1 for a lower obstacle and -1 for an upper one."""
 
     @property
     def active_sides(self) -> Sequence[LocalIndices]:
@@ -60,7 +47,7 @@ class Solved(Protocol):
 
 
 def draw_region(
-    problem: Solved,
+    problem: InDomain,
     what: str,
     parts: Mapping[str, LocalIndices] | None = None,
     styles: Mapping[str, Mapping[str, Any]] | None = None,

@@ -1,7 +1,7 @@
 """The deformed shape of an elastic body, with a stress in colours, and the obstacle."""
 
 import math
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from dolfinx import fem
@@ -23,8 +23,8 @@ from dolfinx_signorini.meshes.node_values import (
 )
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
 from dolfinx_signorini.pictures.contact_boundary import (
+    AlongDirection,
     ContactBoundary,
-    Solved,
     gather_contact_boundary,
 )
 from dolfinx_signorini.pictures.palette import IN_CONTACT
@@ -41,16 +41,9 @@ OBSTACLE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
 SHADE = "0.85"  # grey, of what is behind the surface of the obstacle
 
 
-class OnObstacle(Solved, Protocol):
-    """The contact of a displacement that this module needs, see `AlongDirection`."""
-
-    directions: fem.Function
-    distance: fem.Function
-
-
 def draw_deformed(
     u: fem.Function,
-    contact: OnObstacle,
+    contact: AlongDirection,
     stress: Expr | None,
     label: str,
     scale: float | None = None,
@@ -108,7 +101,7 @@ def scale_for(share: float) -> float:
 
 
 def _gather_boundary(
-    space: fem.FunctionSpace, contact: OnObstacle, moved: Array
+    space: fem.FunctionSpace, contact: AlongDirection, moved: Array
 ) -> tuple[Array, Array, Indices] | None:
     """Points of the contact boundary, what is known of each, and pieces, on rank 0.
 

@@ -1,7 +1,6 @@
 """Elastic contact: a body that a rigid obstacle stops, on a part of the boundary."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from dolfinx_signorini.base.kinds import (
     optional,
     positive,
 )
+from dolfinx_signorini.pictures.contact_boundary import AlongDirection
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
@@ -29,38 +29,6 @@ from dolfinx_signorini.problem.values import Data
 
 if TYPE_CHECKING:
     from dolfinx_signorini.pictures.picture import Picture
-
-
-@dataclass
-class AlongDirection:
-    """The contact of a displacement along the direction of the obstacle, as that of a scalar.
-
-    What draws and gathers the contact boundary of scalar problems takes the object:
-
-        boundary = gather_contact_boundary(problem.along_direction)
-
-    Attributes:
-        space: The scalar space of one component.
-        u: The displacement u.d at the contact nodes, 0 elsewhere.
-        gap, pressure: As those of the problem.
-        contact: The contact facets that this rank knows.
-        fixed_dofs: The contact nodes that Dirichlet data hold.
-        directions: The unit vectors d at the contact nodes, 0 elsewhere.
-        distance: The distance at rest from each contact node to the obstacle along d, 0 elsewhere.
-        sign: -1, as of an upper obstacle.
-        unknown: The name of u, as matplotlib sets it.
-    """
-
-    space: fem.FunctionSpace
-    u: fem.Function
-    gap: fem.Function
-    pressure: fem.Function
-    contact: LocalIndices
-    fixed_dofs: LocalIndices
-    directions: fem.Function
-    distance: fem.Function
-    sign: float = -1.0
-    unknown: str = r"u \cdot d"
 
 
 class ContactProblem(BoundConstrainedProblem):
