@@ -30,9 +30,6 @@ def draw_problem(
     problem: Solved,
     what: str,
     sides: Mapping[str, LocalIndices] | None,
-    parts: Mapping[str, LocalIndices] | None = None,
-    styles: Mapping[str, Mapping[str, Any]] | None = None,
-    title: str = "",
 ) -> Picture | None:
     """Return a picture of a solved problem on rank 0, and None on the others.
 
@@ -40,7 +37,6 @@ def draw_problem(
         problem: The problem; the call is collective.
         what: "contact" for gap and pressure, "solution" for u with the facets in contact.
         sides: Facets by the name of their side.
-        parts, styles, title: See `draw_solution`; the contact boundary by default.
 
     Raises:
         InputError: There is no such picture, or the problem is one on a line.
@@ -52,9 +48,8 @@ def draw_problem(
     boundary = gather_contact_boundary(problem, sides)
     if what == "contact":
         return None if boundary is None else draw_contact(boundary)
-    if parts is None or styles is None:
-        parts, styles = {"contact boundary": problem.contact}, {"contact boundary": CONTACT}
-    return draw_solution(problem.u, boundary, parts, styles, title=title)
+    name = "contact boundary"
+    return draw_solution(problem.u, boundary, {name: problem.contact}, {name: CONTACT})
 
 
 def draw_solution(

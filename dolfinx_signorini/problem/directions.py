@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import basix
 import numpy as np
-from dolfinx import fem, mesh
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
@@ -201,8 +201,3 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
         assert np.array_equal(nodal.dofmap.list, space.dofmap.list)
         space._scalar = nodal  # type: ignore[attr-defined]
     return nodal
-
-
-def is_vector(space: fem.FunctionSpace, domain: mesh.Mesh) -> bool:
-    """Return whether the functions of a space are vectors with a component for each coordinate."""
-    return bool(space.dofmap.bs == domain.geometry.dim > 1)
