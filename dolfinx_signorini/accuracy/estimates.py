@@ -28,7 +28,7 @@ from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
@@ -169,7 +169,7 @@ class Estimator:
         )
 
     def _somewhere(self, cells: Mask) -> bool:
-        return self._comm.allreduce(bool(cells.any()), op=MPI.LOR)
+        return anywhere(self._comm, cells)
 
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.

@@ -14,12 +14,11 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
@@ -122,7 +121,7 @@ def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST
         marks = np.zeros(len(owned_cells(sided.mesh)), dtype=bool)
         for fit in fits:
             marks |= fit.marks(sided.mesh)
-        if not comm.allreduce(bool(marks.any()), op=MPI.LOR):
+        if not anywhere(comm, marks):
             return Resolved(sided, tuple(notes))
         refinement = refined(sided, np.flatnonzero(marks).astype(np.int32))
         if comm.allreduce(len(refinement.parents)) > max_cells:
@@ -175,7 +174,7 @@ class _Interpolation:
 
     def rough(self, domain: mesh.Mesh) -> bool:
         """Whether some cell is too large for the datum; the call is collective."""
-        return bool(domain.comm.allreduce(bool(self.marks(domain).any()), op=MPI.LOR))
+        return anywhere(domain.comm, self.marks(domain))
 
     def follow(self, domain: mesh.Mesh, parents: LocalIndices) -> None:
         """Go on to a refined mesh.

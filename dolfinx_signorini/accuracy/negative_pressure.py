@@ -22,7 +22,6 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.accuracy.cells import collected
@@ -34,7 +33,7 @@ from dolfinx_signorini.accuracy.contact_ends import (
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.ranks import anywhere, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.points import Points
@@ -58,7 +57,7 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     pairs, dofs, touching = contact_on_entities(problem)
     fixed = marked(space, problem.system.layout.held_nodes)[dofs]
     held = touching.any(axis=1) & ~fixed.any(axis=1)
-    if not problem.comm.allreduce(bool(held.any()), op=MPI.LOR):
+    if not anywhere(problem.comm, held):
         return np.zeros((2, solved.count))
     lattice = facet_lattice(space)
     (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(problem))

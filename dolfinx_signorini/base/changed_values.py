@@ -7,6 +7,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.base.ranks import anywhere
+
 
 class Watch:
     """Notices changed values of the Constants and Functions in a form.
@@ -32,7 +34,7 @@ class Watch:
         digest = self._read()
         changed = digest != self._digest
         self._digest = digest
-        return bool(comm.allreduce(changed, op=MPI.LOR))
+        return anywhere(comm, changed)
 
     def _read(self) -> bytes:
         digest = hashlib.sha256()  # processors have instructions for it

@@ -52,6 +52,11 @@ def highest(comm: MPI.Comm, values: npt.NDArray[np.floating[Any]]) -> float:
     return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
 
 
+def anywhere(comm: MPI.Comm, marks: bool | np.bool_ | Mask) -> bool:
+    """Return whether something holds on some rank: a truth, or one of many marks; collective."""
+    return bool(comm.allreduce(bool(np.any(marks)), op=MPI.LOR))
+
+
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> Mask:
     """Return which dofs of this rank, ghosts included, some rank names; the call is collective."""
     return summed(space.dofmap.index_map, dofs) > 0.0

@@ -23,6 +23,7 @@ from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
 from dolfinx_signorini.bounds.cell_pressure import Pressing, free_pressure, without_pressure
@@ -115,7 +116,7 @@ def better_fluxes(
     found, loads, kept = improved(comm, part, start, finer)
     rest = data.sides != 0
     rest[cells[kept]] = False
-    if solved.problem.in_domain and not (outlet or comm.allreduce(bool(rest.any()), op=MPI.LOR)):
+    if solved.problem.in_domain and not (outlet or anywhere(comm, rest)):
         return None
     energy = np.maximum((loads * part.rises).sum(axis=1), 0.0)
     energy += contact_energy(points, gap, found, finer.degree)

@@ -9,9 +9,9 @@ The proof is in docs/method/energy_bound.md.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
@@ -142,7 +142,7 @@ def without_defects(
     changed, reason = moments, ""
     while True:  # cells lose their pressure in each round but the first, or the search ends
         pulled = _pulled(data, changed, ends)
-        more = solved.comm.allreduce(bool(pulled.any()), op=MPI.LOR)
+        more = anywhere(solved.comm, pulled)
         if changed is not moments and not more:
             return data, changed, reason
         data = without_pressure(data, pulled)
@@ -161,9 +161,9 @@ def _carried(
     comm, exits = solved.comm, data.kinds == DIRICHLET
     moments, ends = moments.copy(), ends | (data.sides != 0)
     wanted = np.where(ends, 0.0, -_defects(data, moments))
-    if not comm.allreduce(bool((wanted != 0.0).any()), op=MPI.LOR):
+    if not anywhere(comm, wanted != 0.0):
         return moments, ""
-    if not comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+    if not anywhere(comm, ends.any() or exits.any()):
         contact = data.kinds >= OPEN
         force = comm.allreduce(float(moments[contact, 0].sum()))
         factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or np.inf)

@@ -12,11 +12,11 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
@@ -148,7 +148,7 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     lifted = lifted_energy(solved, near.change)
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
-    outlet = solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR)
+    outlet = anywhere(solved.comm, ends.any() or exits.any())
     more = reference, pressing, (points, gap), outlet
     better = better_fluxes(solved, data, moments, *more) if in_cells else None
     if better is not None:
@@ -229,7 +229,7 @@ def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     size = longest_side(solved.comm, solved.frames.domain.geometry.x)
     least = size / np.sqrt(scales.lowest)
     ends = np.asarray(scales.l2_weight <= least)
-    if solved.comm.allreduce(bool(ends.any() or exits.any()), op=MPI.LOR):
+    if anywhere(solved.comm, ends.any() or exits.any()):
         return ends
     return np.asarray(scales.least_reaction > 0.0)
 
@@ -238,7 +238,7 @@ def _mean_constant(
     solved: Solved, scales: CellScales, kinds: Indices, stray: Array, ends: Mask
 ) -> tuple[float, list[str]]:
     """The constant of Friedrichs where unknown means matter, and why none is found."""
-    if not solved.comm.allreduce(bool((stray[~ends] > 0.0).any()), op=MPI.LOR):
+    if not anywhere(solved.comm, stray[~ends] > 0.0):
         return 0.0, []
     lowest, reaction = scales.lowest, scales.least_reaction
     constant = friedrichs(solved.comm, solved.frames, kinds, ends, lowest, reaction)

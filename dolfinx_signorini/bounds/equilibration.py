@@ -7,10 +7,9 @@ of given shapes that are nowhere negative are taken instead.
 
 import numpy as np
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.ranks import anywhere, summed
 from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData, vertices_of
 from dolfinx_signorini.bounds.patch_groups import FREE, HALF, SPREAD
 from dolfinx_signorini.bounds.patches import patch_fluxes
@@ -40,7 +39,7 @@ def equilibrated(domain: mesh.Mesh, data: CellData, reference: ReferenceFlux) ->
         half = patches.marked(vertices_of(pulls & (data.kinds == PARTLY)))
         spread = patches.marked(vertices_of(pulls & (data.kinds == CLOSED)))
         modes = np.maximum(patches.modes, np.where(spread, SPREAD, np.where(half, HALF, FREE)))
-        if not domain.comm.allreduce(bool((modes > patches.modes).any()), op=MPI.LOR):
+        if not anywhere(domain.comm, modes > patches.modes):
             return moments
         moments = patches.solve(modes)
 

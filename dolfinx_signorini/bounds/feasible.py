@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import basix
 import numpy as np
 from dolfinx import fem
-from mpi4py import MPI
 from ufl.algorithms.analysis import extract_coefficients
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import highest, largest, marked
+from dolfinx_signorini.base.ranks import anywhere, highest, largest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN
@@ -194,7 +193,7 @@ def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: 
         nodal.interpolate(change)
         nodal.x.array[~met] = 0.0
         change = nodal
-    loose = solved.comm.allreduce(loose, op=MPI.LOR)
+    loose = anywhere(solved.comm, loose)
     return Feasible(
         change, missing=LOOSE * loose, notes=_unknown(solved, degree) + (BEYOND,) * held
     )
@@ -312,7 +311,7 @@ def _on_facets(solved: Solved, kinds: Indices) -> Feasible:
         far |= bool((lack > tiny).any()) and not on_contact
     series = parts[-1][1]
     far |= bool((lowest(1, order, -series) < -tiny).any())
-    far, loose = (comm.allreduce(each, op=MPI.LOR) for each in (far, loose))
+    far, loose = (anywhere(comm, each) for each in (far, loose))
     change, notes = fem.Function(problem.space), _unknown(solved, order)
     if known(problem.obstacle_data, solved.degree) and not far and rest.dirichlet is None:
         return Feasible(change, notes=notes)
@@ -336,7 +335,7 @@ def _raised(solved: Solved, kinds: Indices, near: Feasible) -> Feasible:
     hats = _hats(points.owners, local, lack)
     sides = frames.local_facets[kinds == DIRICHLET].astype(np.int32)
     fixed = hats.x.array[dofs_on_facets(hats.function_space, sides)]
-    if solved.comm.allreduce(bool((fixed > 0.0).any()), op=MPI.LOR):
+    if anywhere(solved.comm, fixed > 0.0):
         return Feasible(change, notes=(OBSTACLE.format("facets"), *near.notes))
     more = fem.Function(change.function_space)
     more.interpolate(hats)

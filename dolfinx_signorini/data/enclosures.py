@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
 from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, Numbers, subdivide
@@ -96,7 +97,7 @@ def nowhere_negative(comm: MPI.Comm, formula: Formula, corners: Array, tiny: flo
         return open_, [open_]
 
     levels = subdivide(corners, np.arange(len(corners)), look, comm, MOST_PIECES)
-    return not comm.allreduce(any([bool(left.any()) for *_, (left,) in levels]), op=MPI.LOR)
+    return not anywhere(comm, any([bool(left.any()) for *_, (left,) in levels]))
 
 
 @np.errstate(all="ignore")

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
@@ -130,7 +131,7 @@ class _ControlledSum:
         limit = allowed(self._p)
         within, alone = bool(estimates[0] <= limit), np.abs(differences) > limit / FEWEST
         self.estimate = float(estimates[0] / self._p)
-        self.resolved = within and not self._comm.allreduce(bool(alone.any()), op=MPI.LOR)
+        self.resolved = within and not anywhere(self._comm, alone)
         # Half of the tolerance is for what is kept, the rest for the parts that are divided.
         good = np.flatnonzero(estimates <= (1.0 if within else 0.5) * limit)
         return np.asarray(alone | (bins < (good[0] if len(good) else HALVINGS)))

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from scipy.spatial import KDTree
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import SAMPLE
@@ -177,14 +177,14 @@ class Maxima:
             # Next to a point without a value all samples of a box but one may be farther away.
             holes = (values[tops >= (1.0 - HALF_OF_THE_DIGITS) * maxima[-1]] < 0.0).any()
             settled = step >= FIRST and maxima[-1] <= (1.0 + HALF_OF_THE_DIGITS) * maxima[-5]
-            if settled and not self._comm.allreduce(bool(holes), op=MPI.LOR):
+            if settled and not anywhere(self._comm, holes):
                 break
             radius, limit = SHRINKING * radius, max(limit // 2, FOLLOWED)
             kept = _largest(self._comm, tops, limit)
             places, at, tops = places[kept], at[kept], tops[kept]
         top = np.flatnonzero(tops >= (1.0 - HALF_OF_THE_DIGITS) * maxima[-1])[:1]
         grows = len(top) > 0 and self._grows(places[top], at[top], kind)
-        if self._comm.allreduce(grows, op=MPI.LOR):
+        if anywhere(self._comm, grows):
             raise FloatingPointError(f"{name} is infinite: the error grows without bound")
         return maxima[-1]
 

@@ -11,13 +11,13 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.problem import checks, held
@@ -140,7 +140,7 @@ class Assembly:
         matrix = changed[0] or matrix or self._refused
         load = changed[1] or matrix or load
         moved = bool((data != old.fixed_values).any())
-        if not self.comm.allreduce(load or moved, op=MPI.LOR):
+        if not anywhere(self.comm, load or moved):
             return replace(old, obstacle=obstacle)
         self._refused = True
         made = self._assembled(old, (obstacle, data), matrix)

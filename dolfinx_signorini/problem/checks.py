@@ -13,6 +13,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
     control_points,
@@ -54,7 +55,7 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
     if len(obstacles) < 2:
         return list(obstacles)
     comm, (lower, upper) = layout.space.mesh.comm, obstacles
-    if not comm.allreduce(bool((lower > upper).any()), op=MPI.LOR):
+    if not anywhere(comm, lower > upper):
         return list(obstacles)
     size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)
     size = comm.allreduce(float(size), op=MPI.MAX)
@@ -104,7 +105,7 @@ def clamped(
     moved[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
     if is_bernstein(space):
         beyond[~_at_vertices(space, dofs[i])] = 0.0
-    if not comm.allreduce(bool((beyond > 0.0).any()), op=MPI.LOR):
+    if not anywhere(comm, beyond > 0.0):
         return moved
     sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
     size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())

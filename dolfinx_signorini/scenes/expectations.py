@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
@@ -148,7 +148,7 @@ def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
             cells = broken_cells([entry], domain)
             x = np.asarray(domain.geometry.x, dtype=np.float64)
             found |= jumps_in_cells(entry, x[domain.geometry.dofmap[cells]])
-    return bool(domain.comm.allreduce(found, op=MPI.LOR))
+    return anywhere(domain.comm, found)
 
 
 def _endless(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
@@ -226,7 +227,7 @@ def _hold_loose(system: System, measure: NaturalResidual, x: PETSc.Vec, held: Ma
         free = [still @ still.T for _, still in loose.parted(dofs[held])]
         moved = np.einsum("ni,nij->nj", rows, np.array(free)[numbers])
         stops = np.linalg.norm(moved, axis=1) > HALF_OF_THE_DIGITS
-        if not system.comm.allreduce(bool(stops.any()), op=MPI.LOR):
+        if not anywhere(system.comm, stops):
             return held
         defect = measure.defect(x)
         largest = np.full(len(free), -np.inf)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
@@ -228,7 +228,7 @@ def _settled(
     if measure(x) <= measure.rtol or rough:
         return guess.held
     doubtful = guess.doubtful | ((measure.defect(x) > 0.0) != guess.held)
-    if not system.comm.allreduce(bool(doubtful.any()), op=MPI.LOR):
+    if not anywhere(system.comm, doubtful):
         return guess.held
     return active_in_patch(system, x, measure.multiplier, guess.held, system.contact_dofs[doubtful])
 

@@ -10,11 +10,10 @@ steps, which settle the set.
 
 import numpy as np
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.base.ranks import anywhere, marked
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.solvers.linear.direct import is_small
 from dolfinx_signorini.solvers.patch import LARGE, RINGS, active_in_patch, patch_dofs
@@ -136,7 +135,7 @@ def settled(system: System, x: PETSc.Vec, held: Mask) -> Mask:
     system.set_forces(x, residual)
     update = active_in_patch(system, x, residual, held, _ends(system, held))
     residual.destroy()
-    return update if system.comm.allreduce(bool(update.any()), op=MPI.LOR) else held
+    return update if anywhere(system.comm, update) else held
 
 
 def _ends(system: System, held: Mask) -> LocalIndices:

@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base import kernels
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.solvers.components import Components, Loose, components
 from dolfinx_signorini.solvers.densities import Densities
@@ -311,7 +312,7 @@ class System:
             moved = bool(self._loop("places", x, held, x.array_w)) or moved
         moved = moved or bool((x.array_r[self.fixed_dofs] != self.fixed_values).any())
         x.array_w[self.fixed_dofs] = self.fixed_values
-        return bool(self.comm.allreduce(moved, op=MPI.LOR))
+        return anywhere(self.comm, moved)
 
     def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
         """Return whether x is at the obstacle, or beyond, for each constraint of this rank."""

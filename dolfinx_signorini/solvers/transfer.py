@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.compat import owners_of_points
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import prolong_on_cells
@@ -97,7 +98,7 @@ def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:
             padding *= _coarse_size(source)
             data = fem.create_interpolation_data(target, source, cells, padding=padding)
             outside = bool((owners_of_points(data) < 0).any())
-            if not source.mesh.comm.allreduce(outside, op=MPI.LOR):
+            if not anywhere(source.mesh.comm, outside):
                 break
     for old, new in pairs:
         if data is None:

@@ -14,9 +14,9 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
@@ -111,7 +111,7 @@ def _rough(domain: mesh.Mesh, middles: Array, nodes: Array) -> Mask:
 def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:
     """The measure with the larger rule on rough cells, and the smaller one on the others."""
     small = _interior(domain, 2 * degree)
-    if not domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
+    if not anywhere(domain.comm, rough):
         return _dx(domain, small)
     parts = [(k, np.flatnonzero(rough == k).astype(np.int32)) for k in (False, True)]
     dx = ufl.Measure("dx", domain, subdomain_data=[(int(k), cells) for k, cells in parts])

@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, UPWARDS
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
@@ -102,7 +101,7 @@ class KnownData:
         sampled = self.rest.sampled
         if self.solution is not None:
             entries = self.scene.diffusion_entries
-            if self._any(not load_is_a_function(self.solution, entries, self.corners)):
+            if anywhere(self.comm, not load_is_a_function(self.solution, entries, self.corners)):
                 sampled = (*sampled, KINKED)
         return self.terms, replace(
             self.rest,
@@ -132,7 +131,7 @@ class KnownData:
         if formula is None:
             return
         low, high = enclosed_on_simplices(formula, self.corners)
-        if self._any(np.isinf(low) | np.isinf(high)):
+        if anywhere(self.comm, np.isinf(low) | np.isinf(high)):
             return
         require(self.comm, bool((high >= 0.0).all()), "negative at some point", "reaction")
         tiny = ROUNDING * highest(self.comm, high)
@@ -155,7 +154,7 @@ class KnownData:
             weights = np.stack((FACET * inner[at], outer[at])) * share
             found = approximated(formula, self.comm, corners, degree, weights, self.tolerance)
             self.hidden = max(self.hidden, found.hidden)
-            if self._any(~np.isfinite(found.missed)):
+            if anywhere(self.comm, ~np.isfinite(found.missed)):
                 return
             coefficients[at] += factors[:, None] * found.coefficients
             missed[at] += share * found.missed
@@ -209,7 +208,7 @@ class KnownData:
         found = self._on_boundary(kind, degree)
         for value, cells, facets, corners in found if self.d == 2 else ():
             result[:, cells, facets] = missed_by_interpolation(value, corners, degree)
-        known = self.d == 2 and len(found) > 0 and not self._any(np.isinf(result))
+        known = self.d == 2 and len(found) > 0 and not anywhere(self.comm, np.isinf(result))
         return result if known else None
 
     def _obstacle_in_space(self) -> tuple[FacetPolynomials, Array] | None:
@@ -220,7 +219,7 @@ class KnownData:
         for value, cells, facets, corners in found:
             both = followed_in_parts(value, corners, degree)
             coefficients[cells, facets], missed[cells, facets] = both
-        known = len(found) > 0 and not self._any(np.isinf(missed))
+        known = len(found) > 0 and not anywhere(self.comm, np.isinf(missed))
         return (FacetPolynomials(degree, coefficients), missed) if known else None
 
     def _obstacles_in_cells(self) -> tuple[tuple[fem.Function, Array] | None, ...]:
@@ -243,7 +242,7 @@ class KnownData:
                 coefficients[cells], missed[cells] = both
                 if is_polynomial(chosen, self.domain, degree):
                     missed[cells] = 0.0
-        if self._any(np.isinf(missed)):
+        if anywhere(self.comm, np.isinf(missed)):
             return None
         return cell_function(self.domain, coefficients, degree), missed
 
@@ -284,7 +283,7 @@ class KnownData:
             mean[cells] = found.mean + share * part.apart
             hidden = math.hypot(hidden, found.hidden)
         self.hidden = max(self.hidden, hidden)
-        if self._any(~np.isfinite(missed)):
+        if anywhere(self.comm, ~np.isfinite(missed)):
             return False
         missed *= np.sqrt(self.frames.volumes)
         data = cell_function(self.domain, coefficients, degree)
@@ -312,6 +311,3 @@ class KnownData:
             result.append(_OneSided(part.cells[thin], chosen, shares, apart[thin]))
         zeros = np.zeros(int(cut.sum()))
         return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]
-
-    def _any(self, marks: Mask | bool) -> bool:
-        return bool(self.comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from ufl import SpatialCoordinate, as_matrix
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
@@ -60,11 +60,11 @@ def with_known_diffusion(
         data, missed = _polynomials(domain, corners, entries, own, degree)
         inverses, inverse_missed = _polynomials(domain, corners, others, inverse, degree)
         far = (missed > FINE * least) | (inverse_missed * least > FINE)
-        if not domain.comm.allreduce(bool(far.any()), op=MPI.LOR):
+        if not anywhere(domain.comm, far):
             break
     rough = ~(missed < ROUGH * least) | ~np.isfinite(inverse_missed)
     rough |= ~(thin[1] > 0.0) | ~np.isfinite(largest + thin[2])
-    if domain.comm.allreduce(bool(rough.any()), op=MPI.LOR):
+    if anywhere(domain.comm, rough):
         return terms, Remainders()  # the notes of a bound tell
     n = len(scene.diffusion)
     matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
