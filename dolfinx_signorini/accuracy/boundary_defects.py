@@ -50,7 +50,7 @@ from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
-from dolfinx_signorini.problem.values import Data, called, evaluator
+from dolfinx_signorini.problem.values import Data, called_at, evaluator
 from dolfinx_signorini.solvers.result import SolveResult
 
 # The least degree of elements that see the obstacle in cells: of the largest distance to a kink at
@@ -250,7 +250,4 @@ def _values(data: Data, points: Points, formulas: dict[Expr, FormulaAtPoints]) -
             formulas[data] = FormulaAtPoints(points.domain, [data])
         return formulas[data](points)[0]
     assert callable(data)
-    shape = points.x[0].shape
-    x = np.zeros((3, points.x[0].size))
-    x[: len(points.x)] = [coordinate.ravel() for coordinate in points.x]
-    return called(points.domain.comm, data, x).reshape(shape)
+    return called_at(data, points)

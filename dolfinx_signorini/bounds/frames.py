@@ -24,7 +24,7 @@ from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.polynomials import barycentric, polynomials
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-from dolfinx_signorini.problem.values import Data, called
+from dolfinx_signorini.problem.values import Data, called_at
 
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
@@ -209,7 +209,7 @@ def datum(domain: mesh.Mesh, item: Data) -> Callable[[Points], Array]:
         value = np.full((1, 1), float(item))
         return lambda points: value
     if callable(item) and not isinstance(item, Expr):
-        return lambda points: _called(domain, item, points)
+        return functools.partial(called_at, item)
     if extract_type(item, (Coefficient, GeometricQuantity)) <= {x, FacetNormal(domain)}:
         formula = FormulaAtPoints(domain, [item])
         return lambda points: formula(points)[0]
@@ -221,13 +221,6 @@ def datum(domain: mesh.Mesh, item: Data) -> Callable[[Points], Array]:
         return np.array(values.reshape(len(points.places), len(points.at), 2)[:, :, 0])
 
     return compiled_at
-
-
-def _called(domain: mesh.Mesh, item: Callable[[Array], Array], points: Points) -> Array:
-    places = points.x
-    x = np.zeros((3, places[0].size))
-    x[: len(places)] = [place.ravel() for place in places]
-    return called(domain.comm, item, x).reshape(places[0].shape)
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

@@ -22,6 +22,7 @@ from dolfinx_signorini.meshes.elements import (
     is_bernstein,
     nodal_space,
 )
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
 
 Data: TypeAlias = float | Expr | fem.Function | Callable[[Array], Array]
@@ -99,6 +100,13 @@ def _coefficients(
         return coefficients_of(space, values, cells)[dofs]
 
     return evaluate
+
+
+def called_at(value: Callable[[Array], Any], points: Points) -> Array:
+    """Return the values of a callable, see `called`, of shape (places, points); collective."""
+    shape, x = points.x[0].shape, np.zeros((3, points.x[0].size))
+    x[: len(points.x)] = [coordinate.ravel() for coordinate in points.x]
+    return called(points.domain.comm, value, x).reshape(shape)
 
 
 def called(
