@@ -4,7 +4,6 @@ Source: Nocedal and Wright, Numerical Optimization, 2006, Section 16.6 (predicto
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,13 +12,8 @@ from scipy.sparse.linalg import splu
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
+from dolfinx_signorini.solvers.linear.projected import SYMMETRIC
 
-# Of SuperLU, for positive definite matrices: the factors have half of the entries.
-SYMMETRIC: dict[str, Any] = {
-    "permc_spec": "MMD_AT_PLUS_A",
-    "diag_pivot_thresh": 0.0,
-    "options": {"SymmetricMode": True},
-}
 # By dimension: entries of the matrices of all cells of a program. In space the factors fill up
 # faster: the bowl with P1 on the cube has programs of this size up to 14 cells per side, and its
 # bound without them is 1.15 times the error with 16.

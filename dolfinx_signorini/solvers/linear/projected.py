@@ -21,7 +21,8 @@ from dolfinx_signorini.solvers.system import System
 # Of all dofs: a local solve with more of them costs more than the iterations that it saves. On
 # meshes graded towards a point the usual layers around the point are nearly the whole mesh.
 LARGE = 0.05
-# Of SuperLU, for positive definite matrices: no pivoting, and an order for symmetric patterns.
+# Of SuperLU, for positive definite matrices: no pivoting, and an order for symmetric patterns; the
+# factors have half of the entries.
 SYMMETRIC: dict[str, Any] = {
     "permc_spec": "MMD_AT_PLUS_A",
     "diag_pivot_thresh": 0.0,
