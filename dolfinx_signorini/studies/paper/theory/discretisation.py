@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import ufl
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.terms import assembled
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
@@ -75,7 +76,7 @@ class Discretisation(SignoriniProblem):
         self.forms = h1_product(space), self._product(v) - flux
         super().__init__(*self.forms, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
-        self.flux, self.load = assembled(flux), fem.Function(space)
+        self.flux, self.load = assembled(flux, space), fem.Function(space)
         self.system.fill(self.load, self.b)
         self.moments = self.load.copy()
         self.moments.x.array[:] += self.flux.x.array
@@ -177,15 +178,6 @@ class Discretisation(SignoriniProblem):
         return integrated(integrand, domain, "ds", facets, points, FINE_RULE, NEAR_FACET_RULE)
 
 
-def assembled(form: ufl.Form) -> fem.Function:
-    """Return the values of a linear form for the basis functions of its space, as coefficients."""
-    result = fem.Function(form.arguments()[0].ufl_function_space())
-    fem.assemble_vector(result.x.array, compiled.form(form))
-    result.x.scatter_reverse(la.InsertMode.add)
-    result.x.scatter_forward()
-    return result
-
-
 def integrated(
     integrand: Expr,
     domain: mesh.Mesh,
@@ -217,13 +209,6 @@ def integral(form: ufl.Form) -> float:
     """Return the value of a form without arguments, the same on all ranks."""
     made = compiled.form(form)
     return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
-
-
-def difference(v: fem.Function, w: fem.Function) -> fem.Function:
-    """Return v - w for two functions of one space."""
-    result = v.copy()
-    result.x.array[:] -= w.x.array
-    return result
 
 
 def near_cells(domain: mesh.Mesh, points: tuple[Point, ...]) -> LocalIndices:

@@ -15,6 +15,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -28,7 +29,6 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     THEORY_RTOL,
     Discretisation,
     cell_size,
-    difference,
     integral,
 )
 from dolfinx_signorini.studies.paper.theory.errors import expression_norms, second_seminorms

@@ -17,6 +17,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.terms import assembled, difference
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -25,9 +26,7 @@ from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     FINE_RULE,
     Discretisation,
-    assembled,
     cell_size,
-    difference,
     integral,
 )
 from dolfinx_signorini.studies.paper.theory.one_sided import edge_data, solve_linear_program
@@ -74,7 +73,7 @@ def check_obstacle_problem(discretisation: Discretisation) -> ObstacleCheck:
         minimum = min(float(flux @ y), 0.0)
     # The load integrated by itself against that of (S_h): (u, w)_H1 is (R_h(u), w)_H1.
     load = d.exact.load * ufl.TestFunction(d.space) * ufl.dx(metadata=FINE_RULE.metadata)
-    identity = d.norm(d.riesz(difference(assembled(load), d.load))) / supercloseness(d)
+    identity = d.norm(d.riesz(difference(assembled(load, d.space), d.load))) / supercloseness(d)
     return ObstacleCheck(identity, minimum, -float(flux @ data.u[:, 0]))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.stress_intensity import stress_intensity
+from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -26,7 +27,7 @@ from dolfinx_signorini.studies.paper.theory.boundary import (
     condition_a_h,
     runs,
 )
-from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
+from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation
 from dolfinx_signorini.studies.paper.theory.dual import dual_chains
 from dolfinx_signorini.studies.paper.theory.enclosures import dual_force_bound, enclosures
 from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, UnknownProblem

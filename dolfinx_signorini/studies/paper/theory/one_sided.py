@@ -25,12 +25,13 @@ from dolfinx import fem
 from scipy.optimize import linprog, nnls
 from scipy.sparse.linalg import splu
 
+from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
 from dolfinx_signorini.norms.fractional import SAMPLES
 from dolfinx_signorini.studies.paper.theory.boundary import ends_of
-from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation, difference
+from dolfinx_signorini.studies.paper.theory.discretisation import Discretisation
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base.errors import NotConvergedError
-from dolfinx_signorini.studies.paper.theory.discretisation import difference
 from dolfinx_signorini.studies.paper.theory.errors import supercloseness
 from dolfinx_signorini.studies.paper.theory.one_sided import (
     EdgeData,

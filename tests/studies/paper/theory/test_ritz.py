@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.terms import assembled, difference
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
@@ -19,8 +20,6 @@ from dolfinx_signorini.studies.paper.theory import errors
 from dolfinx_signorini.studies.paper.theory.discretisation import (
     THEORY_RTOL,
     Discretisation,
-    assembled,
-    difference,
     near_cells,
 )
 from dolfinx_signorini.studies.paper.theory.errors import check_obstacle_problem, supercloseness
@@ -131,7 +130,7 @@ def test_theorem_3_6(discretisation, name):
 def green_defect(d):
     """How far the load of a discretisation is from the paper's: the H^1 norm of its solution."""
     form = d.exact.load * ufl.TestFunction(d.space) * ufl.dx(metadata=PAPER_RULE.metadata)
-    return d.norm(d.riesz(difference(assembled(form), d.load)))
+    return d.norm(d.riesz(difference(assembled(form, d.space), d.load)))
 
 
 def test_the_load_is_the_papers(discretisation):
