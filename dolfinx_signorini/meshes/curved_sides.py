@@ -28,6 +28,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_nodes,
     longest_side,
     owned_cells,
+    owned_facets,
     simplex_sizes,
 )
 
@@ -162,8 +163,7 @@ class CurvedSides:
 
     def _facets(self, sided: SidedMesh, name: str) -> LocalIndices:
         """The facets of a side that this rank owns."""
-        facets, dim = sided.facets((name,)), sided.mesh.topology.dim - 1
-        return facets[facets < sided.mesh.topology.index_map(dim).size_local]
+        return owned_facets(sided.mesh, sided.facets((name,)))
 
     def _measure(self, sided: SidedMesh) -> float:
         """The length or area of the curved sides."""

@@ -226,6 +226,11 @@ def sampled(count: int, step: int) -> LocalIndices:
     return chosen[chosen < count].astype(np.int32)
 
 
+def owned_facets(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
+    """Return those of some facets of this rank that the rank owns."""
+    return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
+
+
 def facet_cells(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
     """Return boundary facets as (cell, local facet) pairs, shape (facets, 2).
 

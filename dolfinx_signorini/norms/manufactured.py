@@ -31,6 +31,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_cells,
     facet_vertices,
     owned_cells,
+    owned_facets,
     sampled,
 )
 from dolfinx_signorini.norms.references import Reference, interpolant
@@ -205,7 +206,7 @@ def matching_obstacle(
     pushed = (abs(values[:, 1]).reshape(-1, count) > SOLVED * force).any(axis=1)
     touching, contact = (
         marked(space, fem.locate_dofs_topological(space, tdim - 1, some))
-        for some in (_owned(domain, facets)[pushed], facets)
+        for some in (owned_facets(domain, facets)[pushed], facets)
     )
     g = interpolant(space, u, cells_with_dofs(space, contact))
     g.name, clear = "obstacle", ~touching
@@ -218,10 +219,6 @@ def _facet_points(domain: mesh.Mesh) -> Array:
     if domain.topology.dim == 2:
         return SAMPLES[:, None]
     return np.array([(a, b) for a in SAMPLES for b in SAMPLES if a + b <= 1.0])
-
-
-def _owned(domain: mesh.Mesh, facets: LocalIndices) -> LocalIndices:
-    return facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
 
 
 def _on_facets(
@@ -241,7 +238,7 @@ def _on_facets(
         found = compat.evaluate(expression, domain, pairs)
         return found.reshape(-1, len(points), len(values))
 
-    found = at_points(facet_cells(domain, _owned(domain, facets)))
+    found = at_points(facet_cells(domain, owned_facets(domain, facets)))
     # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.
     missing = ~np.isfinite(found).all(axis=2)
     require(

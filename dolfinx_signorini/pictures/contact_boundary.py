@@ -19,7 +19,12 @@ from dolfinx_signorini.meshes.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_cells, simplex_sizes
+from dolfinx_signorini.meshes.sided_meshes import (
+    facet_cells,
+    owned_cells,
+    owned_facets,
+    simplex_sizes,
+)
 from dolfinx_signorini.pictures.triangles import gathered
 
 # Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
@@ -221,8 +226,7 @@ def gather_contact_boundary(
     """
     space = problem.space
     domain = space.mesh
-    count = domain.topology.index_map(domain.topology.dim - 1).size_local
-    facets = problem.contact[problem.contact < count]
+    facets = owned_facets(domain, problem.contact)
     pairs = facet_cells(domain, facets)
     named: Indices = np.full(len(facets), -1)
     for number, part in enumerate((sides or {}).values()):

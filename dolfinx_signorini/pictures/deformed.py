@@ -21,7 +21,7 @@ from dolfinx_signorini.meshes.node_values import (
     values_in_cells,
     vectors_at_nodes,
 )
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, owned_facets
 from dolfinx_signorini.pictures.contact_boundary import (
     AlongDirection,
     ContactBoundary,
@@ -109,8 +109,7 @@ def _gather_boundary(
     rest, and the gap.
     """
     domain = space.mesh
-    count = domain.topology.index_map(domain.topology.dim - 1).size_local
-    pairs = facet_cells(domain, contact.contact[contact.contact < count])
+    pairs = facet_cells(domain, owned_facets(domain, contact.contact))
     used, (pieces, _) = np.unique(facet_dofs(space, pairs)), facet_pieces(space, pairs)
     gap = contact.gap.x.array
     distance = values_at_control_points(space, contact.distance.x.array)
@@ -122,9 +121,8 @@ def _gather_boundary(
 
 def _gather_outline(space: fem.FunctionSpace, moved: Array) -> tuple[Array, Array] | None:
     """The ends of the pieces of the boundary at rest, and their displacements, on rank 0."""
-    domain, facets = space.mesh, boundary_facets(space.mesh)
-    count = domain.topology.index_map(domain.topology.dim - 1).size_local
-    pieces, _ = facet_pieces(space, facet_cells(domain, facets[facets < count]))
+    pairs = facet_cells(space.mesh, boundary_facets(space.mesh))
+    pieces, _ = facet_pieces(space, pairs)
     used = np.unique(pieces)
     found = gathered(space, used, moved[used], pieces)
     return None if found is None else (found[0][found[2]], found[1][found[2]])

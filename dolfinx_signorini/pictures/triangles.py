@@ -65,8 +65,7 @@ def gather_rows(space: fem.FunctionSpace, rows: Array) -> Triangles | None:
         corners = cells[:, subtriangles(element.cell_type, element.degree)].reshape(-1, 3)
     else:
         facets = boundary_facets(space.mesh)
-        owned = facets[facets < topology.index_map(dim - 1).size_local]
-        corners, _ = facet_pieces(space, facet_cells(space.mesh, owned))
+        corners, _ = facet_pieces(space, facet_cells(space.mesh, facets))
     used = np.unique(corners)
     found = gathered(space, used, rows[used], corners)
     return None if found is None else Triangles(*found)

@@ -21,7 +21,7 @@ from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.sided_meshes import facet_cells
+from dolfinx_signorini.meshes.sided_meshes import facet_cells, owned_facets
 from dolfinx_signorini.problem.checks import place
 from dolfinx_signorini.problem.values import Data, evaluator
 from dolfinx_signorini.solvers.frames import Frame, turn_towards
@@ -155,8 +155,7 @@ def _evaluated(
 def _normals(nodal: fem.FunctionSpace, facets: LocalIndices) -> Array:
     """The mean outward normal of the facets around each dof of this rank, weighted by area."""
     domain, index_map = nodal.mesh, nodal.dofmap.index_map
-    owned = facets[facets < domain.topology.index_map(domain.topology.dim - 1).size_local]
-    pairs = facet_cells(domain, owned)
+    pairs = facet_cells(domain, owned_facets(domain, facets))
     element = nodal.element.basix_element
     kinds = basix.cell.subentity_types(element.cell_type)[domain.topology.dim - 1]
     rule = basix.make_quadrature(kinds[0], 2 * domain.geometry.cmap.degree)

@@ -20,7 +20,12 @@ from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    facet_cells,
+    owned_facets,
+)
 from dolfinx_signorini.norms.manufactured import (
     ManufacturedSolution,
     contact_violations,
@@ -258,10 +263,8 @@ def _numbered(terms: list[tuple[str, Expr, LocalIndices]], ds: ufl.Measure, firs
 def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measure:
     """Return a measure on parts of the boundary that are numbered from 0."""
     domain = sided.mesh
-    owned = domain.topology.index_map(domain.topology.dim - 1).size_local
-    pairs = [
-        (k, facet_cells(domain, facets[facets < owned]).flatten()) for k, facets in enumerate(parts)
-    ]
+    owned = (owned_facets(domain, facets) for facets in parts)
+    pairs = [(k, facet_cells(domain, facets).flatten()) for k, facets in enumerate(owned)]
     rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
     return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=rule.metadata)
 

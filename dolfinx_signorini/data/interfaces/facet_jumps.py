@@ -25,6 +25,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_cells,
     facet_vertices,
     longest_side,
+    owned_facets,
 )
 
 PARTS = 16  # of an edge, each of which may have a jump
@@ -48,8 +49,7 @@ def integrable_on_facets(
     if not is_singular(formula):
         return result
     dimension, cell = domain.topology.dim, basix.CellType[domain.topology.cell_name()]
-    owned = facets < domain.topology.index_map(dimension - 1).size_local
-    pairs = facet_cells(domain, np.unique(facets[owned]).astype(np.int32))
+    pairs = facet_cells(domain, np.unique(owned_facets(domain, facets)).astype(np.int32))
     vertices = facet_vertices(domain)
     corners = domain.geometry.x[domain.geometry.dofmap[pairs[:, :1], vertices[pairs[:, 1]]]]
     kind = basix.cell.subentity_types(cell)[dimension - 1][0]

@@ -22,7 +22,7 @@ from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_facets
 from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import (
     by_tag,
@@ -152,9 +152,8 @@ def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str, cell_tags: str)
     else:
         sided = _read_xdmf(comm, path, grid, tags, cell_tags)
     domain = sided.mesh
-    exterior = boundary_facets(domain)
-    owned = domain.topology.index_map(domain.topology.dim - 1).size_local
-    inner = any(not np.isin(f[f < owned], exterior).all() for f in sided.sides.values())
+    exterior, sides = boundary_facets(domain), sided.sides.values()
+    inner = any(not np.isin(owned_facets(domain, f), exterior).all() for f in sides)
     require(comm, not inner, f"{path.name}: a facet tag is on facets inside the domain", "domain")
     return sided
 
