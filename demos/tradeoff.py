@@ -6,8 +6,8 @@
 # Run it with `python3 demos/tradeoff.py`, or on two processes with `mpirun -n 2`.
 
 # %%
-from dolfinx_signorini.accuracy.adaptive import solve_adaptively
-from dolfinx_signorini.accuracy.report import found_lines, step_line
+from dolfinx_signorini.accuracy.adaptive import found_lines, solve_adaptively
+from dolfinx_signorini.accuracy.steps import step_line
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.paper.solution import paper_family
 from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2

@@ -283,3 +283,20 @@ def _first_mesh(
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
     return first_mesh(sided, data_on, known, most, stiffness, "pose"), known
+
+
+def found_lines(found: AdaptiveSolution) -> list[tuple[str, str]]:
+    """Return what was asked for and what came out, as pairs of name and text."""
+    request = found.request
+    asked = [] if request.accuracy is None else [f"error of {request.accuracy:g}"]
+    if request.budget is not None:
+        asked.append(f"{request.budget:g} s")
+    rows = [
+        ("asked for", f"{' or '.join(asked)}, {request.target.name}"),
+        ("came out", f"error about {found.estimate:.2e} (estimated)"),
+        ("because", found.stopped),
+    ]
+    for name, distance in found.polygonal.items():
+        text = f"side {name} as its facets are; a smooth curve is up to about {distance:.0e} away"
+        rows.append(("domain", text))
+    return rows

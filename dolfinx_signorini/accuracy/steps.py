@@ -28,6 +28,13 @@ class Step:
     seconds: float
 
 
+def step_line(step: Step) -> str:
+    """Return one step of the loop in words."""
+    return (
+        f"{step.unknowns:8d} unknowns, error about {step.estimate:.2e}, after {step.seconds:.2f} s"
+    )
+
+
 @dataclass(frozen=True)
 class Result:
     """What a step of the loop came to:

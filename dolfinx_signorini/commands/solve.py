@@ -8,8 +8,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.report import step_line
-from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Step, step_line
 from dolfinx_signorini.base.costs import cost_text
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, option_name
 from dolfinx_signorini.base.logs import Progress, log, say

@@ -10,8 +10,8 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.accuracy.adaptive import found_lines
 from dolfinx_signorini.accuracy.corners import places_below
-from dolfinx_signorini.accuracy.report import found_lines
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
