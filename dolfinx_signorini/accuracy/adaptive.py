@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_signorini.accuracy.data_errors import Reader
+from dolfinx_signorini.accuracy.estimates import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
 from dolfinx_signorini.accuracy.loop import REACHED, Loop, Pose, posed
 from dolfinx_signorini.accuracy.problem_data import (

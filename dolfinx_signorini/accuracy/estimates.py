@@ -6,7 +6,9 @@ comparison shows is added: the obstacle between the nodes, and data inside of ce
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,21 +22,27 @@ from dolfinx_signorini.accuracy.contact_ends import (
     rate_at_ends,
 )
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
-from dolfinx_signorini.accuracy.data_errors import Reader, data_errors
+from dolfinx_signorini.accuracy.cut_cells import cut_errors
 from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
+from dolfinx_signorini.accuracy.kinks import kink_errors
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
-from dolfinx_signorini.accuracy.terms import Solved
+from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
+from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.sectors import LOGARITHM
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
+
+# Returns what is known of the coefficients of a problem.
+Reader: TypeAlias = Callable[[BoundConstrainedProblem], Coefficients]
 
 
 class Estimator:
@@ -244,3 +252,18 @@ class Estimator:
         remaining = np.maximum(self.prediction.remaining, parts)
         self.prediction = replace(self.prediction, remaining=remaining)
         self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))
+
+
+def data_errors(read: Reader) -> Term:
+    """Return what jumps and kinks of data inside of cells leave in the error, as a term.
+
+    Args:
+        read: Returns the coefficients of a problem.
+    """
+
+    def term(solved: Solved, dual: Dual | None) -> Array:
+        data = read(solved.fine)
+        parts = cut_errors(solved, data), kink_errors(solved, data)
+        return joined(*parts, solved.target.power)
+
+    return term

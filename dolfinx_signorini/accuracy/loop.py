@@ -17,8 +17,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.data_errors import Reader
-from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.estimates import Estimator, Reader
 from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.steps import Request, Result, Step
