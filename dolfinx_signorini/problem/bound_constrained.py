@@ -38,9 +38,9 @@ from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
 from dolfinx_signorini.problem.held import check_free, warn_of_loose
 from dolfinx_signorini.problem.values import Data
+from dolfinx_signorini.solvers.cascade import check_method, checked_tolerance
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
-from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.system import Layout, System

@@ -1,5 +1,5 @@
 """The solvers: residual, TAO, the active set method, patches, and the cascade over levels."""
 
-from dolfinx_signorini.solvers.methods import METHODS
+from dolfinx_signorini.solvers.cascade import METHODS
 
 __all__ = ["METHODS"]

@@ -8,14 +8,16 @@ and TAO accepts the result. `solve_cascade` is the driver of all computations on
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
+import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.kinds import callable_, check, integer, optional, sequence
-from dolfinx_signorini.solvers.methods import check_method, checked_tolerance
 from dolfinx_signorini.solvers.pressure import ContactState
+from dolfinx_signorini.solvers.tao import METHODS as TAO_METHODS
 
+METHODS = ("cascade", *TAO_METHODS)
 COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch costs little
 RATIO = {2: 8, 3: 4}  # between levels; patch problems bridge a ratio of 8, but not of 11
 
@@ -194,3 +196,31 @@ def solve_cascade(
             with together(problem.comm, "on_level"):
                 on_level(problem)
     return problem
+
+
+def check_method(method: Any) -> None:
+    """Refuse what is no name of a solver.
+
+    Raises:
+        InputError: The subject is "method".
+    """
+    if not isinstance(method, str) or method not in METHODS:
+        raise InputError(f"unknown {method!r}, known are {', '.join(METHODS)}", "method")
+
+
+def checked_tolerance(rtol: Any, default: float, subject: str = "rtol") -> float:
+    """Return a tolerance between 0 and 1, or the default in place of None.
+
+    Args:
+        rtol: The tolerance, or None.
+        default: The default.
+        subject: The name of the argument.
+
+    Raises:
+        InputError: The tolerance is no number between 0 and 1.
+    """
+    if rtol is None:
+        return default
+    if not isinstance(rtol, int | float | np.number) or not 0.0 < rtol < 1.0:
+        raise InputError(f"must lie between 0 and 1, not {rtol}", subject)
+    return float(rtol)
