@@ -31,7 +31,7 @@ from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges, owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SPREAD = 1.7  # times what cut cells add: the cells around have part in the error, as measured
@@ -211,9 +211,9 @@ class _Cuts:
         whole = np.ones(count, dtype=bool)
         whole[self.cells] = False
         cells = np.flatnonzero(whole).astype(np.int32)
-        x = self.domain.geometry.x[self.domain.geometry.dofmap[cells]]
         dim = self.domain.topology.dim
-        middles, edges = x[..., :dim].mean(axis=1), cell_edges(self.domain, cells)
+        middles = cell_corners(self.domain, cells).mean(axis=1)
+        edges = cell_edges(self.domain, cells)
         centre = np.full((1, dim), 1.0 / (dim + 1.0))
         table = self.space.element.basix_element.tabulate(1, centre)[1:, 0, :, 0]
         slopes = self.u.x.array[self.space.dofmap.list[cells]] @ table.T

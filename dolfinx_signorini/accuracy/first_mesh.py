@@ -28,7 +28,7 @@ from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, longest_side, owned_cells
 
 MOST_CELLS = 3_000
 # What the deviation of a datum from polynomials may be, of its norm: in all cells, and
@@ -232,8 +232,7 @@ class _Cells:
     """
 
     def __init__(self, domain: mesh.Mesh):
-        x = domain.geometry.x[:, : domain.topology.dim]
-        self.corners: Array = np.asarray(x[domain.geometry.dofmap[owned_cells(domain)]], np.float64)
+        self.corners = cell_corners(domain)
         self.inverse = np.linalg.inv(self.corners[:, 1:] - self.corners[:, :1])
 
     def pulled_back(self, cells: npt.NDArray[np.int64], points: Array) -> Array:

@@ -29,7 +29,7 @@ from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.quadrature import interior_rule
-from dolfinx_signorini.meshes.sided_meshes import cell_edges
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -75,8 +75,7 @@ class _Kinks:
         domain, space = problem.space.mesh, problem.space
         element, dim = space.element.basix_element, domain.topology.dim
         self.edges = cell_edges(domain, cells)
-        x = np.asarray(domain.geometry.x[:, :dim], dtype=np.float64)
-        corners = x[domain.geometry.dofmap[cells]]
+        corners = cell_corners(domain, cells)
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
         nodal = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
         points, self.weights = interior_rule(kind, MAX_DEGREE).points(kind)

@@ -27,7 +27,7 @@ from dolfinx_signorini.base.tolerances import (
 )
 from dolfinx_signorini.meshes.balance import balanced
 from dolfinx_signorini.meshes.refinement import refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, owned_cells
 
 # By how much what measured rates say may be off, of errors, sizes and seconds.
 SAFETY = 1.3
@@ -223,8 +223,8 @@ class _Choice:
 
     def __init__(self, comm: MPI.Comm, prediction: Prediction, domain: mesh.Mesh):
         dimension = domain.topology.dim
-        x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
-        room = volumes(domain) ** (1.0 / dimension) / (ROUNDING * np.abs(x).max(axis=(1, 2)))
+        far = np.abs(cell_corners(domain)).max(axis=(1, 2))
+        room = volumes(domain) ** (1.0 / dimension) / (ROUNDING * far)
         self.comm, self.singular, self.power = comm, prediction.singular, prediction.power
         self.dimension, remaining = dimension, prediction.remaining
         largest = highest(self.comm, remaining) or 1.0

@@ -6,7 +6,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_corners
 from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
 
@@ -25,8 +25,7 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
         way from two steps on; None where nothing is drawn.
     """
     domain = found.sided.mesh
-    corners = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
-    parts = domain.comm.gather((corners[:, :, :2], found.cells))
+    parts = domain.comm.gather((cell_corners(domain)[:, :, :2], found.cells))
     if parts is None:
         return None
     plane, several = domain.topology.dim == 2, len(found.steps) > 1

@@ -37,6 +37,7 @@ from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
+    cell_corners,
     cells_near_ball,
     facet_cells,
     facet_nodes,
@@ -154,7 +155,7 @@ def _boundary(problem: SignoriniProblem) -> _Boundary:
     facets = boundary_facets(domain)
     pairs = facet_cells(domain, facets)
     dofs = facet_dofs(space, pairs)[:, :2]
-    cells = domain.geometry.x[domain.geometry.dofmap[pairs[:, 0]]][:, :, :2]
+    cells = cell_corners(domain, pairs[:, 0])
     ends = domain.geometry.x[facet_nodes(domain, facets)][:, :, :2]
     gaps = gap.x.array[dofs]
     obstacle = problem.u.x.array[dofs] - problem.sign * gaps

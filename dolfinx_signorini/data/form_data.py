@@ -21,6 +21,7 @@ from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import DEGREE, Datum
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
+    cell_corners,
     facet_cells,
     facet_vertices,
     owned_cells,
@@ -146,8 +147,7 @@ def _entities(integral: Any) -> LocalIndices:
 
 def on_cells(domain: mesh.Mesh, cells: LocalIndices) -> tuple[Array, LocalIndices]:
     """Return the vertices of cells, shape (cells, vertices, dimension), and the cells."""
-    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
-    return x[domain.geometry.dofmap[cells]], cells
+    return cell_corners(domain, cells), cells
 
 
 def on_boundary(domain: mesh.Mesh, facets: LocalIndices) -> tuple[Array, LocalIndices]:

@@ -148,6 +148,12 @@ def owned_cells(domain: mesh.Mesh) -> LocalIndices:
     return np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
 
 
+def cell_corners(domain: mesh.Mesh, cells: LocalIndices | None = None) -> Array:
+    """Return the nodes of cells, of all owned ones by default: (cells, nodes, coordinates)."""
+    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
+    return np.asarray(x[domain.geometry.dofmap[owned_cells(domain) if cells is None else cells]])
+
+
 def cell_edges(domain: mesh.Mesh, cells: LocalIndices) -> Array:
     """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
 
@@ -192,8 +198,8 @@ def clockwise(domain: mesh.Mesh, cells: LocalIndices) -> Mask:
     """
     if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
         return np.zeros(len(cells), dtype=bool)
-    x = domain.geometry.x[domain.geometry.dofmap[cells]]
-    (a, b), (c, d) = (x[:, 1] - x[:, 0])[:, :2].T, (x[:, 2] - x[:, 0])[:, :2].T
+    x = cell_corners(domain, cells)
+    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
     return np.asarray(a * d - b * c < 0.0)
 
 

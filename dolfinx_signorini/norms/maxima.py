@@ -21,7 +21,7 @@ from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, M
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.sided_meshes import SAMPLE
+from dolfinx_signorini.meshes.sided_meshes import SAMPLE, cell_corners
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, kind_of
 
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
@@ -159,7 +159,7 @@ class Maxima:
     def _around(self, point: tuple[float, ...]) -> Indices:
         """The rows of the places whose cells may contain a point."""
         domain, cells = self._error.domain, self._places
-        nodes = domain.geometry.x[domain.geometry.dofmap[cells if cells.ndim == 1 else cells[:, 0]]]
+        nodes = cell_corners(domain, cells if cells.ndim == 1 else cells[:, 0])
         low, high = (f(nodes[:, :, : len(point)], axis=1) for f in (np.min, np.max))
         margin = SOLVED * (high - low).max(axis=1, keepdims=True, initial=0.0)
         inside = (low - margin <= point) & (np.array(point) <= high + margin)

@@ -15,7 +15,7 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, entity_nodes, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, entity_nodes, owned_cells
 from dolfinx_signorini.norms.orders import SMOOTH
 from dolfinx_signorini.scenes.files.conditions import Dirichlet
 from dolfinx_signorini.scenes.files.scene import Scene
@@ -112,9 +112,7 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
         corner: The corner.
         domain: A mesh that has the corner as a vertex; the call is collective.
     """
-    count = len(owned_cells(domain))
-    x = domain.geometry.x[domain.geometry.dofmap[:count]][:, :3, :2]
-    offset = x - np.array(corner.point)
+    offset = cell_corners(domain)[:, :3, :2] - np.array(corner.point)
     distances = np.hypot(offset[:, :, 0], offset[:, :, 1])
     edges = offset[(distances <= SOLVED * distances.max(axis=1, keepdims=True)).any(axis=1)]
     middles = edges.mean(axis=1)

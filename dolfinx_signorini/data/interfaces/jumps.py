@@ -37,8 +37,8 @@ from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singul
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import (
+    cell_corners,
     longest_side,
-    owned_cells,
     sampled,
 )
 
@@ -82,7 +82,7 @@ def projected(
         return None
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    found = Projection(formula, domain, element, _corners(domain), poles_too)
+    found = Projection(formula, domain, element, cell_corners(domain), poles_too)
     cells, values = found.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return None
@@ -116,7 +116,7 @@ def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tu
         The vertices of the pieces, shape (pieces, vertices, coordinates), with the coordinates in
         the reference cell and in space side by side, and the cells of the pieces.
     """
-    cells = _Cells(domain, _corners(domain), formulas)
+    cells = _Cells(domain, cell_corners(domain), formulas)
     broken = cells.broken()
     pieces, owners, _ = zip(*cells.pieces(broken, degree), strict=True)
     return np.concatenate(pieces), broken[np.concatenate(owners)]
@@ -128,11 +128,7 @@ def broken_cells(formulas: Sequence[Formula], domain: mesh.Mesh) -> Indices:
     Args:
         formulas, domain: See `cut_cells`.
     """
-    return _Cells(domain, _corners(domain), formulas).broken()
-
-
-def _corners(domain: mesh.Mesh) -> npt.NDArray[np.floating]:
-    return domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    return _Cells(domain, cell_corners(domain), formulas).broken()
 
 
 class _Cells:
@@ -143,7 +139,7 @@ class _Cells:
 
     Args:
         domain: The mesh.
-        corners: The vertices of the cells, shape (cells, vertices, 3).
+        corners: The vertices of the cells, shape (cells, vertices, coordinates).
         formulas: The formulas that jump or have a kink at interfaces.
         denominators: What is zero at poles.
 

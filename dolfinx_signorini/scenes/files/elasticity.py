@@ -17,7 +17,7 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.jumps import integrable
 from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_corners
 from dolfinx_signorini.problem.elasticity import stress, von_mises, weighted_strain
 from dolfinx_signorini.scenes.domains.domain import Domain
 from dolfinx_signorini.scenes.files.condition import Setting
@@ -166,8 +166,7 @@ class Elasticity:
 def _check_values(domain: mesh.Mesh, name: str, formula: Formula, rule: Rule) -> None:
     """Refuse a formula with values, in the middles of cells, that do not obey a rule."""
     words, holds = rule
-    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
-    middles = x[domain.geometry.dofmap[: len(owned_cells(domain))]].mean(axis=1)
+    middles = cell_corners(domain).mean(axis=1)
     values = evaluated(formula.root, middles)
     wrong = np.flatnonzero(~holds(values))
     told = ""

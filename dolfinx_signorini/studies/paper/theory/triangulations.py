@@ -9,10 +9,9 @@ import numpy as np
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, simplex_sizes
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
@@ -53,7 +52,7 @@ def graded(comm: MPI.Comm, n: int) -> mesh.Mesh:
 
 def shape(domain: mesh.Mesh) -> float:
     """Return the largest diameter of a cell over the smallest one of an inscribed circle."""
-    x = _corners(domain)
+    x = cell_corners(domain)
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2)
     circles = 4.0 * simplex_sizes(x) / sides.sum(axis=1)
     return highest(domain.comm, sides) * highest(domain.comm, 1.0 / circles)
@@ -61,13 +60,8 @@ def shape(domain: mesh.Mesh) -> float:
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest angle of a cell in degrees."""
-    x = _corners(domain)
+    x = cell_corners(domain)
     before, behind = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     products = (before * behind).sum(axis=2)
     cosines = products / np.linalg.norm(before, axis=2) / np.linalg.norm(behind, axis=2)
     return highest(domain.comm, np.degrees(np.arccos(cosines)))
-
-
-def _corners(domain: mesh.Mesh) -> Array:
-    """The corners of the cells of this rank, shape (cells, 3, 2)."""
-    return np.asarray(domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)], :2])
