@@ -33,6 +33,7 @@ from dolfinx_signorini.accuracy.contact_ends import (
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
@@ -141,8 +142,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     ksp.solve(forces, x)
     density.x.array[owned] = x.array_r
     density.x.scatter_forward()
-    for item in (matrix, x, forces, ksp):
-        item.destroy()
+    destroy(matrix, x, forces, ksp)
     return density
 
 

@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.frames import Frames
 
@@ -97,6 +98,5 @@ def _solution(matrix: sp.csr_matrix, right: Array) -> Array:
     ksp.setOperators(A)
     ksp.solve(b, x)
     found = x.array.copy() if ksp.is_converged else 0.0 * right
-    for item in (A, b, x, ksp):
-        item.destroy()
+    destroy(A, b, x, ksp)
     return found

@@ -17,6 +17,7 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
@@ -189,8 +190,7 @@ class Assembly:
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         diagonal = A.getDiagonal()
         reach = float(b.norm(PETSc.NormType.NORM_1)) / _size(diagonal)
-        for item in (A, b, diagonal):
-            item.destroy()
+        destroy(A, b, diagonal)
         return reach
 
     def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:
@@ -220,8 +220,7 @@ class Assembly:
             turn = frame.matrix().transpose()
             turned = A.ptap(turn)
             turned.setBlockSize(self.layout.block)
-            for item in (A, turn):
-                item.destroy()
+            destroy(A, turn)
             if known is None:
                 return turned
             # PETSc reuses a product on several ranks for the same two factors only.

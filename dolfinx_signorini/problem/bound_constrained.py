@@ -25,6 +25,7 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.data.interfaces.piecewise_forms import warn_of_cut_coefficients
 from dolfinx_signorini.problem.arguments import (
     checked_space,
@@ -424,8 +425,7 @@ class BoundConstrainedProblem:
             system.fill(z, x)
             return z, self._layout.forces_at(np.where(held, linear.multiplier(x), 0.0))
         finally:
-            for item in (x, b):
-                item.destroy()
+            destroy(x, b)
 
     def costs(self) -> list[Cost]:
         """Return what this problem holds now, and the seconds of its phases; collective.
@@ -579,8 +579,7 @@ class BoundConstrainedProblem:
         self._free_solver()
         self._free_solution()
         if self._system is not None:
-            self._system.A.destroy()
-            self._system.b.destroy()
+            destroy(self._system.A, self._system.b)
         self._system = None
 
     def _solution(self) -> PETSc.Vec:

@@ -13,6 +13,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
@@ -204,8 +205,7 @@ def check_symmetry(A: PETSc.Mat) -> None:
     A.mult(x, product)
     defect = abs(forward - y.dot(product))
     comm = A.comm.tompi4py()
-    for vec in (x, y, product):
-        vec.destroy()
+    destroy(x, y, product)
     symmetric = defect <= SOLVED * size
     message = f"not symmetric, so that no energy is minimised; {SCOPE}"
     require(comm, symmetric, message, "form a")
@@ -235,8 +235,7 @@ def loose_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) 
     A.mult(x, product)
     energy, bound = x.dot(product), comm.allreduce(float(diagonal.sum()))
     sums = np.abs(product.array_r)
-    x.destroy()
-    product.destroy()
+    destroy(x, product)
     definite = energy >= -ROUNDING * bound
     require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
     if _held_in_all_cells(layout, sums > SOLVED * np.abs(diagonal)):
@@ -277,8 +276,7 @@ def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
         x.array_w[:] = (points[:, k] - lowest[k]) / sizes.max()
         A.mult(x, product)
         total += float(x.dot(product))
-    x.destroy()
-    product.destroy()
+    destroy(x, product)
     return total
 
 
@@ -326,8 +324,7 @@ def check_definite(A: PETSc.Mat, layout: Layout, diagonal: Array) -> None:
     hats.multTranspose(vector, weights)
     comm = layout.space.mesh.comm
     scale = np.concatenate(comm.allgather(weights.array_r.copy()))
-    for item in (hats, P, product, weights, vector):
-        item.destroy()
+    destroy(hats, P, product, weights, vector)
     coarse = comm.allreduce(coarse)
     used = scale > 0.0
     scale = np.sqrt(scale[used])

@@ -26,6 +26,7 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.sided_meshes import box
@@ -263,8 +264,7 @@ def _without_energy(a: ufl.Form, A: PETSc.Mat, layout: Layout, columns: Array) -
     diagonal = A.getDiagonal()
     energies = masked.T @ np.stack(products, axis=1)
     scales = masked.T @ (diagonal.array_r[:, None] * masked)
-    for item in (x, y, diagonal):
-        item.destroy()
+    destroy(x, y, diagonal)
     energies, scales = layout.space.mesh.comm.allreduce(np.stack((energies, scales)))
     inverse = np.linalg.inv(np.linalg.cholesky(scales))
     if np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0] > SOLVED:

@@ -23,6 +23,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.lookups import Lookup
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.meshes.elements import control_points
@@ -97,8 +98,7 @@ def out_of_reach(system: System, x: PETSc.Vec) -> bool:
     rows, load = free * sums.array_r, free * system.b.array_r
     neighbours = 2 * system.space.mesh.topology.dim
     scales = np.maximum(rows, diagonal.array_r / (neighbours * system.unknowns))
-    for item in (ones, sums, diagonal):
-        item.destroy()
+    destroy(ones, sums, diagonal)
     reaction, total = system.comm.allreduce(np.array([rows.sum(), load.sum()]))
     if not reaction > 0.0:
         return False

@@ -17,6 +17,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.petsc import destroy
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,7 @@ class Frame:
             return made
         turn = self.matrix()
         product = turn.matMult(made)
-        for item in (turn, made):
-            item.destroy()
+        destroy(turn, made)
         return product
 
 

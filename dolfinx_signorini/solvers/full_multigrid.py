@@ -26,6 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
@@ -124,8 +125,7 @@ class Level:
 
     def free(self) -> None:
         """Free the vectors."""
-        for item in (self.load, self._rest, self._left, self._step, self._more):
-            item.destroy()
+        destroy(self.load, self._rest, self._left, self._step, self._more)
         if self.prolongation is not None:
             self._coarse.destroy()
 

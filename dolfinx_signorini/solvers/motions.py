@@ -10,6 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.meshes.sided_meshes import box
@@ -83,5 +84,4 @@ def attach_motions(matrix: PETSc.Mat, motions: Array, held: LocalIndices) -> Non
         vectors.append(vector)
     space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
     matrix.setNearNullSpace(space)
-    for item in (space, *vectors):
-        item.destroy()
+    destroy(space, *vectors)

@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
@@ -81,8 +82,7 @@ def active_in_patch(
     start, residual = _gather(x, index_set), _gather(multiplier, index_set)
     vector = x.duplicate()
     lower, upper = (_gather(vector, index_set, values) for values in system.bounds)
-    vector.destroy()
-    index_set.destroy()
+    destroy(vector, index_set)
     first, last = system.A.getOwnershipRange()
     mine = (dofs >= first) & (dofs < last)
     sides = np.zeros(last - first)
@@ -103,8 +103,7 @@ def _gather(vec: PETSc.Vec, index_set: PETSc.IS, new: Array | None = None) -> Ar
     scatter = PETSc.Scatter().create(vec, index_set, target, None)
     scatter.scatter(vec, target)
     values = target.array_r.copy()
-    scatter.destroy()
-    target.destroy()
+    destroy(scatter, target)
     return values
 
 
@@ -159,8 +158,7 @@ def solve_small(
         if (update == sides).all():
             break
         sides = update
-    for item in (ksp, held, correction, rhs):
-        item.destroy()
+    destroy(ksp, held, correction, rhs)
     return sides, np.select([sides > 0.0, sides < 0.0], [lower, upper], x)
 
 

@@ -12,6 +12,7 @@ import math
 
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import TINY
 
 SHARE = 1 / 50  # of the estimated discretisation error
@@ -108,6 +109,4 @@ class Stop:
 
     def destroy(self) -> None:
         """Free the PETSc vectors."""
-        for item in (self._before, self._solution):
-            if item is not None:
-                item.destroy()
+        destroy(self._before, self._solution)

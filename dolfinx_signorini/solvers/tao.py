@@ -21,6 +21,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.solvers.linear.algebraic import AMG
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
@@ -193,9 +194,7 @@ class TaoRounds:
             self.hessian.destroy()
 
     def _forget(self) -> None:
-        for item in (self._tao, *self._vectors.values()):
-            if item is not None:
-                item.destroy()
+        destroy(self._tao, *self._vectors.values())
         self._tao, self._vectors = None, {}
 
     def _round(self, x: PETSc.Vec, measure: NaturalResidual, target: float) -> bool:

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.compat import owners_of_points
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.parents import parent_mesh
@@ -76,8 +77,7 @@ class Carrier:
             coarse.array_w[:] = old.x.array[: coarse.getLocalSize()]
             matrix.mult(coarse, fine)
             new.x.array[dofs] = fine.array_r
-        for item in (matrix, coarse, fine):
-            item.destroy()
+        destroy(matrix, coarse, fine)
 
 
 def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import SOLVED, TINY, UNIT
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
@@ -92,6 +93,5 @@ def moves_without_energy(system: System) -> bool:
     matrix.mult(remains, rest)
     found.pointwiseMult(remains, diagonal)
     energy, size = remains.dot(rest), remains.dot(found)
-    for item in (matrix, diagonal, rest, found, ksp, remains):
-        item.destroy()
+    destroy(matrix, diagonal, rest, found, ksp, remains)
     return bool(energy <= UNIT * size and size > 0.0)

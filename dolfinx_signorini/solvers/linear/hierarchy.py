@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import lagrange_space
 from dolfinx_signorini.meshes.parents import Parent, ends_of_edges, parent_mesh
@@ -117,8 +118,7 @@ def _merged(steps: list[PETSc.Mat]) -> list[PETSc.Mat]:
         rows, columns = made[-1].getSize() if made else (0, 0)
         if columns > STEP * rows:
             product = made[-1].matMult(step)
-            for item in (made.pop(), step):
-                item.destroy()
+            destroy(made.pop(), step)
             made.append(product)
         else:
             made.append(step)
@@ -184,8 +184,7 @@ def coarse_places(prolongations: Sequence[PETSc.Mat], places: Array) -> list[Arr
                 fine.array_w[:] = weights * values
                 prolongation.multTranspose(fine, coarse)
                 columns.append(coarse.array_r.copy())
-        for item in (fine, coarse):
-            item.destroy()
+        destroy(fine, coarse)
         alike, around = np.array(columns[::2]), np.array(columns[1::2])
         sums = np.where(alike[0] > 0.0, alike, around)
         places = (sums[1:] / np.where(sums[0] > 0.0, sums[0], 1.0)).T

@@ -15,6 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
@@ -189,8 +190,7 @@ class Multigrid:
             for _ in range(CYCLES if level else 0):
                 self._cycle(level, sides[level], fine)
             coarse = fine
-        for side in sides[1:]:
-            side.destroy()
+        destroy(*sides[1:])
         rows, columns = self.prolongations[0].getSize()
         return float(rows / columns)
 
@@ -212,8 +212,7 @@ class Multigrid:
         self._cycle(level + 1, coarse_rest, correction)
         prolongation.multAdd(correction, x, x)
         up.solve(rhs, x)
-        for item in (rest, coarse_rest, correction):
-            item.destroy()
+        destroy(rest, coarse_rest, correction)
 
     def drop_meshes(self) -> bool:
         """Leave coarser meshes out from now on; return whether lower degrees are left."""
@@ -221,23 +220,20 @@ class Multigrid:
         if not meshes or not self._degrees:
             return False
         self.free()
-        for prolongation in meshes:
-            prolongation.destroy()
+        destroy(*meshes)
         del self.prolongations[self._degrees :]
         return True
 
     def free(self) -> None:
         """Free what a set-up has made."""
         self.pc.destroy()
-        for matrix in self.matrices:
-            matrix.destroy()
+        destroy(*self.matrices)
         self.matrices, self._levels, self._state, self._filled = [], [], None, []
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
-        for prolongation in self.prolongations:
-            prolongation.destroy()
+        destroy(*self.prolongations)
 
     def _make(self) -> None:
         """Make the cycle, whose levels have no matrices yet; the finest level comes first."""

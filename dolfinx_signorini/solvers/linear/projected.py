@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.patch import affordable_patch, patch_dofs
 from dolfinx_signorini.solvers.system import System
 
@@ -99,8 +100,7 @@ class Projected:
 
     def free(self) -> None:
         """Free the PETSc objects; a method `destroy` would be called by PETSc, too."""
-        for item in (self.preconditioner, self.operator, self._first, self._rest):
-            item.destroy()
+        destroy(self.preconditioner, self.operator, self._first, self._rest)
 
     def _remainder(self, r: PETSc.Vec, y: PETSc.Vec) -> None:
         self.mult(self.operator, y, self._rest)
@@ -139,8 +139,7 @@ class LocalSolve:
             # A block that is singular through rounding, on this rank alone, saves no iterations.
             with suppress(RuntimeError):
                 self._factors = splu(self._rows[:, inside].tocsc(), **SYMMETRIC)
-        matrix.destroy()
-        index_set.destroy()
+        destroy(matrix, index_set)
 
     def __call__(self, r: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the solution for the right-hand side r, and to zero away from the dofs."""

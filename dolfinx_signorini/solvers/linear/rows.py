@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.kernels import INT, library, run
+from dolfinx_signorini.base.petsc import destroy
 
 
 @functools.cache
@@ -97,8 +98,7 @@ class Rows:
         mode = PETSc.ScatterMode.REVERSE
         scatter.scatter(there, here, addv=PETSc.InsertMode.MAX_VALUES, mode=mode)
         found[:] = here.array_r
-        for item in (there, here, places, scatter):
-            item.destroy()
+        destroy(there, here, places, scatter)
         return found
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.residual import power_of_two
@@ -134,9 +135,7 @@ class LinearSolver(ABC):
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
-        for item in (self._matrix, self._ksp, self._rhs, self._correction):
-            if item is not None:
-                item.destroy()
+        destroy(self._matrix, self._ksp, self._rhs, self._correction)
         self._matrix = None
 
     def _hold(self, system: System, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:

@@ -17,6 +17,7 @@ from dolfinx_signorini.accuracy.terms import assembled
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -155,8 +156,7 @@ class Discretisation(SignoriniProblem):
             solver.solve(system, x, mask, THEORY_RTOL * scale)
         reached, result = defect(), fem.Function(self.space)
         self.system.fill(result, x)
-        for item in (solver, b, x, rest):
-            item.destroy()
+        destroy(solver, b, x, rest)
         if not reached <= 2.0 * THEORY_RTOL * scale:
             message = "the linear solver did not converge"
             raise NotConvergedError(message, reached / scale, "iterations")
