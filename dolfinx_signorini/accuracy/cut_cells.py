@@ -24,6 +24,7 @@ from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.formulas import evaluated
@@ -185,10 +186,8 @@ class _Cuts:
         """
         stiff = self.integrals(self.across) / self.volumes
         dim, cells, norm = strains.shape[1], self.cells, target.norm
-        forces = fem.Function(fem.functionspace(self.domain, ("DG", 0, (dim,))))
-        dofs = forces.function_space.dofmap.list[cells, 0]
-        forces.x.array.reshape(-1, dim)[dofs] = stiff[:, None] * strains
-        forces.x.scatter_forward()
+        space = fem.functionspace(self.domain, ("DG", 0, (dim,)))
+        forces = function_with(space, space.dofmap.list[cells, 0], stiff[:, None] * strains)
         v = ufl.TestFunction(self.space)
         rule = QuadratureRule("default", self.degree - 1)
         load = ufl.inner(forces, ufl.grad(v)) * ufl.dx(metadata=rule.metadata)

@@ -57,6 +57,27 @@ def anywhere(comm: MPI.Comm, marks: bool | np.bool_ | Mask) -> bool:
     return bool(comm.allreduce(bool(np.any(marks)), op=MPI.LOR))
 
 
+def function_with(
+    space: fem.FunctionSpace,
+    nodes: npt.NDArray[np.integer[Any]],
+    values: npt.ArrayLike,
+    name: str | None = None,
+) -> fem.Function:
+    """Return the function with values at nodes of this rank, and 0 elsewhere; collective.
+
+    Args:
+        space: The space.
+        nodes: Nodes, those that the rank owns among them; others get the values of their owners.
+        values: A value for each of them, a row for each in a space of vectors, or one for all.
+        name: The name of the function.
+    """
+    result, size = fem.Function(space, name=name), space.dofmap.bs
+    blocks = result.x.array if size == 1 else result.x.array.reshape(-1, size)
+    blocks[nodes] = values
+    result.x.scatter_forward()
+    return result
+
+
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> Mask:
     """Return which dofs of this rank, ghosts included, some rank names; the call is collective."""
     return summed(space.dofmap.index_map, dofs) > 0.0

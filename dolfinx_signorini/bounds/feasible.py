@@ -17,7 +17,7 @@ from ufl.algorithms.analysis import extract_coefficients
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import anywhere, highest, largest, marked
+from dolfinx_signorini.base.ranks import anywhere, function_with, highest, largest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN
@@ -281,9 +281,7 @@ def _coefficients(space: fem.FunctionSpace, data: Data, dofs: LocalIndices) -> A
     bernstein = is_bernstein(space)
     degree, variant = space.element.basix_element.degree, basix.LagrangeVariant.gll_warped
     nodal = lagrange_space(space.mesh, degree, variant) if bernstein else space
-    g = fem.Function(nodal)
-    g.x.array[dofs] = evaluator(nodal, data, dofs)()
-    g.x.scatter_forward()
+    g = function_with(nodal, dofs, evaluator(nodal, data, dofs)())
     if not bernstein:
         return np.asarray(g.x.array)
     result = fem.Function(space)

@@ -11,6 +11,7 @@ from matplotlib.tri import Triangulation
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, known_by
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.pictures.contact_boundary import Solved
 from dolfinx_signorini.pictures.palette import COLOURS
@@ -78,10 +79,7 @@ def draw_region(
     if empty:
         raise InputError("misses the solid", "plane")
     for obstacle, dofs in zip(problem.obstacles, problem.active_sides, strict=True):
-        marks = fem.Function(space)
-        marks.x.array[dofs] = 1.0
-        marks.x.scatter_forward()
-        regions.append((LINES[obstacle.sign], gathered(marks)))
+        regions.append((LINES[obstacle.sign], gathered(function_with(space, dofs, 1.0))))
     edges = gather_facets(space.mesh, parts or {})
     if field is None or edges is None:
         return None

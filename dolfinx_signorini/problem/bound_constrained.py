@@ -26,6 +26,7 @@ from dolfinx_signorini.base.kinds import (
     sequence,
 )
 from dolfinx_signorini.base.petsc import destroy
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.data.interfaces.piecewise_forms import warn_of_cut_coefficients
 from dolfinx_signorini.problem.arguments import (
     checked_space,
@@ -312,14 +313,11 @@ class BoundConstrainedProblem:
             InputError: The problem has not been solved.
         """
         x, layout, dofs = self._solution(), self._layout, self._layout.obstacle_dofs
-        gap = fem.Function(self.space, name="gap")
         gaps = [
             sign * (x.array_r[dofs] - values)
             for sign, values in zip(layout.sides, self._assembly.obstacles, strict=True)
         ]
-        gap.x.array[dofs] = np.maximum(np.min(gaps, axis=0), 0.0)
-        gap.x.scatter_forward()
-        return gap
+        return function_with(self.space, dofs, np.maximum(np.min(gaps, axis=0), 0.0), "gap")
 
     @property
     def pressure(self) -> fem.Function:

@@ -14,7 +14,7 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
     control_points,
@@ -72,9 +72,7 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
 
 def _values_at_dofs(layout: Layout, obstacle: Array) -> Array:
     """The values of an obstacle at the places of its dofs; collective."""
-    g = fem.Function(layout.space)
-    g.x.array[layout.obstacle_dofs] = obstacle
-    g.x.scatter_forward()
+    g = function_with(layout.space, layout.obstacle_dofs, obstacle)
     return values_at_control_points(layout.space, g.x.array)[layout.obstacle_dofs]
 
 

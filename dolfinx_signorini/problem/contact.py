@@ -20,6 +20,7 @@ from dolfinx_signorini.base.kinds import (
     optional,
     positive,
 )
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.pictures.contact_boundary import AlongDirection
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -149,13 +150,10 @@ class ContactProblem(BoundConstrainedProblem):
             InputError: The problem has not been solved.
         """
         x, layout, directions = self._solution(), self._layout, self._directions
-        gap = fem.Function(layout.nodal, name="gap")
         free, left = layout.free, self._assembly.obstacles[0].copy()  # of held nodes what is left
         left[free] = (left[free] - x.array_r[layout.contact_dofs]) * directions.shares[free]
-        nodes = layout.obstacle_nodes
-        gap.x.array[nodes] = np.maximum(left, 0.0) * directions.lengths
-        gap.x.scatter_forward()
-        return gap
+        gaps = np.maximum(left, 0.0) * directions.lengths
+        return function_with(layout.nodal, layout.obstacle_nodes, gaps, "gap")
 
     @property
     def pressure(self) -> fem.Function:
@@ -176,13 +174,9 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        sizes, size = self.normal_forces, self.space.dofmap.bs
-        forces = fem.Function(self.space, name="forces")
         nodes = self._layout.obstacle_nodes
-        blocks = forces.x.array.reshape(-1, size)
-        blocks[nodes] = -sizes.x.array[nodes, None] * self._directions.units
-        forces.x.scatter_forward()
-        return forces
+        forces = -self.normal_forces.x.array[nodes, None] * self._directions.units
+        return function_with(self.space, nodes, forces, "forces")
 
     @property
     def force(self) -> Array:  # type: ignore[override]
@@ -204,20 +198,16 @@ class ContactProblem(BoundConstrainedProblem):
         """
         layout, (u, _) = self._layout, self.towards_obstacle()
         nodes, gap = layout.obstacle_nodes, self.gap
-        distance = fem.Function(layout.nodal, name="distance")
-        distance.x.array[nodes] = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
-        distance.x.scatter_forward()
+        distances = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
+        distance = function_with(layout.nodal, nodes, distances, "distance")
         known = u, gap, self.pressure, self.contact, layout.held_nodes
         return AlongDirection(layout.nodal, *known, self.directions, distance)
 
     @property
     def directions(self) -> fem.Function:
         """The unit vectors of the direction at nodes with an obstacle, 0 elsewhere; collective."""
-        directions = fem.Function(self.space, name="directions")
-        blocks = directions.x.array.reshape(-1, self.space.dofmap.bs)
-        blocks[self._layout.obstacle_nodes] = self._directions.units
-        directions.x.scatter_forward()
-        return directions
+        nodes, units = self._layout.obstacle_nodes, self._directions.units
+        return function_with(self.space, nodes, units, "directions")
 
     @property
     def sense(self) -> float:
@@ -248,15 +238,11 @@ class ContactProblem(BoundConstrainedProblem):
             InputError: The problem has not been solved.
         """
         self._solution()
-        layout, size = self._layout, self.space.dofmap.bs
-        nodes = layout.obstacle_nodes
-        u, lengths = fem.Function(layout.nodal, name="u.d"), fem.Function(layout.nodal)
-        blocks = self.u.x.array.reshape(-1, size)[nodes]
-        u.x.array[nodes] = np.einsum("ni,ni->n", blocks, self._directions.units)
-        lengths.x.array[nodes] = self._directions.lengths
-        for function in (u, lengths):
-            function.x.scatter_forward()
-        return u, lengths
+        nodal, nodes = self._layout.nodal, self._layout.obstacle_nodes
+        blocks = self.u.x.array.reshape(-1, self.space.dofmap.bs)[nodes]
+        u = np.einsum("ni,ni->n", blocks, self._directions.units)
+        lengths = function_with(nodal, nodes, self._directions.lengths)
+        return function_with(nodal, nodes, u, "u.d"), lengths
 
     def plot(
         self,

@@ -7,6 +7,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import FUNCTION, check
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.solvers.system import System
 
 
@@ -45,7 +46,6 @@ def contact_state(system: System, x: PETSc.Vec) -> ContactState:
     """
     u = fem.Function(system.space, name="u")
     system.fill(u, x)
-    forces = fem.Function(system.layout.nodal)
-    forces.x.array[system.layout.contact_nodes] = system.signs * system.multiplier(x)
-    forces.x.scatter_forward()
-    return ContactState(u=u, density=system.layout.density(forces))
+    layout, forces = system.layout, system.signs * system.multiplier(x)
+    known = function_with(layout.nodal, layout.contact_nodes, forces)
+    return ContactState(u=u, density=layout.density(known))

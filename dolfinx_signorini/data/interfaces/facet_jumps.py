@@ -12,7 +12,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
-from dolfinx_signorini.base.ranks import highest, largest
+from dolfinx_signorini.base.ranks import function_with, highest, largest
 from dolfinx_signorini.base.tolerances import HALVINGS, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.interface import SAMPLES
@@ -63,14 +63,12 @@ def integrable_on_facets(
         if not domain.comm.allreduce(int(chosen.sum())):
             continue
         cells = pairs[found[chosen], 0]
-        trace, bubble = fem.Function(space), fem.Function(marks)
         on, nodes = _on_facet(space.element.basix_element, vertices[local])
         table = np.array(element.tabulate(0, nodes))[0, :, :, 0]
-        trace.x.array[space.dofmap.list[cells][:, on]] = values[chosen] @ table.T
+        trace = function_with(space, space.dofmap.list[cells][:, on], values[chosen] @ table.T)
         shares = barycentric(marks.element.basix_element.points)
-        bubble.x.array[marks.dofmap.list[cells]] = shares[:, vertices[local]].prod(axis=1)
-        for function in (trace, bubble):
-            function.x.scatter_forward()
+        heights = shares[:, vertices[local]].prod(axis=1)
+        bubble = function_with(marks, marks.dofmap.list[cells], heights)
         result = ufl.conditional(ufl.gt(bubble, SOLVED), trace, result)
     return result
 

@@ -21,7 +21,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import function_with, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated, together
 from dolfinx_signorini.data.interfaces.interface import crossed, interfaces, middles
@@ -86,14 +86,10 @@ def projected(
     cells, values = found.coefficients()
     if not domain.comm.allreduce(len(cells)):
         return None
-    marks = fem.Function(constants(domain))
-    marks.x.array[marks.function_space.dofmap.list[cells, 0]] = 1.0
-    projection = fem.Function(space)
-    projection.x.array[space.dofmap.list[cells]] = values
-    for function in (marks, projection):
-        function.x.scatter_forward()
+    steps = constants(domain)
+    marks = function_with(steps, steps.dofmap.list[cells, 0], 1.0)
     _marks.add(marks)
-    return ufl.gt(marks, 0.5), projection
+    return ufl.gt(marks, 0.5), function_with(space, space.dofmap.list[cells], values)
 
 
 def marks_projections(f: fem.Function) -> bool:

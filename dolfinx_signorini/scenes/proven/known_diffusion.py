@@ -14,7 +14,7 @@ from ufl import SpatialCoordinate, as_matrix
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices
-from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
@@ -128,12 +128,9 @@ def cell_function(domain: mesh.Mesh, coefficients: Array, degree: int) -> fem.Fu
         coefficients: In terms of `reference_flux.polynomials`, shape (cells, polynomials).
         degree: The degree of the polynomials.
     """
-    function = fem.Function(fem.functionspace(domain, ("DG", degree)))
-    space = function.function_space
+    space = fem.functionspace(domain, ("DG", degree))
     table = polynomials(domain.topology.dim, degree, space.element.basix_element.points)
-    function.x.array[space.dofmap.list[: len(coefficients)]] = coefficients @ table
-    function.x.scatter_forward()
-    return function
+    return function_with(space, space.dofmap.list[: len(coefficients)], coefficients @ table)
 
 
 def is_polynomial(formula: Formula | None, domain: mesh.Mesh, most: int | None = None) -> bool:

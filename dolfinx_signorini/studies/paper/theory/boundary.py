@@ -15,6 +15,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 
 
@@ -81,10 +82,7 @@ class BoundaryCurve:
 
     def function(self, values: Array) -> fem.Function:
         """Return the function with given values along the curve and 0 at all other nodes."""
-        result = fem.Function(self.space)
-        result.x.array[self._local] = values[self._owned]
-        result.x.scatter_forward()
-        return result
+        return function_with(self.space, self._local, values[self._owned])
 
     def samples(self, expressions: list[Expr], points: Array) -> Array:
         """Evaluate expressions at points of every edge.
