@@ -107,9 +107,10 @@ class Estimator:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
         ends = cells_at_contact_ends(solved.fine, solved.parents, solved.count)
-        self.rates.limit(ends, rate_at_ends(self._target, solved.fine.in_domain))
+        self.rates.know(ends, rate_at_ends(self._target, solved.fine.in_domain))
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
-        self.rates.know(kinks, self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1))
+        rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)
+        self.rates.know(kinks, rate, rate)
         # The dofs around a kink are those of the obstacle: all of the difference is made there.
         self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
         self.prediction, self.polygon = self.rates.prediction(found.cells), 0.0

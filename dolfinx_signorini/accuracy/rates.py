@@ -30,7 +30,7 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.cells import summed_at_vertices
 from dolfinx_signorini.accuracy.marking import NOTABLE, Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -69,34 +69,24 @@ class Rates:
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
-        self._limited: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
-        self._confirmed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
-        self._measured: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
+        self._known: Mask = np.zeros(count, dtype=bool)
+        self._confirmed: Mask = np.zeros(count, dtype=bool)
+        self._measured: Mask = np.zeros(count, dtype=bool)
         # The number of the last divisions that gained nothing.
         self._stood: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
 
-    def limit(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
-        """Take some cells to be no faster than theory says.
+    def know(self, cells: Mask, most: float, least: float = SLOWEST) -> None:
+        """Take the rates of some cells to lie between those of theory.
 
         Args:
-            cells: Whether the limit is for a cell.
-            rate: The limit.
+            cells: Whether theory tells the rate of a cell.
+            most, least: The rates; the same where what is measured is chance.
         """
-        self.values = np.where(cells, np.minimum(self.values, rate), self.values)
-        self._limited = cells
+        least, most = (float(np.clip(rate, SLOWEST, self.order)) for rate in (least, most))
+        self.values = np.where(cells, np.clip(self.values, least, most), self.values)
+        self._known = self._known | cells
 
-    def know(self, cells: npt.NDArray[np.bool_], rate: float) -> None:
-        """Take the rate of some cells from theory alone: what is measured there is chance.
-
-        Args:
-            cells: Whether the rate is that of a cell.
-            rate: The rate.
-        """
-        known = float(np.clip(rate, SLOWEST, self.order))
-        self.values = np.where(cells, known, self.values)
-        self._limited = self._limited | cells
-
-    def assume(self, resolved: npt.NDArray[np.bool_]) -> None:
+    def assume(self, resolved: Mask) -> None:
         """Take cells whose rates have not been measured to be smooth where they look so.
 
         Args:
@@ -107,17 +97,17 @@ class Rates:
         self.values = np.where(self._measured, self.values, unknown)
 
     @property
-    def singular_corners(self) -> npt.NDArray[np.bool_]:
+    def singular_corners(self) -> Mask:
         """Whether each cell is at a corner, and has not been seen to be smooth there."""
         return (self.values < SINGULAR * self.order) & (self.corners < self.order)
 
     @property
-    def slow_corners(self) -> npt.NDArray[np.bool_]:
+    def slow_corners(self) -> Mask:
         """Whether each cell is at a corner at which divisions were seen to gain little."""
         return self.singular_corners & self._measured
 
     @property
-    def standing_corners(self) -> npt.NDArray[np.bool_]:
+    def standing_corners(self) -> Mask:
         """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
         return (self._stood > 1) & (self.corners < self.order)
 
@@ -152,7 +142,7 @@ class Rates:
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = of_one_sign if sup else 1.0
-        remaining = cells * np.where(self._limited, at_ends, left)
+        remaining = cells * np.where(self._known, at_ends, left)
         singular = self.values < SINGULAR * self.order
         return Prediction(
             remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
@@ -173,7 +163,7 @@ class Rates:
         self._measured = divided.owners.of(self._measured)
         self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
-        self._limited = np.zeros(len(self.values), dtype=bool)
+        self._known = np.zeros(len(self.values), dtype=bool)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
 
@@ -228,7 +218,7 @@ class Rates:
         both = (1.0 - shares) * left[0] + shares * left[1]
         return np.where(slow < self.order, np.log2(1.0 + 1.0 / both), rates)
 
-    def _smoothed(self, rates: Array, weights: Array, told: npt.NDArray[np.bool_]) -> Array:
+    def _smoothed(self, rates: Array, weights: Array, told: Mask) -> Array:
         """Average rates around vertices, and give each cell the slowest one at its vertices.
 
         A single cell may be slow by chance; at a singular point all cells around a vertex are.

@@ -20,7 +20,7 @@ from dolfinx_signorini.pictures.problem_pictures import draw_plane, gather_facet
 from dolfinx_signorini.pictures.triangles import Slice, Triangles, gather_triangles
 
 PICTURES = {"contact": "contact pressure", "solution": "solution $u$"}
-LINES = {1.0: ("contact below", COLOURS[1]), -1.0: ("contact above", COLOURS[2])}
+LINES = {1.0: ("lower", COLOURS[1]), -1.0: ("upper", COLOURS[2])}
 
 Plane = tuple[str, float]
 PLANE = known_by(
@@ -91,7 +91,15 @@ def draw_region(
             continue
         mesh = Triangulation(region.points[:, 0], region.points[:, 1], region.triangles)
         axes.tricontour(mesh, region.values, levels=[0.5], colors=[colour], linewidths=2.0)
-        lines.append(Line2D([], [], color=colour, linewidth=2.0, label=f"end of {name}"))
+        lines.append(
+            Line2D(
+                [],
+                [],
+                color=colour,
+                linewidth=2.0,
+                label=f"end of contact with the {name} obstacle",
+            )
+        )
     if lines:
         figure.legend(handles=lines, loc="outside lower center", ncols=4, frameon=False)
     return figure

@@ -36,7 +36,7 @@ from dolfinx_signorini.problem.arguments import (
 )
 from dolfinx_signorini.problem.assembly import Assembly
 from dolfinx_signorini.problem.checks import check_unique
-from dolfinx_signorini.problem.coarse_rules import names_coarse_rule
+from dolfinx_signorini.problem.coarse_rules import warn_of_coarse_rule
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
 from dolfinx_signorini.problem.held import check_free, warn_of_loose
 from dolfinx_signorini.problem.values import Data
@@ -98,7 +98,6 @@ class BoundConstrainedProblem:
     _solver: ActiveSetSolver | None = None
     _x: PETSc.Vec | None = None  # the solution of the system, if it has been solved
 
-    @names_coarse_rule
     def __init__(
         self,
         a: ufl.Form,
@@ -130,6 +129,7 @@ class BoundConstrainedProblem:
             if petsc_options_prefix is None
             else petsc_options_prefix
         )
+        warn_of_coarse_rule(a)
         kernels.load(self.comm)
         self._constraint = constraint(self.space)
         self.sign = min(1.0, self._constraint.obstacles[0].sign)
@@ -373,7 +373,6 @@ class BoundConstrainedProblem:
         """
         return contact_state(self.system, self._solution())
 
-    @names_coarse_rule
     def solve_linearised(
         self, load: ufl.Form | fem.Function, rtol: float = 1e-3
     ) -> tuple[fem.Function, fem.Function]:
@@ -434,7 +433,6 @@ class BoundConstrainedProblem:
         forms = dict(zip("aL", self.assembled_forms, strict=True))
         return costs_of(self.comm, self, forms, self.seconds | solved)
 
-    @names_coarse_rule
     def solve(
         self,
         method: str = "cascade",
@@ -533,7 +531,6 @@ class BoundConstrainedProblem:
         system.fill(self.u, x)
         return self.u
 
-    @names_coarse_rule
     def update(self, matrix: bool = False) -> None:
         """Assemble again what depends on changed data; `solve` calls this method by itself.
 

@@ -8,6 +8,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
@@ -82,7 +83,8 @@ def test_a_solution_in_the_space_is_found_to_rounding(comm, parse, accuracy):
     exact = fem.Function(result.u.function_space)
     exact.interpolate(lambda x: x[1] ** 2 / 2 + x[1] ** 3 / 3 - 13 * x[1] / 30 - 0.4)
     exact.x.array[:] -= result.u.x.array
-    assert error_norms(exact, None, ["Linf"])["Linf"] <= 1e-13
+    # On one rank 3e-14, and on three ranks, whose sums have another order, 2e-13.
+    assert error_norms(exact, None, ["Linf"])["Linf"] <= ROUNDING
     result.destroy()
 
 
