@@ -30,7 +30,9 @@ class _Bar(tqdm):  # type: ignore[type-arg]
     """The bars of this program, which leaves the bars of the user alone."""
 
     monitor_interval = 0  # no thread beside the one of Progress
-    disable = True  # until the bar is complete: a signal may end the program before
+
+    def __del__(self) -> None:
+        """Close nothing: a signal may leave a bar half made, and `Progress` closes the others."""
 
 
 _Bar.set_lock(RLock())

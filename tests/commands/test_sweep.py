@@ -245,8 +245,14 @@ def test_what_takes_long_is_told_while_it_lasts_and_in_the_end(monkeypatch, capl
     assert caplog.records[-1].getMessage().startswith("a long step: 0.")
 
 
-def test_a_signal_may_come_before_a_bar_is_complete():
-    logs._Bar.__new__(logs._Bar).close()  # what is called where the bar goes
+@pytest.mark.parametrize("made", [{}, {"disable": False}])
+def test_a_signal_may_come_before_a_bar_is_complete(made, monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", told.append)
+    bar = logs._Bar.__new__(logs._Bar)
+    vars(bar).update(made)
+    del bar
+    assert not told
 
 
 def test_the_time_that_is_left_follows_the_work_that_is_done(monkeypatch, caplog, serial):
