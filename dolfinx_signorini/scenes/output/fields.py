@@ -74,7 +74,7 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
     u, material, space = result.u, result.posed.scene.elasticity, result.gap.function_space
     nodal, at_nodes = nodal_space(space), partial(values_at_control_points, space)
     marks = {mark.name: mark.x.array for mark in (*masks(result), *indicator(result))}
-    first = next(iter(marks.values()))
+    defined = next(iter(marks.values()))  # where gap and pressure are
     if material is None:
         values = {"u": at_nodes(u.x.array)}
     else:
@@ -84,7 +84,7 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
         values = {"displacement": moved, "stress": tensor.reshape(*moved.shape, -1)}
         values["von_mises_stress"] = scalar[:, 0]
     for field in (result.gap, result.pressure):
-        values[field.name] = at_nodes(field.x.array) * first
+        values[field.name] = at_nodes(field.x.array) * defined
     return [_function(nodal, name, found) for name, found in (values | marks).items()]
 
 
