@@ -91,15 +91,8 @@ def draw_region(
             continue
         mesh = Triangulation(region.points[:, 0], region.points[:, 1], region.triangles)
         axes.tricontour(mesh, region.values, levels=[0.5], colors=[colour], linewidths=2.0)
-        lines.append(
-            Line2D(
-                [],
-                [],
-                color=colour,
-                linewidth=2.0,
-                label=f"end of contact with the {name} obstacle",
-            )
-        )
+        label = f"end of contact with the {name} obstacle"
+        lines.append(Line2D([], [], color=colour, linewidth=2.0, label=label))
     if lines:
         figure.legend(handles=lines, loc="outside lower center", ncols=4, frameon=False)
     return figure

@@ -14,7 +14,7 @@ from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
 from dolfinx_signorini.data.interfaces.integrability import infinite_integrals
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.singular_sets import jumps, poles
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import parse_norm
 from dolfinx_signorini.norms.orders import (
@@ -145,9 +145,8 @@ def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     domain, found = sided.mesh, False
     for entry in scene.diffusion_entries:
         if jumps(entry):
-            cells = broken_cells([entry], domain)
-            x = np.asarray(domain.geometry.x, dtype=np.float64)
-            found |= jumps_in_cells(entry, x[domain.geometry.dofmap[cells]])
+            cells = broken_cells([entry], domain).astype(np.int32)
+            found |= jumps_in_cells(entry, cell_corners(domain, cells))
     return anywhere(domain.comm, found)
 
 
