@@ -11,8 +11,7 @@ FROM debian:trixie-slim
 
 # The part of the list above its marker: what running and notebooks need.
 COPY debian-packages.txt /tmp/
-RUN echo 'Acquire::Retries "3";' > /etc/apt/apt.conf.d/80-retries \
-    && apt-get update \
+RUN apt-get update \
     && sed '/^# --- tests ---/,$d; s/#.*//' /tmp/debian-packages.txt \
         | DEBIAN_FRONTEND=noninteractive xargs apt-get install -y --no-install-recommends \
     && rm -rf /tmp/debian-packages.txt /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
