@@ -21,6 +21,7 @@ from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufactu
 from dolfinx_signorini.norms.references import Reference, interpolated
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.elasticity import elasticity, stress, von_mises, weighted_strain
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -59,6 +60,7 @@ __all__ = [
     "christof_haubner",
     "coarse_levels",
     "detachment_points",
+    "dirichlet",
     "elasticity",
     "energy_bound",
     "error_norms",

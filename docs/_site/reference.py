@@ -33,6 +33,7 @@ GROUPS = {
         "EnergyTerms",
         "DetachmentPoint",
         "detachment_points",
+        "dirichlet",
         "StressIntensity",
         "stress_intensity",
     ),

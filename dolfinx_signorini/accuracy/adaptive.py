@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dolfinx_signorini.accuracy.estimates import Reader
@@ -13,6 +13,7 @@ from dolfinx_signorini.accuracy.problem_data import (
     coefficients_of,
     data_of,
     integrate_piecewise,
+    unknown_between_nodes,
 )
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
@@ -270,6 +271,7 @@ def _first_mesh(
     if not isinstance(problem, BoundConstrainedProblem):
         return Resolved(sided, ()), None
     known, data = coefficients_of(problem), data_of(problem)
+    notes = unknown_between_nodes(problem)
     stiffness = STIFFNESS if problem.space.dofmap.bs > 1 else ()
     problem.destroy()
 
@@ -282,7 +284,8 @@ def _first_mesh(
 
     degree = problem.space.element.basix_element.degree
     most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
-    return first_mesh(sided, data_on, known, most, stiffness, "pose"), known
+    first = first_mesh(sided, data_on, known, most, stiffness, "pose")
+    return replace(first, notes=(*notes, *first.notes)), known
 
 
 def found_lines(found: AdaptiveSolution) -> list[tuple[str, str]]:

@@ -11,8 +11,9 @@ what lies beyond an obstacle, reach as far as a dual solution tells.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -37,7 +38,7 @@ from dolfinx_signorini.accuracy.terms import (
 )
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.meshes.elements import facet_dofs
+from dolfinx_signorini.meshes.elements import component_arrays, facet_dofs
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -76,12 +77,15 @@ class Distances:
             are not in contact only what an obstacle has beyond the solution.
         held: Whether a facet is held at its data, by contact or by a condition.
         contact: Whether the data are an obstacle.
+        along: Returns what of a function of the space has these data: for each node the function
+            itself, or of vectors a component.
     """
 
     pairs: LocalIndices
     off: Array
     held: Mask
     contact: bool
+    along: Callable[[fem.Function], Array]
 
 
 def data_defects(solved: Solved, dual: Dual | None) -> Array:
@@ -102,7 +106,7 @@ def data_defects(solved: Solved, dual: Dual | None) -> Array:
 
 
 def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
-    """Return what distances from data are in J(u - w) for a scalar solution.
+    """Return what distances from data are in J(u - w).
 
     On a held facet, -G(u_D - w): the force that holds the dual solution there times the mean
     distance. On a facet whose nodes are free the obstacle lifts the solution by the largest
@@ -110,17 +114,18 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     there. In cells, J itself.
     """
     problem = solved.fine
-    if dual is None or problem.space.dofmap.bs > 1:
+    if dual is None:
         return np.zeros((2, solved.count))
-    space = problem.space
+    space = problem.system.layout.nodal
     result = np.zeros((2, len(owned_cells(space.mesh))))
     lifted = product(stiffness(problem), dual.z)
     gap = problem.gap.x.array
     for distances in distances_from_data(problem):
         pairs, off = distances.pairs, distances.off
-        fixed = -shared_by_facets(space, pairs, dual.forces.x.array) * off.mean(axis=1)
+        along = distances.along
+        fixed = -shared_by_facets(space, pairs, along(dual.forces)) * off.mean(axis=1)
         dofs = facet_dofs(space, pairs)
-        lift = lifted.x.array[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
+        lift = along(lifted)[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
         touching = np.abs(gap[dofs]).max(axis=1) <= SOLVED * np.abs(off).max(axis=1)
         if distances.contact and solved.target.norm is not None:
             fixed *= 0.0  # two solutions that meet the obstacle at the same nodes know no z
@@ -162,28 +167,33 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
             continue  # a constant is met everywhere, and nodes show what is beyond
         entities, _, touching = contact_on_entities(problem, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
-        u, lengths = problem.towards_obstacle()
         bound = _values(obstacle.data, points, {})
-        if lengths is not None:
-            bound = bound / points.values(lengths)[0]
-        off, held = bound - points.values(u)[0], np.asarray(touching.all(axis=1))
+        if problem.lengths is not None:
+            bound = bound / points.values(problem.lengths)[0]
+        off = bound - points.values(problem.along(problem.u))[0]
+        held = np.asarray(touching.all(axis=1))
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
-        yield Distances(entities, np.where(held[:, None], off, beyond), held, contact=True)
+        off = np.where(held[:, None], off, beyond)
+        yield Distances(entities, off, held, True, lambda f: problem.along(f).x.array)
 
 
 def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
     domain, lattice = problem.space.mesh, facet_lattice(problem.space)
-    if problem.space.dofmap.bs > 1:  # the data of vectors are known at nodes alone
-        return
     boundary, formulas = boundary_facets(domain), dict[Expr, FormulaAtPoints]()
     for known in map(data_of_condition, problem.bcs):
         if known is None or isinstance(known.value, int | float | np.number):
             continue
         facets = np.intersect1d(known.facets, boundary).astype(np.int32)
         points = Points(domain, facet_cells(domain, facets), lattice)
-        off = _values(known.value, points, formulas) - points.values(problem.u)[0]
+        component, held = partial(_component, known.component), np.ones(len(facets), dtype=bool)
+        off = _values(known.value, points, formulas) - points.values(problem.u)[known.component]
         off = np.where(np.isfinite(off), off, 0.0)
-        yield Distances(points.places, off, np.ones(len(facets), dtype=bool), contact=False)
+        yield Distances(points.places, off, held, False, component)
+
+
+def _component(k: int, f: fem.Function) -> Array:
+    """The coefficients of the component k of a function."""
+    return component_arrays(f)[k]
 
 
 def _distances_in_cells(problem: BoundConstrainedProblem) -> Iterator[fem.Function]:

@@ -2,8 +2,12 @@
 
 from functools import partial
 
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.form_data import NAMES, form_data, is_everywhere, on_boundary, on_cells
 from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
@@ -12,6 +16,7 @@ from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.dirichlet import data_of_condition
 
 STIFFNESS = NAMES["cell", 2], NAMES["exterior_facet", 2]  # data of a, of which bodies are made
 
@@ -20,14 +25,43 @@ def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
     """Return the data of a problem that depend on the coordinates, as far as they are readable."""
     found = [*form_data(problem.L), *form_data(problem.a)]
     domain, contact = problem.space.mesh, problem.contact
-    for obstacle in problem.obstacles:
-        formula = formula_of(obstacle.data) if isinstance(obstacle.data, Expr) else None
+    degree = problem.space.element.basix_element.degree
+    if problem.in_domain:
+        parts = on_cells(domain, contact[contact < len(owned_cells(domain))])
+    else:
+        parts = on_boundary(domain, contact)
+    heights = [("the obstacle", obstacle.data, parts) for obstacle in problem.obstacles]
+    for known in filter(None, map(data_of_condition, problem.bcs)):
+        heights.append(("the Dirichlet data", known.value, on_boundary(domain, known.facets)))
+    for name, value, parts in heights:
+        formula = formula_of(value) if isinstance(value, Expr) else None
         if formula is not None and formula.constant is None:
-            own = contact[contact < len(owned_cells(domain))]
-            parts = on_cells(domain, own) if problem.in_domain else on_boundary(domain, contact)
-            degree = problem.space.element.basix_element.degree
-            found.append(Datum("the obstacle", formula, "height", degree, *parts))
+            found.append(Datum(name, formula, "height", degree, *parts))
     return found
+
+
+def unknown_between_nodes(problem: BoundConstrainedProblem) -> tuple[str, ...]:
+    """Return a note where Dirichlet data vary and are known at nodes alone; collective."""
+    if not any(_varies(problem, bc) for bc in problem.bcs if data_of_condition(bc) is None):
+        return ()
+    return (
+        "Dirichlet data that vary are known at nodes alone: what they are between the nodes counts "
+        "in the estimate if they are given by dolfinx_signorini.dirichlet",
+    )
+
+
+def _varies(problem: BoundConstrainedProblem, condition: fem.DirichletBC) -> bool:
+    """Whether a component has several values at the nodes of a condition; collective."""
+    values = np.full(len(problem.u.x.array), np.nan)
+    condition.set(values)
+    for component in range(problem.space.dofmap.bs):
+        part = values[component :: problem.space.dofmap.bs]
+        part = part[np.isfinite(part)]
+        low = problem.comm.allreduce(float(part.min(initial=np.inf)), op=MPI.MIN)
+        high = problem.comm.allreduce(float(part.max(initial=-np.inf)), op=MPI.MAX)
+        if high - low > SOLVED * max(abs(low), abs(high)):
+            return True
+    return False
 
 
 def coefficients_of(problem: BoundConstrainedProblem) -> Coefficients:

@@ -253,13 +253,18 @@ class BoundConstrainedProblem:
         """
         return self.forces
 
-    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
-        """Return the scalar function that the obstacles bound, and what divides the bounds, if any.
+    def along(self, f: fem.Function) -> fem.Function:
+        """Return the scalar function that the obstacles bound where f is the solution; collective.
 
-        Raises:
-            InputError: A problem of vectors has not been solved.
+        Args:
+            f: A function of the space.
         """
-        return self.u, None
+        return f
+
+    @property
+    def lengths(self) -> fem.Function | None:
+        """What divides the bounds of this scalar function; None where nothing does."""
+        return None
 
     @property
     def contact(self) -> LocalIndices:

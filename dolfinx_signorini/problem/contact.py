@@ -196,8 +196,8 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        layout, (u, _) = self._layout, self.towards_obstacle()
-        nodes, gap = layout.obstacle_nodes, self.gap
+        layout, u, gap = self._layout, self.along(self.u), self.gap
+        nodes = layout.obstacle_nodes
         distances = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
         distance = function_with(layout.nodal, nodes, distances, "distance")
         known = u, gap, self.pressure, self.contact, layout.held_nodes
@@ -228,21 +228,24 @@ class ContactProblem(BoundConstrainedProblem):
         forces.x.scatter_forward()
         return forces
 
-    def towards_obstacle(self) -> tuple[fem.Function, fem.Function | None]:
-        """Return u along the unit vector of the direction, and the length of the direction.
+    def along(self, f: fem.Function) -> fem.Function:
+        """Return f along the unit vector of the direction; collective.
 
-        Both are functions of the scalar space of one component, known at nodes with an obstacle;
-        collective.
+        The scalar function is known at nodes with an obstacle.
 
-        Raises:
-            InputError: The problem has not been solved.
+        Args:
+            f: A function of the space.
         """
-        self._solution()
-        nodal, nodes = self._layout.nodal, self._layout.obstacle_nodes
-        blocks = self.u.x.array.reshape(-1, self.space.dofmap.bs)[nodes]
-        u = np.einsum("ni,ni->n", blocks, self._directions.units)
-        lengths = function_with(nodal, nodes, self._directions.lengths)
-        return function_with(nodal, nodes, u, "u.d"), lengths
+        nodes = self._layout.obstacle_nodes
+        blocks = f.x.array.reshape(-1, self.space.dofmap.bs)[nodes]
+        values = np.einsum("ni,ni->n", blocks, self._directions.units)
+        return function_with(self._layout.nodal, nodes, values, f"{f.name}.d")
+
+    @property
+    def lengths(self) -> fem.Function:
+        """The length of the direction, a scalar function known at nodes with an obstacle."""
+        nodes = self._layout.obstacle_nodes
+        return function_with(self._layout.nodal, nodes, self._directions.lengths, "lengths")
 
     def plot(
         self,

@@ -4,9 +4,13 @@ from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.kinds import check, indices, integer, on_mesh, optional
+from dolfinx_signorini.meshes.sided_meshes import facet_count
 from dolfinx_signorini.problem.directions import scalar_space
 from dolfinx_signorini.problem.values import Data, evaluator
 
@@ -21,10 +25,12 @@ class DirichletData:
     Attributes:
         facets: The facets of the condition, local to the rank.
         value: The data: a number, a UFL expression, a function or a callable of the coordinates.
+        component: The number of the component of u that has these data; 0 for a scalar u.
     """
 
     facets: LocalIndices
     value: Data
+    component: int = 0
 
 
 _known: WeakKeyDictionary[fem.DirichletBC, DirichletData] = WeakKeyDictionary()
@@ -35,14 +41,32 @@ def dirichlet(
 ) -> fem.DirichletBC:
     """Return the Dirichlet condition u = value on facets; collective.
 
-    A condition of a scalar u remembers the data, see `data_of_condition`.
+    The condition is one of DOLFINx for the nodes of the facets, and remembers the data, so that
+    estimates of the error see what the data are between these nodes:
+
+        bcs = [dirichlet(V, top, -0.1 - 0.2 * abs(x[0] - 0.3) ** 0.6, component=1)]
 
     Args:
-        space: A Lagrange space.
+        space: A continuous Lagrange space.
         facets: Facets of the boundary, local to the rank.
-        value: The data, see `evaluator`.
+        value: A number, a UFL expression, a function, or a callable of the coordinates, shape
+            (3, n), which is called on the ranks that have points and must not communicate.
         component: The number of the component of u that has the value; None for a scalar u.
+
+    Raises:
+        InputError: An argument makes no sense, or the data have several values at a node.
     """
+    domain, known = space.mesh, facet_count(space.mesh)
+    check(
+        value=(value, on_mesh(domain, callables=True)),
+        component=(component, optional(integer(0, space.dofmap.bs - 1))),
+    )
+    wrong = indices(facets, "facets")
+    if not wrong and len(facets) and not 0 <= np.min(facets) <= np.max(facets) < known:
+        wrong = f"the mesh has {known} facets here"
+    require(domain.comm, not wrong, wrong, "facets")
+    if space.dofmap.bs > 1 and component is None:
+        raise InputError("of a vector the number of one component is needed", "component")
     nodal, size = (space, 1) if component is None else (scalar_space(space), space.dofmap.bs)
     nodes = fem.locate_dofs_topological(nodal, space.mesh.topology.dim - 1, facets)
     owned = nodes[nodes < space.dofmap.index_map.size_local]
@@ -50,11 +74,12 @@ def dirichlet(
     values.x.array[owned * size + first] = evaluator(nodal, value, owned, "value")()
     values.x.scatter_forward()
     dofs = nodes * size + first
-    if component is not None:
+    if component is None:
+        condition = fem.dirichletbc(values, dofs)
+    else:
         both: Any = [dofs, dofs]
-        return fem.dirichletbc(values, both, space.sub(component))
-    condition = fem.dirichletbc(values, dofs)
-    _known[condition] = DirichletData(facets, value)
+        condition = fem.dirichletbc(values, both, space.sub(component))
+    _known[condition] = DirichletData(facets, value, first)
     return condition
 
 

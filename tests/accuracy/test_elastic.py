@@ -13,12 +13,13 @@ from mpi4py import MPI
 
 import dolfinx_signorini as ds
 from dolfinx_signorini import InputError
-from dolfinx_signorini.accuracy.boundary_defects import data_defects
+from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes, data_defects
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import pressure_density
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import TERMS, Solution, Solved, dual_solution
 from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 
 NORMS = {
     "L2": (1e-3, 1e-4), "L4": (1e-3, 1e-4), "Linf": (1e-3, 2e-4), "H1": (1e-2, 3e-3),
@@ -158,6 +159,52 @@ def compared(degree, direction, height, unit=1.0, place=None):
         problem.solve(rtol=1e-12)
     coarse = Solution(problems[0].u, problems[0].forces)
     return Solved(coarse, problems[1], division.parents, target("L2")), problems
+
+
+def far_above(sided, data, component):
+    """A body above its obstacle, held at its sides; on top a component of u has the data."""
+    domain = sided.mesh
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(domain)
+    below, sides = (
+        dolfinx.mesh.locate_entities_boundary(domain, 1, marker)
+        for marker in (lambda x: np.isclose(x[1], 0.0), lambda x: x[1] > -1.0)
+    )
+    sides = np.setdiff1d(sides, below).astype(np.int32)
+    bcs = [ds.dirichlet(V, sides, 0.0 * x[0], 1 - component)]
+    bcs.append(ds.dirichlet(V, sides, data(x), component))
+    a, L = ds.elasticity(u, v, 10.0, 0.3), ufl.inner(fem.Constant(domain, (0.0, 0.0)), v) * ufl.dx
+    problem = ds.ContactProblem(a, L, contact=below, gap=10.0, direction=(0.0, -1.0), bcs=bcs)
+    problem.solve(rtol=1e-12)
+    return problem
+
+
+@pytest.mark.parametrize("component", [0, 1])
+def test_the_mean_of_dirichlet_data_between_nodes_moves_a_functional(component, comm):
+    """The solutions vanish; from far away sin(pi x) (1 - cos(k x)) on the top is like sin(pi x)."""
+    k = 32.0 * np.pi  # twice the number of the finer nodes
+    sided = SidedMesh(dolfinx.mesh.create_unit_square(comm, 8, 8), {})
+    division, problems = refined(sided), []
+
+    def moved(v):
+        return v[component] * ufl.dx
+
+    for part, wave in ((sided, 1.0), (division.sided, 1.0), (division.sided, 0.0)):
+
+        def data(x, wave=wave):
+            top = ufl.sin(np.pi * x[0]) * (1.0 - wave * ufl.cos(k * x[0]))
+            return ufl.conditional(x[1] > 1.0 - 1e-9, top, 0.0)
+
+        problems.append(far_above(part, data, component))
+    coarse, fine, even = problems
+    assert np.abs(fine.u.x.array).max() <= 1e-12
+    solved = Solved(Solution(coarse.u, coarse.forces), fine, division.parents, target(moved))
+    dual = dual_solution(solved, moved(ufl.TestFunction(fine.space)))
+    found = comm.allreduce(float(data_between_nodes(solved, dual)[0].sum()))
+    wanted = comm.allreduce(fem.assemble_scalar(fem.form(moved(even.u))))
+    assert found == pytest.approx(wanted, rel=0.05)
+    for problem in problems:
+        problem.destroy()
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -5,6 +5,7 @@ import hertz
 import numpy as np
 import pytest
 import ufl
+from dolfinx import geometry
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
@@ -87,6 +88,36 @@ def test_a_scene_and_python_do_the_same(parse):
     assert found.estimate == pytest.approx(result.found.estimate, rel=1e-6)
     found.problem.destroy()
     result.destroy()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dirichlet_data_that_are_like_a_root_between_the_nodes(seed, parse):
+    """On the top the error is the distance to the data, at points that the estimate has not."""
+    random = np.random.default_rng(seed)
+    place, power = random.uniform(0.2, 0.8), random.uniform(0.5, 0.9)
+    data = f"-0.1 - 0.1*abs(x - {place})^{power}"
+    text = NARROW.format(young="100", force="0", traction="0").replace("-0.1]", f'"{data}"]')
+    result = solve_scene(parse(text), COMM, accuracy=1e-3, norm="Linf")
+    near = place + np.array([-1.0, 1.0])[:, None] * np.geomspace(1e-9, 0.1, 2000)
+    x = np.concatenate((np.linspace(0.0, 1.0, 2001), near.ravel()))
+    points = np.stack([x, 1.0 + 0.0 * x, 0.0 * x], axis=1)
+    values = on_all_ranks(result.u, points)[:, 1]
+    true = np.abs(values - (-0.1 - 0.1 * np.abs(x - place) ** power)).max()
+    assert result.found.reached and true <= result.found.estimate <= 1e-3
+    result.destroy()
+
+
+def on_all_ranks(u, points):
+    """The values of a function at points, by DOLFINx."""
+    domain = u.function_space.mesh
+    tree = geometry.bb_tree(domain, 2)
+    near = geometry.compute_collisions_points(tree, points)
+    cells = geometry.compute_colliding_cells(domain, near, points)
+    here = np.flatnonzero(np.diff(cells.offsets))
+    values = np.full((len(points), 2), -np.inf)
+    if len(here):
+        values[here] = u.eval(points[here], cells.array[cells.offsets[here]])
+    return np.max(COMM.allgather(values), axis=0)
 
 
 @pytest.mark.parametrize("narrow", ["young", "force", "traction"])

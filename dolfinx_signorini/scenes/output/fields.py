@@ -107,8 +107,8 @@ def masks(result: SceneResult) -> list[fem.Function]:
     """
     problem, space = result.posed.problem, result.gap.function_space
     place = "has_obstacle" if problem.in_domain else "contact_boundary"
-    layout, (u, _) = problem.system.layout, problem.towards_obstacle()
-    known = known_pressure(u, result.gap, layout.held_nodes)
+    layout = problem.system.layout
+    known = known_pressure(problem.along(problem.u), result.gap, layout.held_nodes)
     found = []
     for name, nodes in ((place, layout.obstacle_nodes), ("in_contact", problem.active)):
         mask = fem.Function(space, name=name)
