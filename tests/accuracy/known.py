@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, geometry
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.targets import Target
@@ -647,3 +647,15 @@ SCENES = {
         }
     ),
 }
+
+
+def values_at(u, points):
+    """The values of a function at points in the plane, by DOLFINx, the same on all ranks."""
+    domain = u.function_space.mesh
+    near = geometry.compute_collisions_points(geometry.bb_tree(domain, 2), points)
+    cells = geometry.compute_colliding_cells(domain, near, points)
+    here = np.flatnonzero(np.diff(cells.offsets))
+    values = np.full((len(points), u.function_space.dofmap.bs), -np.inf)
+    if len(here):
+        values[here] = u.eval(points[here], cells.array[cells.offsets[here]])
+    return np.max(domain.comm.allgather(values), axis=0)

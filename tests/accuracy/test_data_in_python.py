@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from known import Known, true_error
+from known import Known, true_error, values_at
 from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, solve_adaptively
@@ -12,6 +12,7 @@ from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
 from dolfinx_signorini.accuracy.problem_data import data_of, integrate_piecewise
 from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, simplex_sizes
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
 
 PLACES = np.random.default_rng(7).uniform(0.15, 0.85, (8, 2))
@@ -30,8 +31,11 @@ def bump(place, width):
     return Known("", u, gradient, {})
 
 
-def posing(load, degree=2, reaction=1.0, obstacle=0.0, diffusion=1.0, flux=0.0):
-    """Return a function that poses a problem with data that are functions of x."""
+def posing(load, degree=2, reaction=1.0, obstacle=0.0, diffusion=1.0, flux=0.0, held=None):
+    """Return a function that poses a problem with data that are functions of x.
+
+    The argument `held` returns the Dirichlet condition on the facets on top; by default u = 0.
+    """
 
     def given(datum, x):
         return datum(x) if callable(datum) else ufl.as_ufl(datum)
@@ -44,10 +48,9 @@ def posing(load, degree=2, reaction=1.0, obstacle=0.0, diffusion=1.0, flux=0.0):
         a = given(diffusion, x) * ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
         a += given(reaction, x) * u * v * dx
         L = given(load, x) * v * dx + given(flux, x) * v * ds
-        top = fem.locate_dofs_topological(
-            space, sided.mesh.topology.dim - 1, sided.facets(("top",))
-        )
-        bcs = [fem.dirichletbc(0.0, top, space)]
+        on_top = sided.facets(("top",))
+        top = fem.locate_dofs_topological(space, sided.mesh.topology.dim - 1, on_top)
+        bcs = [fem.dirichletbc(0.0, top, space) if held is None else held(space, on_top)]
         contact = sided.facets(("bottom",))
         return SignoriniProblem(a, L, contact=contact, obstacle=given(obstacle, x), bcs=bcs)
 
@@ -285,3 +288,39 @@ def test_data_that_change_after_the_loop_are_noticed(comm):
     integrate_piecewise(problem)
     assert problem.total_load == pytest.approx(7.0 * 0.77**2 / 2.0, rel=1e-6)
     problem.destroy()
+
+
+def at_nodes(space, facets):
+    """A root on the top, as DOLFINx has Dirichlet data."""
+    data = fem.Function(space)
+    data.interpolate(lambda x: np.abs(x[0] - 0.3137) ** 0.6)
+    return fem.dirichletbc(data, fem.locate_dofs_topological(space, 1, facets))
+
+
+def everywhere(space, facets):
+    """The same root, between the nodes, too."""
+    x = ufl.SpatialCoordinate(space.mesh)
+    return dirichlet(space, facets, abs(x[0] - 0.3137) ** 0.6)
+
+
+def constant(space, facets):
+    """A constant that DOLFINx has at nodes is known everywhere."""
+    data = fem.Function(space)
+    data.interpolate(lambda x: 0.7 + 0.0 * x[0])
+    return fem.dirichletbc(data, fem.locate_dofs_topological(space, 1, facets))
+
+
+@pytest.mark.parametrize("held", [at_nodes, everywhere, constant])
+def test_dirichlet_data_between_the_nodes_count_or_are_told(held, comm):
+    """On the top the error is the distance to the data."""
+    found = solve_adaptively(
+        posing(1.0, held=held), Square(8).make(comm), norm="Linf", accuracy=2e-3
+    )
+    assert bool(found.notes) == (held is at_nodes)
+    if held is everywhere:
+        near = np.geomspace(1e-9, 0.3, 2000)
+        x = np.concatenate((0.3137 - near, 0.3137 + near))
+        points = np.stack([x, 1.0 + 0.0 * x, 0.0 * x], axis=1)
+        off = values_at(found.problem.u, points)[:, 0] - np.abs(x - 0.3137) ** 0.6
+        assert np.abs(off).max() <= found.estimate <= 2e-3
+    found.problem.destroy()

@@ -5,7 +5,7 @@ import hertz
 import numpy as np
 import pytest
 import ufl
-from dolfinx import geometry
+from known import values_at
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
@@ -101,23 +101,10 @@ def test_dirichlet_data_that_are_like_a_root_between_the_nodes(seed, parse):
     near = place + np.array([-1.0, 1.0])[:, None] * np.geomspace(1e-9, 0.1, 2000)
     x = np.concatenate((np.linspace(0.0, 1.0, 2001), near.ravel()))
     points = np.stack([x, 1.0 + 0.0 * x, 0.0 * x], axis=1)
-    values = on_all_ranks(result.u, points)[:, 1]
+    values = values_at(result.u, points)[:, 1]
     true = np.abs(values - (-0.1 - 0.1 * np.abs(x - place) ** power)).max()
     assert result.found.reached and true <= result.found.estimate <= 1e-3
     result.destroy()
-
-
-def on_all_ranks(u, points):
-    """The values of a function at points, by DOLFINx."""
-    domain = u.function_space.mesh
-    tree = geometry.bb_tree(domain, 2)
-    near = geometry.compute_collisions_points(tree, points)
-    cells = geometry.compute_colliding_cells(domain, near, points)
-    here = np.flatnonzero(np.diff(cells.offsets))
-    values = np.full((len(points), 2), -np.inf)
-    if len(here):
-        values[here] = u.eval(points[here], cells.array[cells.offsets[here]])
-    return np.max(COMM.allgather(values), axis=0)
 
 
 @pytest.mark.parametrize("narrow", ["young", "force", "traction"])

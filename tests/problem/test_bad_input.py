@@ -16,6 +16,7 @@ from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem import checks
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import METHODS
@@ -99,6 +100,25 @@ def test_dirichlet_data_that_are_not_finite(parts, value):
         parts.problem(bcs=[parts.left(value)])
     with pytest.raises(InputError, match="Dirichlet"):
         parts.problem(bcs=[parts.left(parts.spoiled(value))])
+
+
+@pytest.mark.parametrize(
+    ("given", "subject"),
+    [
+        ({"facets": [0.5]}, "facets"),
+        ({"facets": [-1]}, "facets"),
+        ({"facets": [10**9]}, "facets"),
+        ({"value": NAN}, "value"),
+        ({"value": "0"}, "value"),
+        ({"component": 2}, "component"),
+        ({"component": None}, "component"),
+    ],
+)
+def test_arguments_of_a_dirichlet_condition(parts, given, subject):
+    space = fem.functionspace(parts.mesh, ("Lagrange", 1, (2,)))
+    arguments = {"facets": parts.facets, "value": 0.0, "component": 0} | given
+    with pytest.raises(InputError, match=subject):
+        dirichlet(space, **arguments)
 
 
 @pytest.mark.parametrize("value", [NAN, INF])
