@@ -129,10 +129,12 @@ class Estimator:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
         exponents = np.full(solved.count, SMOOTH)
         np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine))
+        corners = self._target.singular_order(exponents, exponents)
+        self.rates.at_corners = corners < self.rates.order
         # With exponents of bodies a loop ended above its aim at the edge of a punch, where the
         # pressure is infinite, too (tests/accuracy/test_elastic_scene_requests.py).
         if solved.fine.space.dofmap.bs == 1:
-            self.rates.corners = self._target.singular_order(exponents, exponents)
+            self.rates.corners = corners
         finite = exponents[np.isfinite(exponents)]
         logarithms = np.abs(finite - np.rint(finite)) < 2.0 * LOGARITHM
         self.exponent, self.logarithm = (
@@ -153,8 +155,8 @@ class Estimator:
 
     @property
     def diverges(self) -> str:
-        """The doubt, if divisions of a corner are seen to gain little; collective."""
-        doubt = self.doubt if self._somewhere(self.rates.slow_corners) else ""
+        """The doubt, if divisions of a corner are seen to gain nothing; collective."""
+        doubt = self.doubt if self._somewhere(self.rates.standing_corners) else ""
         return doubt or self._with_logarithm()
 
     def _with_logarithm(self) -> str:
@@ -169,7 +171,7 @@ class Estimator:
 
     def _told_infinite(self, exponent: float) -> str:
         target = self._target
-        if target.norm is None or target.of or is_finite(target.name, exponent):
+        if target.norm is None or is_finite(target.norm, exponent):
             return ""
         power = f"r^{exponent:.3g}{' log r' if exponent == self.logarithm else ''}"
         return (

@@ -60,6 +60,7 @@ class Rates:
         exponent: The exponent with which errors at separate places add up.
         values: The rate of each owned cell.
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
+        at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
     """
 
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
@@ -68,6 +69,7 @@ class Rates:
         self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
+        self.at_corners: Mask = np.zeros(count, dtype=bool)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self._known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
@@ -102,14 +104,9 @@ class Rates:
         return (self.values < SINGULAR * self.order) & (self.corners < self.order)
 
     @property
-    def slow_corners(self) -> Mask:
-        """Whether each cell is at a corner at which divisions were seen to gain little."""
-        return self.singular_corners & self._measured
-
-    @property
     def standing_corners(self) -> Mask:
         """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
-        return (self._stood > 1) & (self.corners < self.order)
+        return (self._stood > 1) & self.at_corners
 
     def local_prediction(self, norms: Array, p: float) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
@@ -163,6 +160,7 @@ class Rates:
         self._measured = divided.owners.of(self._measured)
         self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
+        self.at_corners = np.zeros(len(self.values), dtype=bool)
         self._known = np.zeros(len(self.values), dtype=bool)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided

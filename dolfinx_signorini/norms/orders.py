@@ -119,7 +119,7 @@ def expected_orders(degree: int, exponent: float, dimension: int = 2) -> dict[st
     return {norm: order for norm, order in orders.items() if order is not None}
 
 
-def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
+def is_finite(norm: str | Norm, exponent: float, dimension: int = 2) -> bool:
     """Tell whether a norm of r^exponent is finite, and with it the norm of an error.
 
     The p-th power of s derivatives is like r^{(a - s) p}, whose integral is finite if and only if
@@ -128,8 +128,9 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     of samples says.
 
     Args:
-        norm: Name of a norm, see `names.parse_norm`. The interpolation estimate H1_2_boundary
-            is as finite as H1_boundary, the norm H1_2_boundary_spectral itself more often.
+        norm: The norm or its name, see `names.parse_norm`. The interpolation estimate
+            H1_2_boundary is as finite as H1_boundary, the norm H1_2_boundary_spectral itself more
+            often.
         exponent: The exponent a of r at the worst point.
         dimension: The dimension of the space in which r is the distance to a point: 2 in the plane
             and for the distance to an edge in space, 3 for the distance to a corner in space.
@@ -137,7 +138,7 @@ def is_finite(norm: str, exponent: float, dimension: int = 2) -> bool:
     Raises:
         InputError: The norm is unknown.
     """
-    parsed = parse_norm(norm)
+    parsed = parse_norm(norm) if isinstance(norm, str) else norm
     if parsed.derivatives == 0.5 and not parsed.spectral:
         parsed = Norm(1.0, 2.0, boundary=True)
     order = singular_order(parsed, exponent, dimension)

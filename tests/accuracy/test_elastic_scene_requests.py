@@ -151,3 +151,14 @@ def test_errors_that_come_from_elsewhere(demos):
     assert ds.error_norms(fine.u, other, ["Linf"])["Linf"] <= 1.2e-5 + 2.4e-6
     for result in (rough, fine):
         result.destroy()
+
+
+@pytest.mark.parametrize(("norm", "finite"), [("stress_Linf", False), ("stress_L4", True)])
+def test_a_stress_that_is_infinite_is_told(norm, finite, parse):
+    """Where a clamped side ends at a right angle, u ~ r^0.711, and the stress ~ r^-0.289."""
+    text = NARROW.format(young="100", force="0", traction="0")
+    result = solve_scene(parse(text), COMM, accuracy=0.3, norm=norm)
+    found = result.found
+    assert found.reached == finite and ("r^0.711" in found.stopped) == (not finite)
+    assert found.steps[-1].unknowns < 20_000
+    result.destroy()
