@@ -195,9 +195,16 @@ class Request:
     def pose(self, degree: int, sided: ds.SidedMesh) -> ds.ContactProblem:
         shape = self.drawn[0]
         V = fem.functionspace(sided.mesh, ("Lagrange", degree, (2,)))
-        u, v, data = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
-        data.interpolate(lambda x: shape.turn @ shape.u(shape.turn.T @ x[:2]))
-        bc = fem.dirichletbc(data, fem.locate_dofs_topological(V, 1, sided.sides["held"]))
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        bcs = [
+            ds.dirichlet(
+                V,
+                sided.sides["held"],
+                lambda x, k=k: (shape.turn @ shape.u(shape.turn.T @ x[:2]))[k],
+                component=k,
+            )
+            for k in range(2)
+        ]
         E, nu = (fem.Constant(sided.mesh, value) for value in (shape.young, shape.poisson))
         load = fem.Constant(sided.mesh, (0.0, 0.0))
         if isinstance(shape, Smooth):
@@ -210,7 +217,7 @@ class Request:
             ufl.inner(load, v) * ufl.dx,
             contact=sided.sides["contact"],
             gap=lambda x: shape.gap(shape.turn.T @ x[:2]),
-            bcs=[bc],
+            bcs=bcs,
         )
 
     def functional(self, u: Any) -> ufl.Form:

@@ -45,6 +45,7 @@ from dolfinx_signorini import (
     SidedMesh,
     SignoriniProblem,
     bernstein_space,
+    dirichlet,
     solve_adaptively,
     solve_scene,
 )
@@ -212,12 +213,8 @@ def pose(trial: Trial, degree: int, sided: SidedMesh) -> SignoriniProblem:
         L += given("h") * v * ds[trial.contact]
     bcs = []
     if trial.dirichlet:
-        nodal = fem.Function(fem.functionspace(domain, ("Lagrange", degree)))
-        nodal.interpolate(lambda p: data.arrays(p[:d].T, "u")[0])
-        value = fem.Function(space)
-        value.interpolate(nodal)
-        dofs = fem.locate_dofs_topological(space, d - 1, sided.facets(trial.dirichlet))
-        bcs = [fem.dirichletbc(value, dofs)]
+        held = sided.facets(trial.dirichlet)
+        bcs = [dirichlet(space, held, lambda p: data.arrays(p[:d].T, "u")[0])]
     contact = sided.facets((trial.contact,))
     (g,) = data(UFL, at, "g")
     bound = "upper" if trial.upper else "lower"

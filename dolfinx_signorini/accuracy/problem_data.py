@@ -45,8 +45,8 @@ def unknown_between_nodes(problem: BoundConstrainedProblem) -> tuple[str, ...]:
     if not any(_varies(problem, bc) for bc in problem.bcs if data_of_condition(bc) is None):
         return ()
     return (
-        "Dirichlet data that vary are known at nodes alone: what they are between the nodes counts "
-        "in the estimate if they are given by dolfinx_signorini.dirichlet",
+        "the estimate knows Dirichlet data that vary at the nodes alone; given by "
+        "dolfinx_signorini.dirichlet, they count between the nodes, too",
     )
 
 
