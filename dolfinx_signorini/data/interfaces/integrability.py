@@ -5,8 +5,9 @@ from itertools import combinations
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.tolerances import HALVINGS, SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.singular_sets import poles
 
 NEAR = 2.0**-10, 2.0**-20  # of the way across a simplex: distances from a pole
@@ -50,11 +51,8 @@ def _zeros(pole: Node, simplices: Array) -> tuple[Array, Array]:
         rays.append((simplices[on][:, j] - middles)[flat])
     for i, j in combinations(range(count), 2):
         on = ~zero[:, i] & ~zero[:, j] & (values[:, i] * values[:, j] < 0.0)
-        low, high, sign = simplices[on, i], simplices[on, j], np.sign(values[on, i])
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            same = (np.sign(evaluated(pole, middle)) == sign)[:, None]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        places.append(high)
-        rays.append(simplices[on, j] - high)
+        start, edge = simplices[on, i], simplices[on, j] - simplices[on, i]
+        shares = Interface(pole).zeros(start, start + edge)[:, None]
+        places.append(start + shares * edge)
+        rays.append((1.0 - shares) * edge)
     return np.concatenate(places), np.concatenate(rays)
