@@ -16,6 +16,7 @@ GROUPS = {
     "Problems and their solution": (
         "SignoriniProblem",
         "ObstacleProblem",
+        "dirichlet",
         "SolveResult",
         "METHODS",
         "solve_cascade",
@@ -33,7 +34,6 @@ GROUPS = {
         "EnergyTerms",
         "DetachmentPoint",
         "detachment_points",
-        "dirichlet",
         "StressIntensity",
         "stress_intensity",
     ),
