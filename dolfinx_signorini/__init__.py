@@ -1,8 +1,9 @@
-"""Signorini problems on FEniCSx: one-sided constraints on the boundary, solved with PETSc TAO.
+"""Unilateral problems on FEniCSx: obstacles on the boundary and in the domain, and elastic contact.
 
-The rooms, in the order in which data flows: meshes and quadrature; manufactured (known solutions);
-system, solvers and problem; norms, orders and detachment; then what is built on them: bounds,
-accuracy, scenes, tradeoff, paper, and commands.
+UFL forms pose a `SignoriniProblem`, an `ObstacleProblem` or a `ContactProblem`, whose `solve` gives
+the solution with gap, pressure and contact set. `solve_adaptively` solves to an accuracy,
+`energy_bound` proves a bound of the error, and `solve_scene` does all that a scene file asks for.
+The rooms of the package are in CONTRIBUTING.md.
 """
 
 from dolfinx_signorini.base import requirements  # isort: skip  # before what needs dolfinx

@@ -25,6 +25,7 @@ GROUPS = {
         "InputError",
         "NotConvergedError",
     ),
+    "Elastic bodies": ("ContactProblem", "elasticity", "stress", "von_mises", "weighted_strain"),
     "Accuracy": (
         "error_norms",
         "solve_adaptively",
