@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.base.kinds import check, indices, integer, on_mesh, optional
+from dolfinx_signorini.base.kinds import check, indices, instance, integer, on_mesh, optional
 from dolfinx_signorini.meshes.sided_meshes import facet_count
 from dolfinx_signorini.problem.directions import scalar_space
 from dolfinx_signorini.problem.values import Data, evaluator
@@ -56,6 +56,7 @@ def dirichlet(
     Raises:
         InputError: An argument makes no sense, or the data have several values at a node.
     """
+    check(space=(space, instance(fem.FunctionSpace, "a function space")))
     domain, known = space.mesh, facet_count(space.mesh)
     check(
         value=(value, on_mesh(domain, callables=True)),

@@ -9,11 +9,10 @@ import numpy as np
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tables import listed
-from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
-from dolfinx_signorini.data.interfaces.integrability import infinite_integrals
+from dolfinx_signorini.data.interfaces.integrability import INFINITE, growth_at_poles
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
-from dolfinx_signorini.data.interfaces.singular_sets import jumps, poles
+from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import parse_norm
@@ -101,9 +100,9 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     if torn:
         places = listed([point_text(point) for point in torn])
         notes.append(f"Dirichlet data jump at {places}: no solution has finite energy")
-    endless = _endless(scene, sided)
+    poles = _notes_of_poles(scene, sided)
     if scene.elasticity is not None:
-        return Expectation({}, (*notes, *endless, *_stiff(scene, scene.elasticity)))
+        return Expectation({}, (*notes, *poles, *_stiff(scene, scene.elasticity)))
     corners: list[Corner] = []
     if scene.domain.dimension == 2:
         corners = _note_corners(scene, sided, notes)
@@ -117,13 +116,7 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
             "the load of the manufactured solution leaves out what kinks of the solution, or jumps "
             "of its flux, add on curves"
         )
-    notes += endless
-    load = coefficients(scene).load
-    if load is not None and not endless and _has_poles_on_curves(load, sided):
-        notes.append(
-            "the load may be infinite along a curve, next to which it is integrated roughly: no "
-            "estimate of errors shows that"
-        )
+    notes += poles
     exponent = 0.0 if torn else corners[0].exponent if corners else _contact_exponent(scene)
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
@@ -150,18 +143,30 @@ def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     return anywhere(domain.comm, found)
 
 
-def _endless(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
-    """Return notes on data that grow so fast towards a pole that their integral is infinite."""
+def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
+    """Return notes on data that are infinite along curves, with an integral or without."""
+    places = [(d.name, d.formula, d.corners) for d in data_of(scene, sided) if d.measure == "mass"]
+    load = coefficients(scene).load if scene.manufactured else None
+    if load is not None:
+        places.append(("the load", load, cell_corners(sided.mesh)))
     notes = []
-    for datum in data_of(scene, sided):
-        places = datum.formula, datum.corners
-        own = infinite_integrals(*places) if datum.measure == "mass" else np.empty((0, 3))
-        found = np.concatenate(sided.mesh.comm.allgather(own[:1]))
-        if len(found):
-            point = point_text(min(map(tuple, found)))
+    for name, formula, corners in places:
+        points, powers = growth_at_poles(formula, corners)
+        own = zip(np.round(powers, 2), map(tuple, points), strict=True)
+        worst = min(filter(None, sided.mesh.comm.allgather(min(own, default=None))), default=None)
+        if worst is None:
+            continue
+        where = point_text(worst[1])
+        if worst[0] <= INFINITE:
             notes.append(
-                f"{datum.name} grows like 1/distance or faster, for example towards {point}: the "
+                f"{name} grows like 1/distance or faster, for example towards {where}: the "
                 "integral is infinite, and what the quadrature makes of it depends on the mesh"
+            )
+        elif corners.shape[1] > sided.mesh.topology.dim:
+            notes.append(
+                f"{name} is infinite along a curve, like the distance to the power {worst[0]:.2g}, "
+                f"for example at {where}: next to the curve it is integrated roughly, and no "
+                "estimate of errors shows that"
             )
     return tuple(dict.fromkeys(notes))
 
@@ -187,18 +192,6 @@ def _orders(scene: Scene, exponent: float) -> dict[str, float]:
         return orders
     known = expected_orders(scene.degree, FREE_BOUNDARY_EXPONENT, 1)
     return {norm: min(order, known[norm]) for norm, order in orders.items()}
-
-
-def _has_poles_on_curves(load: Formula, sided: SidedMesh) -> bool:
-    """Whether a denominator of a load changes its sign in the domain; the call is collective."""
-    domain = sided.mesh
-    x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
-    for pole in poles(load):
-        values = evaluated(pole, x)
-        found = domain.comm.allgather((bool((values < 0.0).any()), bool((values > 0.0).any())))
-        if np.any(found, axis=0).all():
-            return True
-    return False
 
 
 def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) -> None:

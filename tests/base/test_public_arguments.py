@@ -323,6 +323,15 @@ TABLE = {
             "plane": (None, 1, "junk"),
         },
     ),
+    "dirichlet": (
+        lambda t: {"space": t.problem.space, "facets": np.array([0]), "value": 0.0},
+        lambda t: {
+            "space": (None, 1.0, t.mesh),
+            "facets": (None, "x", [0.5], [-1], [10**6]),
+            "value": (None, "x", NAN, t.other_function, t.other_x[0]),
+            "component": ("x", 0.5, -1, 1),
+        },
+    ),
     "ObstacleProblem": (
         lambda t: {"a": t.problem.a, "L": t.problem.L, "lower": -0.1},
         lambda t: {

@@ -1,4 +1,4 @@
-"""Formulas that grow too fast towards a pole to have an integral."""
+"""Formulas that grow towards poles on curves and surfaces, and how fast."""
 
 from itertools import combinations
 
@@ -10,30 +10,37 @@ from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.singular_sets import poles
 
-NEAR = 2.0**-10, 2.0**-20  # of the way across a simplex: distances from a pole
-GROWS = 0.9  # 1 for the power -1 of the distance, and 0.7 for the power -0.95
+DIGITS = 10, 20  # binary ones of the distances from a pole, as shares of the way across a simplex
+INFINITE = -0.99  # the power from which on the integral is infinite, but for rounding
 
 
-def infinite_integrals(formula: Formula, simplices: Array) -> Array:
-    """Return points of a curve, or surface, towards which a formula grows like 1/distance or more.
+def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
+    """Return points of curves, or surfaces, towards which a formula grows, with the powers.
 
     A denominator that is 0 at all corners of a simplex but one is taken to be 0 on the side between
-    them; one that changes its sign along an edge is 0 at a point of the edge. From there the
-    product of values and distance is followed into the simplex.
+    them; one that changes its sign along an edge is 0 at a point of the edge. From there the values
+    are followed into the simplex.
 
     Args:
         formula: The formula.
         simplices: Corners of cells or facets, shape (simplices, corners, dimension).
+
+    Returns:
+        The points, and for each the power of the distance that the formula is like, below 0.
     """
     found: list[Array] = [np.empty((0, simplices.shape[2]))]
+    powers: list[Array] = [np.empty(0)]
     for pole in poles(formula):
         places, rays = _zeros(pole, simplices)
         with np.errstate(all="ignore"):
             near, nearest = (
-                np.abs(evaluated(formula.root, places + share * rays)) * share for share in NEAR
+                np.abs(evaluated(formula.root, places + 2.0**-digits * rays)) for digits in DIGITS
             )
-            found.append(places[np.isfinite(nearest) & (nearest > GROWS * near) & (near > 0.0)])
-    return np.concatenate(found)
+            power = np.log2(near / nearest) / (DIGITS[1] - DIGITS[0])
+        grows = np.isfinite(power) & (power < -SOLVED)
+        found.append(places[grows])
+        powers.append(power[grows])
+    return np.concatenate(found), np.concatenate(powers)
 
 
 def _zeros(pole: Node, simplices: Array) -> tuple[Array, Array]:
