@@ -152,7 +152,7 @@ def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
     notes = []
     for name, formula, corners in places:
         points, powers = growth_at_poles(formula, corners)
-        own = zip(np.round(powers, 2), map(tuple, points), strict=True)
+        own = zip(powers, map(tuple, points), strict=True)
         worst = min(filter(None, sided.mesh.comm.allgather(min(own, default=None))), default=None)
         if worst is None:
             continue

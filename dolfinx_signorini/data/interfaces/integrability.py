@@ -11,7 +11,7 @@ from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.singular_sets import poles
 
 DIGITS = 10, 20  # binary ones of the distances from a pole, as shares of the way across a simplex
-INFINITE = -0.99  # the power from which on the integral is infinite, but for rounding
+INFINITE = -0.99  # the power from which on the integral is infinite, but for a logarithm
 
 
 def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
@@ -26,7 +26,8 @@ def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
         simplices: Corners of cells or facets, shape (simplices, corners, dimension).
 
     Returns:
-        The points, and for each the power of the distance that the formula is like, below 0.
+        The points, and for each the power of the distance that the formula is like, below 0, with
+        two decimals.
     """
     found: list[Array] = [np.empty((0, simplices.shape[2]))]
     powers: list[Array] = [np.empty(0)]
@@ -36,8 +37,8 @@ def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
             near, nearest = (
                 np.abs(evaluated(formula.root, places + 2.0**-digits * rays)) for digits in DIGITS
             )
-            power = np.log2(near / nearest) / (DIGITS[1] - DIGITS[0])
-        grows = np.isfinite(power) & (power < -SOLVED)
+            power = np.round(np.log2(near / nearest) / (DIGITS[1] - DIGITS[0]), 2)
+        grows = np.isfinite(power) & (power < 0.0)
         found.append(places[grows])
         powers.append(power[grows])
     return np.concatenate(found), np.concatenate(powers)
