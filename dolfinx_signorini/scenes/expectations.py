@@ -149,11 +149,10 @@ def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
     load = coefficients(scene).load if scene.manufactured else None
     if load is not None:
         places.append(("the load", load, cell_corners(sided.mesh)))
-    notes = []
+    notes: list[str] = []
     for name, formula, corners in places:
-        points, powers = growth_at_poles(formula, corners)
-        own = zip(powers, map(tuple, points), strict=True)
-        worst = min(filter(None, sided.mesh.comm.allgather(min(own, default=None))), default=None)
+        every = sided.mesh.comm.allgather(growth_at_poles(formula, corners)[:1])
+        worst = min((growth for growths in every for growth in growths), default=None)
         if worst is None:
             continue
         where = point_text(worst[1])

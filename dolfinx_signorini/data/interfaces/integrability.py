@@ -14,8 +14,8 @@ DIGITS = 10, 20  # binary ones of the distances from a pole, as shares of the wa
 INFINITE = -0.99  # the power from which on the integral is infinite, but for a logarithm
 
 
-def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
-    """Return points of curves, or surfaces, towards which a formula grows, with the powers.
+def growth_at_poles(formula: Formula, simplices: Array) -> list[tuple[float, tuple[float, ...]]]:
+    """Return how fast a formula grows towards points of curves, or surfaces.
 
     A denominator that is 0 at all corners of a simplex but one is taken to be 0 on the side between
     them; one that changes its sign along an edge is 0 at a point of the edge. From there the values
@@ -26,11 +26,10 @@ def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
         simplices: Corners of cells or facets, shape (simplices, corners, dimension).
 
     Returns:
-        The points, and for each the power of the distance that the formula is like, below 0, with
-        two decimals.
+        The powers of the distance that the formula is like, with two decimals, the least one first,
+        each with a point.
     """
-    found: list[Array] = [np.empty((0, simplices.shape[2]))]
-    powers: list[Array] = [np.empty(0)]
+    found: set[tuple[float, tuple[float, ...]]] = set()
     for pole in poles(formula):
         places, rays = _zeros(pole, simplices)
         with np.errstate(all="ignore"):
@@ -39,9 +38,9 @@ def growth_at_poles(formula: Formula, simplices: Array) -> tuple[Array, Array]:
             )
             power = np.round(np.log2(near / nearest) / (DIGITS[1] - DIGITS[0]), 2)
         grows = np.isfinite(power) & (power < 0.0)
-        found.append(places[grows])
-        powers.append(power[grows])
-    return np.concatenate(found), np.concatenate(powers)
+        for k in np.flatnonzero(grows):
+            found.add((float(power[k]), tuple(map(float, places[k]))))
+    return sorted(found)
 
 
 def _zeros(pole: Node, simplices: Array) -> tuple[Array, Array]:
