@@ -46,12 +46,14 @@ def dirichlet(
 
         bcs = [dirichlet(V, top, -0.1 - 0.2 * abs(x[0] - 0.3) ** 0.6, component=1)]
 
+    The data are those at the time of the call: a loop over data makes a new condition each time.
+
     Args:
         space: A continuous Lagrange space.
         facets: Facets of the boundary, local to the rank.
         value: A number, a UFL expression, a function, or a callable of the coordinates, shape
             (3, n), which is called on the ranks that have points and must not communicate.
-        component: The number of the component of u that has the value; None for a scalar u.
+        component: The number of the component of u that has the value; of a scalar u None or 0.
 
     Raises:
         InputError: An argument makes no sense, or the data have several values at a node.
@@ -68,6 +70,7 @@ def dirichlet(
     require(domain.comm, not wrong, wrong, "facets")
     if space.dofmap.bs > 1 and component is None:
         raise InputError("of a vector the number of one component is needed", "component")
+    component = None if space.dofmap.bs == 1 else component
     nodal, size = (space, 1) if component is None else (scalar_space(space), space.dofmap.bs)
     nodes = fem.locate_dofs_topological(nodal, space.mesh.topology.dim - 1, facets)
     owned = nodes[nodes < space.dofmap.index_map.size_local]

@@ -300,7 +300,7 @@ def at_nodes(space, facets):
 def everywhere(space, facets):
     """The same root, between the nodes, too."""
     x = ufl.SpatialCoordinate(space.mesh)
-    return dirichlet(space, facets, abs(x[0] - 0.3137) ** 0.6)
+    return dirichlet(space, facets, abs(x[0] - 0.3137) ** 0.6, component=0)
 
 
 def constant(space, facets):
