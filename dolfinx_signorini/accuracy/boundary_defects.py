@@ -167,9 +167,9 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
             continue  # a constant is met everywhere, and nodes show what is beyond
         entities, _, touching = contact_on_entities(problem, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
-        bound = _values(obstacle.data, points, {})
-        if problem.lengths is not None:
-            bound = bound / points.values(problem.lengths)[0]
+        bound, lengths = _values(obstacle.data, points, {}), problem.lengths
+        if lengths is not None:
+            bound = bound / points.values(lengths)[0]
         off = bound - points.values(problem.along(problem.u))[0]
         held = np.asarray(touching.all(axis=1))
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)

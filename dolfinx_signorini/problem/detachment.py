@@ -79,9 +79,9 @@ def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[Detach
     plane = problem.space.mesh.topology.dim == 2
     require(problem.comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
-    # The sides of bodies bend away from an obstacle by much more than they move.
-    largest_move = highest(problem.comm, np.abs(problem.along(problem.u).x.array))
-    moved = np.inf if problem.lengths is None else largest_move
+    moved = np.inf
+    if problem.vector_valued:  # sides bend away from an obstacle by much more than they move
+        moved = highest(problem.comm, np.abs(problem.along(problem.u).x.array))
     largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []

@@ -59,30 +59,30 @@ def dirichlet(
         InputError: An argument makes no sense, or the data have several values at a node.
     """
     check(space=(space, instance(fem.FunctionSpace, "a function space")))
-    domain, known = space.mesh, facet_count(space.mesh)
+    domain, size = space.mesh, space.dofmap.bs
     check(
         value=(value, on_mesh(domain, callables=True)),
-        component=(component, optional(integer(0, space.dofmap.bs - 1))),
+        component=(component, optional(integer(0, size - 1))),
     )
+    known = facet_count(domain)
     wrong = indices(facets, "facets")
     if not wrong and len(facets) and not 0 <= np.min(facets) <= np.max(facets) < known:
         wrong = f"the mesh has {known} facets here"
     require(domain.comm, not wrong, wrong, "facets")
-    if space.dofmap.bs > 1 and component is None:
+    if size > 1 and component is None:
         raise InputError("of a vector the number of one component is needed", "component")
-    component = None if space.dofmap.bs == 1 else component
-    nodal, size = (space, 1) if component is None else (scalar_space(space), space.dofmap.bs)
-    nodes = fem.locate_dofs_topological(nodal, space.mesh.topology.dim - 1, facets)
+    nodal, first = space if size == 1 else scalar_space(space), component or 0
+    nodes = fem.locate_dofs_topological(nodal, domain.topology.dim - 1, facets)
     owned = nodes[nodes < space.dofmap.index_map.size_local]
-    values, first = fem.Function(space), component or 0
+    values = fem.Function(space)
     values.x.array[owned * size + first] = evaluator(nodal, value, owned, "value")()
     values.x.scatter_forward()
     dofs = nodes * size + first
-    if component is None:
+    if size == 1:
         condition = fem.dirichletbc(values, dofs)
     else:
         both: Any = [dofs, dofs]
-        condition = fem.dirichletbc(values, both, space.sub(component))
+        condition = fem.dirichletbc(values, both, space.sub(first))
     _known[condition] = DirichletData(facets, value, first)
     return condition
 

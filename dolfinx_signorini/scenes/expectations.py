@@ -10,7 +10,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
-from dolfinx_signorini.data.interfaces.integrability import INFINITE, growth_at_poles
+from dolfinx_signorini.data.interfaces.integrability import INFINITE, fastest_growth
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners
@@ -151,8 +151,8 @@ def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
         places.append(("the load", load, cell_corners(sided.mesh)))
     notes: list[str] = []
     for name, formula, corners in places:
-        every = sided.mesh.comm.allgather(growth_at_poles(formula, corners)[:1])
-        worst = min((growth for growths in every for growth in growths), default=None)
+        every = sided.mesh.comm.allgather(fastest_growth(formula, corners))
+        worst = min(filter(None, every), default=None)
         if worst is None:
             continue
         where = point_text(worst[1])

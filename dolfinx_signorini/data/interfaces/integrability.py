@@ -14,8 +14,8 @@ DIGITS = 10, 20  # binary ones of the distances from a pole, as shares of the wa
 INFINITE = -0.99  # the power from which on the integral is infinite, but for a logarithm
 
 
-def growth_at_poles(formula: Formula, simplices: Array) -> list[tuple[float, tuple[float, ...]]]:
-    """Return how fast a formula grows towards points of curves, or surfaces.
+def fastest_growth(formula: Formula, simplices: Array) -> tuple[float, tuple[float, ...]] | None:
+    """Return how fast a formula grows at most towards a point of a curve, or surface.
 
     A denominator that is 0 at all corners of a simplex but one is taken to be 0 on the side between
     them; one that changes its sign along an edge is 0 at a point of the edge. From there the values
@@ -26,10 +26,10 @@ def growth_at_poles(formula: Formula, simplices: Array) -> list[tuple[float, tup
         simplices: Corners of cells or facets, shape (simplices, corners, dimension).
 
     Returns:
-        The powers of the distance that the formula is like, with two decimals, the least one first,
-        each with a point.
+        The least power of the distance that the formula is like, with two decimals, and the point;
+        None where the formula has no pole.
     """
-    found: set[tuple[float, tuple[float, ...]]] = set()
+    found: list[tuple[float, tuple[float, ...]]] = []
     for pole in poles(formula):
         places, rays = _zeros(pole, simplices)
         with np.errstate(all="ignore"):
@@ -38,9 +38,8 @@ def growth_at_poles(formula: Formula, simplices: Array) -> list[tuple[float, tup
             )
             power = np.round(np.log2(near / nearest) / (DIGITS[1] - DIGITS[0]), 2)
         grows = np.isfinite(power) & (power < 0.0)
-        for k in np.flatnonzero(grows):
-            found.add((float(power[k]), tuple(map(float, places[k]))))
-    return sorted(found)
+        found += [(float(power[k]), tuple(map(float, places[k]))) for k in np.flatnonzero(grows)]
+    return min(found, default=None)
 
 
 def _zeros(pole: Node, simplices: Array) -> tuple[Array, Array]:
