@@ -48,7 +48,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.problem.assembly import dofs_on_entities
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import Data, called_at, evaluator
@@ -162,10 +162,10 @@ def distances_from_data(problem: BoundConstrainedProblem) -> list[Distances]:
 
 
 def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
-    for side, obstacle in enumerate([] if problem.in_domain else problem.obstacles):
-        if isinstance(obstacle.data, int | float | np.number):
-            continue  # a constant is met everywhere, and nodes show what is beyond
-        entities, _, touching = contact_on_entities(problem, side)
+    for zone, side, obstacle in _varying_obstacles(problem):
+        if zone.in_domain:
+            continue
+        entities, _, touching = contact_on_entities(zone, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
         bound, lengths = _values(obstacle.data, points, {}), problem.lengths
         if lengths is not None:
@@ -175,6 +175,19 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
         off = np.where(held[:, None], off, beyond)
         yield Distances(entities, off, held, True, lambda f: problem.along(f).x.array)
+
+
+def _varying_obstacles(
+    problem: BoundConstrainedProblem,
+) -> Iterator[tuple[Contact, int, Obstacle]]:
+    """The obstacles of each zone with their numbers, but for those that are met everywhere.
+
+    A constant is, and nodes show what is beyond.
+    """
+    for zone in problem.zones:
+        for side, obstacle in enumerate(zone.obstacles):
+            if not isinstance(obstacle.data, int | float | np.number):
+                yield zone, side, obstacle
 
 
 def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
@@ -197,14 +210,14 @@ def _component(k: int, f: fem.Function) -> Array:
 
 
 def _distances_in_cells(problem: BoundConstrainedProblem) -> Iterator[fem.Function]:
-    for side, obstacle in enumerate(problem.obstacles if problem.in_domain else []):
-        if not isinstance(obstacle.data, int | float | np.number):
-            _, _, touching = contact_on_entities(problem, side)
-            yield _off_in_cells(problem, obstacle, touching)
+    for zone, side, obstacle in _varying_obstacles(problem):
+        if zone.in_domain:
+            _, _, touching = contact_on_entities(zone, side)
+            yield _off_in_cells(zone, obstacle, touching)
 
 
 def _off_in_cells(
-    problem: BoundConstrainedProblem, obstacle: Obstacle, touching: npt.NDArray[np.bool_]
+    problem: Contact, obstacle: Obstacle, touching: npt.NDArray[np.bool_]
 ) -> fem.Function:
     """The distance to an obstacle in cells in contact, and what lies beyond it in all cells.
 
@@ -215,11 +228,10 @@ def _off_in_cells(
     finer = fem.functionspace(space.mesh, ("Lagrange", degree))
     off, u = fem.Function(finer, name="off"), fem.Function(finer)
     u.interpolate(problem.u)
-    layout = problem.system.layout
-    dofs = dofs_on_entities(finer, layout.dim, layout.entities)
+    dofs = dofs_on_entities(finer, space.mesh.topology.dim, problem.contact)
     gap = obstacle.sign * (u.x.array[dofs] - evaluator(finer, obstacle.data, dofs)())
     held = np.zeros(len(off.x.array), dtype=bool)
-    held[finer.dofmap.list[layout.owned_entities[touching.all(axis=1)]]] = True
+    held[finer.dofmap.list[problem.owned_entities[touching.all(axis=1)]]] = True
     off.x.array[dofs] = -obstacle.sign * np.where(held[dofs], gap, np.minimum(gap, 0.0))
     off.x.scatter_forward()
     return off

@@ -24,7 +24,7 @@ from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 
 SAMPLES = 24  # on each edge of a facet
 
@@ -44,12 +44,12 @@ def rate_at_ends(target: Target, in_domain: bool = False) -> float:
 
 
 def cells_at_contact_ends(
-    problem: BoundConstrainedProblem, parents: LocalIndices, count: int
+    zone: Contact, parents: LocalIndices, count: int
 ) -> npt.NDArray[np.bool_]:
     """Tell which cells have an end of the contact set; the call is collective.
 
     Args:
-        problem: The solved problem, on the mesh with every cell divided.
+        zone: The solved problem, or a zone, on the mesh with every cell divided.
         parents: For each owned cell of this mesh the coarse cell around the cell.
         count: The number of owned coarse cells.
 
@@ -57,9 +57,9 @@ def cells_at_contact_ends(
         For each owned coarse cell whether the cell is at a facet with dofs in contact and others,
         or is such a cell.
     """
-    space = problem.space
-    _, dofs, touching = contact_on_entities(problem)
-    held = marked(space, problem.system.layout.held_nodes)[dofs]
+    space = zone.space
+    _, dofs, touching = contact_on_entities(zone)
+    held = marked(space, zone.held_nodes)[dofs]
     ends = touching.any(axis=1) & ~(touching | held).all(axis=1)
     cells = cells_with_dofs(space, marked(space, dofs[ends].ravel()))
     result = np.zeros(count, dtype=bool)
@@ -75,31 +75,32 @@ def cells_at_kinks(
     Where the kink is in a cell differs from mesh to mesh, and with it the error of the cell.
     """
     result = np.zeros(count, dtype=bool)
-    for side, obstacle in enumerate(problem.obstacles if problem.in_domain else []):
+    zone = problem.zones[0]  # cells come first
+    for side, obstacle in enumerate(zone.obstacles if zone.in_domain else ()):
         formula = formula_of(obstacle.data) if isinstance(obstacle.data, Expr) else None
         if formula is not None:
-            cells, _, touching = contact_on_entities(problem, side)
+            cells, _, touching = contact_on_entities(zone, side)
             broken = broken_cells([formula], problem.space.mesh)
             result[parents[np.intersect1d(cells[touching.any(axis=1)], broken)]] = True
     return result
 
 
 def contact_on_entities(
-    problem: BoundConstrainedProblem, side: int | None = None
+    zone: Contact, side: int | None = None
 ) -> tuple[LocalIndices, LocalIndices, npt.NDArray[np.bool_]]:
     """Return the owned facets or cells that have an obstacle, and which of their dofs touch one.
 
     Args:
-        problem: The solved problem; the call is collective.
+        zone: The solved problem, or a zone; the call is collective.
         side: The number of the obstacle; by default any of them counts.
 
     Returns:
         The cells or the (cell, local facet) pairs, and two arrays of the shape (entities, nodes of
         one): the nodes, which are the dofs of scalars, and whether they are in contact.
     """
-    space, entities = problem.space, problem.system.layout.owned_entities
-    dofs = space.dofmap.list[entities] if problem.in_domain else facet_dofs(space, entities)
-    active = problem.active if side is None else problem.active_sides[side]
+    space, entities = zone.space, zone.owned_entities
+    dofs = space.dofmap.list[entities] if zone.in_domain else facet_dofs(space, entities)
+    active = zone.active if side is None else zone.active_sides[side]
     return entities, dofs, marked(space, active)[dofs]
 
 

@@ -132,22 +132,25 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     def everywhere(nodes: LocalIndices) -> Mask:
         return np.all(marked(nodal, nodes)[on_facets], axis=1)
 
-    held = [everywhere(fixed[fixed % size == k] // size) for k in range(size)]
     given, stopped = np.zeros((2, len(facets), size, size))
-    for k, on in enumerate(held):
-        given[on, k, k] = 1.0
-    touching = everywhere(np.concatenate([problem.active, layout.held_nodes]))
-    if problem.in_domain:  # a facet is in contact if its cells are
-        given[touching] = np.eye(size)
-        return Sides(facets, given, stopped, np.zeros_like(touching))
-    contact = everywhere(layout.obstacle_nodes)
+    for k in range(size):
+        given[everywhere(fixed[fixed % size == k] // size), k, k] = 1.0
+    contact: Mask = np.zeros(len(facets), dtype=bool)
+    touching = contact
+    for zone in problem.zones:
+        held = everywhere(np.concatenate([zone.active, layout.held_nodes]))
+        if zone.in_domain:  # a facet is in contact if its cells are
+            given[held] = np.eye(size)
+        else:
+            contact = everywhere(zone.obstacle_nodes)
+            touching = held & contact
     units = np.ones((len(facets), 1))
     if isinstance(problem, ContactProblem):
         directions = problem.directions.x.array.reshape(-1, size)
         units = directions[on_facets].mean(axis=1)
         units /= np.maximum(np.linalg.norm(units, axis=1), SAME)[:, None]
     stopped[contact] = (units[:, :, None] * units[:, None])[contact]
-    return Sides(facets, given, stopped, touching & contact)
+    return Sides(facets, given, stopped, touching)
 
 
 def exponents_at_places(

@@ -106,8 +106,11 @@ class Estimator:
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
-        ends = cells_at_contact_ends(solved.fine, solved.parents, solved.count)
-        self.rates.know(ends, rate_at_ends(self._target, solved.fine.in_domain))
+        ends = np.zeros(solved.count, dtype=bool)
+        for zone in solved.fine.zones:
+            here = cells_at_contact_ends(zone, solved.parents, solved.count)
+            self.rates.know(here, rate_at_ends(self._target, zone.in_domain))
+            ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)
         self.rates.know(kinks, rate, rate)

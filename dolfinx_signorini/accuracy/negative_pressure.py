@@ -41,7 +41,7 @@ from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices
 from dolfinx_signorini.norms.pointwise import length
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import Contact
 
 
 def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
@@ -50,18 +50,18 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     In a functional a gap counts by the force that holds the dual solution on the facet. The parts
     are zero for obstacles in the domain, where the load tells the pressure at each point.
     """
-    problem, norm = solved.fine, solved.target.norm
-    if problem.in_domain:
+    problem, norm, zone = solved.fine, solved.target.norm, solved.fine.zones[-1]
+    if zone.in_domain:  # facets come last
         return np.zeros((2, solved.count))
     space, domain = problem.system.layout.nodal, problem.space.mesh
     dim = domain.topology.dim
-    pairs, dofs, touching = contact_on_entities(problem)
-    fixed = marked(space, problem.system.layout.held_nodes)[dofs]
+    pairs, dofs, touching = contact_on_entities(zone)
+    fixed = marked(space, zone.held_nodes)[dofs]
     held = touching.any(axis=1) & ~fixed.any(axis=1)
     if not anywhere(problem.comm, held):
         return np.zeros((2, solved.count))
     lattice = facet_lattice(space)
-    (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(problem))
+    (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(zone))
     negative = pressure < 0.0
     lack = np.maximum(-pressure, 0.0)
     largest, share = lack.max(axis=1, initial=0.0), negative.mean(axis=1)
@@ -99,7 +99,7 @@ def _compliance(solved: Solved) -> float:
     return 2.0 * size / energy if energy > 0.0 else 1.0
 
 
-def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
+def pressure_density(zone: Contact) -> fem.Function:
     """Return the density of the contact pressure, a function of the space on the contact boundary.
 
     Unlike `SignoriniProblem.pressure`, a mean around each dof that is nowhere negative, the density
@@ -108,11 +108,11 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     of the highest degree is smallest on the facets around.
 
     Args:
-        problem: The solved problem; the call is collective.
+        zone: The solved problem, or its contact boundary; the call is collective.
     """
-    layout, comm = problem.system.layout, problem.comm
-    space, owned = layout.nodal, layout.obstacle_nodes
-    pairs, dofs, _ = contact_on_entities(problem)
+    forces_at, owned = zone.normal_forces, zone.obstacle_nodes
+    space = forces_at.function_space
+    comm, (pairs, dofs, _) = space.mesh.comm, contact_on_entities(zone)
     density = fem.Function(space)
     first = sum(comm.allgather(len(owned))[: comm.rank])
     density.x.array[owned] = np.arange(first, first + len(owned))
@@ -120,7 +120,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     places = density.x.array[dofs].astype(PETSc.IntType)
     sizes = facet_scale(space.mesh, pairs)[:, None, None]
     masses, highest = (sizes * products[pairs[:, 1]] for products in _facet_products(space))
-    fixed = marked(space, layout.held_nodes)
+    fixed = marked(space, zone.held_nodes)
     # With a share of the masses the dofs at corners where two facets meet are determined, too.
     rows = np.where(fixed[dofs][:, :, None], highest + SOLVED * masses, masses)
     matrix = PETSc.Mat().create(comm)
@@ -133,7 +133,7 @@ def pressure_density(problem: BoundConstrainedProblem) -> fem.Function:
     matrix.setValuesIJV(starts, columns, rows.ravel(), addv=add, rowmap=places.ravel())
     matrix.assemble()
     x, forces = matrix.createVecs()
-    forces.array_w[:] = np.where(fixed[owned], 0.0, problem.normal_forces.x.array[owned])
+    forces.array_w[:] = np.where(fixed[owned], 0.0, forces_at.x.array[owned])
     ksp = PETSc.KSP().create(comm)
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.LU)

@@ -14,7 +14,6 @@ from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import Datum
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 
@@ -24,13 +23,14 @@ STIFFNESS = NAMES["cell", 2], NAMES["exterior_facet", 2]  # data of a, of which 
 def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
     """Return the data of a problem that depend on the coordinates, as far as they are readable."""
     found = [*form_data(problem.L), *form_data(problem.a)]
-    domain, contact = problem.space.mesh, problem.contact
-    degree = problem.space.element.basix_element.degree
-    if problem.in_domain:
-        parts = on_cells(domain, contact[contact < len(owned_cells(domain))])
-    else:
-        parts = on_boundary(domain, contact)
-    heights = [("the obstacle", obstacle.data, parts) for obstacle in problem.obstacles]
+    domain, degree = problem.space.mesh, problem.space.element.basix_element.degree
+    heights = []
+    for zone in problem.zones:
+        if zone.in_domain:
+            parts = on_cells(domain, zone.owned_entities)
+        else:
+            parts = on_boundary(domain, zone.contact)
+        heights += [("the obstacle", obstacle.data, parts) for obstacle in zone.obstacles]
     for known in filter(None, map(data_of_condition, problem.bcs)):
         heights.append(("the Dirichlet data", known.value, on_boundary(domain, known.facets)))
     for name, value, parts in heights:

@@ -18,6 +18,7 @@ HALVINGS = int(np.finfo(np.float64).nmant)
 # The least number of which a product with PRECISION keeps all digits, 1e-292: in place of 0 where
 # a quotient or a logarithm follows. Beyond TINY and 1 / TINY products lose digits or overflow.
 TINY = float(np.finfo(np.float64).tiny) / PRECISION
+FAR = 1.0 / TINY  # how far away from 0 a bound is that is none
 # One operation, or one function of a library, which is at most 4 units in the last place off.
 UNIT = 8.0 * PRECISION
 UPWARDS = 1.0 + SOLVED  # times a bound that has been calculated: more than the bound

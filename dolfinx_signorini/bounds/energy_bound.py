@@ -182,6 +182,8 @@ def with_bound(value: Any) -> str:
             "has a load that depends on the function that it fills, as in a time step: the load of "
             "this solution is gone; keep the last solution in a function of its own"
         )
+    if isinstance(value, BoundConstrainedProblem) and len(value.zones) > 1:
+        return "has obstacles in the domain and on the boundary: no bound is known for both at once"
     in_cells = isinstance(value, BoundConstrainedProblem) and value.in_domain
     return "" if in_cells else one_sided(value)
 

@@ -3,6 +3,7 @@
 The system is made once, and again from the parts whose data have changed.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,6 +22,7 @@ from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
+from dolfinx_signorini.base.tolerances import FAR
 from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
 from dolfinx_signorini.problem.directions import Directions, scalar_space
@@ -48,8 +50,10 @@ class Assembly:
 
     Attributes:
         layout: The dofs with a constraint or Dirichlet data.
-        obstacles: For each obstacle its values in the last system, at the owned dofs that have an
-            obstacle.
+        zone_dofs: For each zone of the constraint the owned dofs, nodes of vectors, that it has.
+        obstacles: The bounds of the last system from below and above, as far as there are such
+            obstacles, at the owned dofs that have an obstacle: of several obstacles the tightest.
+        owners: For each of these bounds the number of the zone that the tightest obstacle is of.
         phases: The seconds of the phases so far.
         directions: The directions of the obstacle, where the unknowns are vectors; else None.
         total_load: L(1), the sum of the load on all basis functions.
@@ -57,6 +61,7 @@ class Assembly:
     """
 
     total_load: float
+    owners: list[LocalIndices]
 
     def __init__(
         self,
@@ -72,26 +77,29 @@ class Assembly:
         self.assembled = a, L
         self.phases = Phases(self.comm)
         with self.phases("forms"):
-            dim, entities = constraint.dim, constraint.entities
-            sides = tuple(obstacle.sign for obstacle in constraint.obstacles)
+            zones = constraint.zones
+            dim, entities = zones[0].dim, zones[0].entities
+            given = [obstacle.sign for obstacle in constraint.obstacles]
+            sides = tuple(sign for sign in (1.0, -1.0) if sign in given)
             fixed = _dirichlet_dofs(space, self.bcs)
             self.directions: Directions | None = None
             if constraint.vectors:
                 nodal = scalar_space(space)
-                self._nodes = dofs_on_entities(nodal, dim, entities)
-                known = entities, self._nodes, fixed, constraint.direction
+                self.zone_dofs = [dofs_on_entities(nodal, dim, entities)]
+                known = entities, self.zone_dofs[0], fixed, constraint.direction
                 self.directions = Directions(space, nodal, *known)
                 dofs, frame = self.directions.dofs, self.directions.frame
             else:
-                dofs, frame = dofs_on_entities(space, dim, entities), None
-                self._nodes = dofs
+                self.zone_dofs = [dofs_on_entities(space, z.dim, z.entities) for z in zones]
+                dofs, frame = functools.reduce(np.union1d, self.zone_dofs), None
             self.layout = Layout(space, dim, entities, sides, dofs, fixed, frame)
             self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
                 "jit_options": jit_options,
             }
             self._take(a, L)
-            self._given, self._held_weakly = constraint.obstacles, constraint.held_weakly
+            self._given = [(k, each) for k, zone in enumerate(zones) for each in zone.obstacles]
+            self._held_weakly = constraint.held_weakly
             self._look_up()
             self._watch_a, self._watch_L = Watch(a), Watch(L)
             self._replaced = False  # whether other forms are assembled than the given ones
@@ -99,8 +107,8 @@ class Assembly:
 
     def _look_up(self) -> None:
         """Find where the obstacles are evaluated."""
-        space, nodes = self.layout.nodal, self._nodes
-        self._obstacles_at = [evaluator(space, g.data, nodes, g.name) for g in self._given]
+        space, dofs = self.layout.nodal, self.zone_dofs
+        self._obstacles_at = [evaluator(space, g.data, dofs[k], g.name) for k, g in self._given]
 
     def _take(self, a: ufl.Form | None, L: ufl.Form | None) -> None:
         """Take forms, where they are given."""
@@ -169,19 +177,40 @@ class Assembly:
         data = _dirichlet_values(layout.space, self.bcs, layout.fixed_dofs)
         nodes = layout.fixed_dofs // layout.block
         checks.check_finite(layout.nodal, nodes, data, "Dirichlet data")
-        values = [at() for at in self._obstacles_at]
-        for each, found in zip(self._given, values, strict=True):
-            checks.check_finite(layout.nodal, self._nodes, found, each.name)
+        self._values = [at() for at in self._obstacles_at]
+        for (zone, each), found in zip(self._given, self._values, strict=True):
+            checks.check_finite(layout.nodal, self.zone_dofs[zone], found, each.name)
         if self.directions is not None:
-            (each,), (gaps,) = self._given, values
+            ((_, each),), (gaps,) = self._given, self._values
             self.obstacles = [self.directions.bounds(gaps, data, each.name)]
+            self.owners = [np.zeros(len(layout.obstacle_dofs), dtype=np.int32)]
             return self.obstacles[0][layout.free], data
-        clamped = [
-            checks.clamped(layout, each, found, data, self._reach)
-            for each, found in zip(self._given, values, strict=True)
-        ]
-        self.obstacles = checks.apart(layout, clamped)
+        for k, (zone, each) in enumerate(self._given):
+            known = self.zone_dofs[zone], self._values[k], data
+            self._values[k] = checks.clamped(layout, each, *known, self._reach)
+        self.obstacles = checks.apart(layout, self._tightest())
         return np.concatenate([found[layout.free] for found in self.obstacles]), data
+
+    def _tightest(self) -> list[Array]:
+        """Return the bounds of the obstacles, `FAR` away where a dof has none on that side."""
+        layout, bounds = self.layout, []
+        self.owners = []
+        for sign in layout.sides:
+            bound = np.full(len(layout.obstacle_dofs), -sign * np.inf)
+            owner: LocalIndices = np.zeros(len(bound), dtype=np.int32)
+            for (zone, each), found in zip(self._given, self._values, strict=True):
+                if each.sign == sign:
+                    at = np.searchsorted(layout.obstacle_dofs, self.zone_dofs[zone])
+                    tighter = sign * (found - bound[at]) >= 0.0
+                    bound[at[tighter]], owner[at[tighter]] = found[tighter], zone
+            bounds.append(np.clip(bound, -FAR, FAR) if len(self.zone_dofs) > 1 else bound)
+            self.owners.append(owner)
+        return bounds
+
+    def values_in(self, zone: int) -> list[Array]:
+        """Return the values of the obstacles of a zone in the last system, at its dofs."""
+        both = zip(self._given, self._values, strict=True)
+        return [values for (number, _), values in both if number == zone]
 
     def _reach(self) -> float:
         """Return about how large the solution is without any bounds, up to a power of the size."""
@@ -260,7 +289,7 @@ class Assembly:
             free=free,
             assembled=assembled,
         )
-        checks.check_range(made, diagonal, self._given)
+        checks.check_range(made, diagonal, [each for _, each in self._given])
         if doubtful:
             checks.check_definite(A, self.layout, diagonal)
         (checks if self.layout.frame is None else held).check_held(made)

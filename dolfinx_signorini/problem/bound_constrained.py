@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import ufl
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled, kernels
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.costs import Cost, costs_of
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, require
 from dolfinx_signorini.base.kinds import (
@@ -38,6 +38,7 @@ from dolfinx_signorini.problem.assembly import Assembly
 from dolfinx_signorini.problem.checks import check_unique
 from dolfinx_signorini.problem.coarse_rules import warn_of_coarse_rule
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
+from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.held import check_free, warn_of_loose
 from dolfinx_signorini.problem.values import Data
 from dolfinx_signorini.solvers.cascade import check_method, checked_tolerance
@@ -50,6 +51,10 @@ from dolfinx_signorini.solvers.tao import DEFAULT_RTOL as TAO_RTOL
 
 # In the norms of the paper, the algebraic error is then about 1e-6 of the discretisation error.
 DEFAULT_RTOL = 1e-7
+
+# Where obstacles act: a problem with obstacles in the domain or on the boundary, or a zone of one
+# that has both.
+Contact: TypeAlias = "BoundConstrainedProblem | ContactZone"
 
 _counter = itertools.count()
 
@@ -132,7 +137,7 @@ class BoundConstrainedProblem:
         warn_of_coarse_rule(a)
         kernels.load(self.comm)
         self._constraint = constraint(self.space)
-        self.sign = min(1.0, self._constraint.obstacles[0].sign)
+        self.sign = max(obstacle.sign for obstacle in self._constraint.obstacles)
         compilation = form_compiler_options, jit_options
         self._assembly = Assembly(a, L, self._constraint, bcs, *compilation)
         self._system = self._assembly.system()
@@ -269,7 +274,38 @@ class BoundConstrainedProblem:
     @property
     def contact(self) -> LocalIndices:
         """The facets or cells with an obstacle that this rank knows."""
-        return self._constraint.entities
+        return self._constraint.zones[0].entities
+
+    @property
+    def obstacle_nodes(self) -> LocalIndices:
+        """The owned dofs with an obstacle, of vectors nodes, with or without Dirichlet data."""
+        return self._layout.obstacle_nodes
+
+    @property
+    def held_nodes(self) -> LocalIndices:
+        """The nodes with an obstacle that Dirichlet data hold, see `Layout`."""
+        return self._layout.held_nodes
+
+    @property
+    def owned_entities(self) -> LocalIndices:
+        """The owned cells with an obstacle, or the owned facets as (cell, local facet) pairs."""
+        return self._layout.owned_entities
+
+    @property
+    def zones(self) -> "tuple[Contact, ...]":
+        """Where the obstacles act: cells and facets where there are both, else the problem."""
+        zones = self._constraint.zones
+        if len(zones) == 1:
+            return (self,)
+        return tuple(ContactZone(self, zone, number) for number, zone in enumerate(zones))
+
+    def zone_dofs(self, number: int) -> LocalIndices:
+        """The owned dofs of a zone, with or without Dirichlet data."""
+        return self._assembly.zone_dofs[number]
+
+    def obstacle_values(self, number: int) -> list[Array]:
+        """The values of each obstacle of a zone at its dofs."""
+        return self._assembly.values_in(number)
 
     @property
     def contact_dofs(self) -> LocalIndices:
@@ -299,13 +335,25 @@ class BoundConstrainedProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        nodes = self.contact_dofs // self._layout.block
-        return tuple(nodes[touching] for touching in self._touching())
+        return tuple(active for zone in range(len(self.zones)) for active in self.active_in(zone))
 
-    def _touching(self) -> Mask:
-        """Whether dofs are in contact, shape (obstacles, contact dofs)."""
-        touching = self.system.touching(self._solution())
-        return touching.reshape(len(self._layout.sides), -1)
+    def active_in(self, number: int) -> tuple[LocalIndices, ...]:
+        """For each obstacle of a zone the owned dofs in contact whose tightest obstacle is of it.
+
+        Args:
+            number: The number of the zone.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        layout, sides = self._layout, list(self._layout.sides)
+        touching = self.system.touching(self._solution()).reshape(len(sides), -1)
+        nodes, found = self.contact_dofs // layout.block, []
+        for obstacle in self._constraint.zones[number].obstacles:
+            side = sides.index(obstacle.sign)
+            own = self._assembly.owners[side][layout.free] == number
+            found.append(nodes[touching[side] & own])
+        return tuple(found)
 
     @property
     def gap(self) -> fem.Function:
@@ -340,7 +388,7 @@ class BoundConstrainedProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        return self._layout.density(self.forces)
+        return self._layout.density(self.zones[0].forces)
 
     @property
     def forces(self) -> fem.Function:

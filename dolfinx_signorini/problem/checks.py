@@ -15,7 +15,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere, function_with
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, TINY
+from dolfinx_signorini.base.tolerances import FAR, ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
     control_points,
     is_bernstein,
@@ -58,7 +58,7 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
     comm, (lower, upper) = layout.space.mesh.comm, obstacles
     if not anywhere(comm, lower > upper):
         return list(obstacles)
-    size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)
+    size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)  # no dof has neither
     size = comm.allreduce(float(size), op=MPI.MAX)
     low, high = (_values_at_dofs(layout, obstacle) for obstacle in obstacles)
     message = ""
@@ -77,7 +77,12 @@ def _values_at_dofs(layout: Layout, obstacle: Array) -> Array:
 
 
 def clamped(
-    layout: Layout, given: Obstacle, obstacle: Array, data: Array, reach: Callable[[], float]
+    layout: Layout,
+    given: Obstacle,
+    dofs: LocalIndices,
+    obstacle: Array,
+    data: Array,
+    reach: Callable[[], float],
 ) -> Array:
     """Return an obstacle, moved to those Dirichlet data that lie beyond; refuse data far beyond.
 
@@ -88,16 +93,17 @@ def clamped(
     Args:
         layout: The dofs with an obstacle and those with Dirichlet data.
         given: The obstacle, with its sign and its name.
-        obstacle: The obstacle at the dofs with an obstacle.
+        dofs: The dofs that have the obstacle.
+        obstacle: The obstacle at these dofs.
         data: The Dirichlet data at their dofs.
         reach: Tells about the size of the solution; asked for only where data lie beyond.
 
     Raises:
         InputError: The subject is the name of the obstacle.
     """
-    space, dofs, fixed = layout.space, layout.obstacle_dofs, layout.fixed_dofs
+    space, fixed = layout.space, layout.fixed_dofs
     comm, upper = space.mesh.comm, given.sign < 0.0
-    i = np.flatnonzero(~layout.free)
+    i = np.flatnonzero(np.isin(dofs, fixed))
     j = np.searchsorted(fixed, dofs[i])
     beyond = given.sign * (obstacle[i] - data[j])
     moved = obstacle.copy()
@@ -156,17 +162,19 @@ def check_range(system: System, diagonal: Array, given: Sequence[Obstacle]) -> N
             that name.
     """
     load = np.abs(system.b.array_r).max(initial=0.0)
+    sides = system.layout.sides
+    names = [next(each.name for each in given if each.sign == sign) for sign in sides]
     with np.errstate(over="ignore", under="ignore"):
-        height = np.maximum(system.signs * system.obstacle, 0.0)
-        heights = (system.contact_diagonal * height).reshape(len(given), -1)
-        places = np.abs(system.contact_diagonal * system.obstacle).reshape(len(given), -1)
-        pushes, fars = heights.max(axis=1, initial=0.0), places.max(axis=1, initial=0.0)
+        forces = system.contact_diagonal * system.signs * system.obstacle
+        forces[np.abs(system.obstacle) == FAR] = 0.0
+        heights = forces.reshape(len(sides), -1)
+        pushes, fars = heights.max(axis=1, initial=0.0), np.abs(heights).max(axis=1, initial=0.0)
         local = np.array([diagonal.max(initial=0.0), load, *pushes, *fars])
-        operator, load, *forces = np.max(system.comm.allgather(local), axis=0)
-        pushes, fars = np.split(np.array(forces), 2)
+        operator, load, *largest = np.max(system.comm.allgather(local), axis=0)
+        pushes, fars = np.split(np.array(largest), 2)
         force = max(load, *pushes)
         size, total = force / operator, fars * system.space.dofmap.index_map.size_global
-    pushing = given[int(np.argmax(pushes))].name
+    pushing = names[int(np.argmax(pushes))]
     for subject, name, value in (
         ("form a", "its largest diagonal entry", operator),
         ("load", "its largest entry", load),
@@ -179,10 +187,10 @@ def check_range(system: System, diagonal: Array, given: Sequence[Obstacle]) -> N
                 "choose other units",
                 subject,
             )
-    for obstacle, far in zip(given, total, strict=True):
+    for name, far in zip(names, total, strict=True):
         if np.isinf(far):
             message = "too far away for floating-point numbers; 1e300 away is none"
-            raise InputError(message, obstacle.name)
+            raise InputError(message, name)
 
 
 def check_symmetry(A: PETSc.Mat) -> None:

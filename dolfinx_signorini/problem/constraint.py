@@ -1,4 +1,4 @@
-"""The constraint of a problem: obstacles below or above, on facets of the boundary or in cells."""
+"""The constraint of a problem: obstacles below or above, on the boundary, in cells, or on both."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ from dolfinx.mesh import Mesh
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import check, on_mesh
+from dolfinx_signorini.base.kinds import check, choice, on_mesh
 from dolfinx_signorini.problem.values import Data
 
 
@@ -29,26 +29,64 @@ class Obstacle:
 
 
 @dataclass(frozen=True)
-class Constraint:
-    """One obstacle, or two, and where they act:
+class Zone:
+    """Facets or cells on which one obstacle acts, or two:
 
-        Constraint(domain.topology.dim, cells, (Obstacle(1.0, 0.0, "lower"),))
+        Zone(domain.topology.dim, cells, (Obstacle(1.0, 0.0, "lower"),))
 
     Attributes:
-        dim: The dimension of the facets or cells on which the obstacles act.
+        dim: The dimension of the facets or cells.
         entities: These facets or cells, as far as this rank knows them.
         obstacles: The obstacles, a lower one first.
-        vectors: Whether the unknowns are vectors, which the obstacle meets in a direction.
-        direction: This direction; None for the averaged normal.
-        held_weakly: Whether springs hold what nothing else does, see `ContactProblem`.
     """
 
     dim: int
     entities: LocalIndices
     obstacles: tuple[Obstacle, ...]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """What bounds the solution: obstacles on a part of the boundary or in the domain, or on both.
+
+    For example:
+
+        Constraint((Zone(domain.topology.dim, cells, (Obstacle(1.0, 0.0, "lower"),)),))
+
+    Attributes:
+        zones: Where the obstacles act; cells come before facets.
+        vectors: Whether the unknowns are vectors, which the obstacle meets in a direction.
+        direction: This direction; None for the averaged normal.
+        held_weakly: Whether springs hold what nothing else does, see `ContactProblem`.
+    """
+
+    zones: tuple[Zone, ...]
     vectors: bool = False
     direction: Any = None
     held_weakly: bool = False
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """All obstacles, in the order of the zones."""
+        return tuple(obstacle for zone in self.zones for obstacle in zone.obstacles)
+
+
+def one_obstacle(mesh: Mesh, obstacle: Data, bound: str) -> Obstacle:
+    """Return the obstacle that two arguments `obstacle` and `bound` give.
+
+    Args:
+        mesh: The mesh of the problem.
+        obstacle: The obstacle.
+        bound: "lower" or "upper".
+
+    Raises:
+        InputError: The obstacle is of no known kind, or the bound is another word.
+    """
+    check(
+        bound=(bound, choice("lower", "upper")),
+        obstacle=(obstacle, on_mesh(mesh, callables=True)),
+    )
+    return Obstacle(1.0 if bound == "lower" else -1.0, obstacle, "obstacle")
 
 
 def obstacles_of(mesh: Mesh, lower: Data | None, upper: Data | None) -> tuple[Obstacle, ...]:

@@ -24,7 +24,7 @@ from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.pictures.contact_boundary import AlongDirection
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.constraint import Constraint, Obstacle
+from dolfinx_signorini.problem.constraint import Constraint, Obstacle, Zone
 from dolfinx_signorini.problem.directions import Direction, Directions
 from dolfinx_signorini.problem.values import Data
 
@@ -110,8 +110,8 @@ class ContactProblem(BoundConstrainedProblem):
             facets = checked_facets(domain, contact)
             check(gap=(gap, on_mesh(domain, callables=True)), held_weakly=(held_weakly, TRUTH))
             upper = Obstacle(-1.0, gap, "gap")
-            more = direction, held_weakly
-            return Constraint(domain.topology.dim - 1, facets, (upper,), True, *more)
+            zone = Zone(domain.topology.dim - 1, facets, (upper,))
+            return Constraint((zone,), True, direction, held_weakly)
 
         super().__init__(
             a,

@@ -23,6 +23,7 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
 SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
@@ -57,7 +58,9 @@ class DetachmentPoint:
     strength: float
 
 
-def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[DetachmentPoint]:
+def detachment_points(
+    problem: SignoriniProblem | ContactProblem | ContactZone,
+) -> list[DetachmentPoint]:
     """Find the points where contact really ends, the strongest first.
 
     Points that are about as strong as each other come in the order of their coordinates.
@@ -67,7 +70,7 @@ def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[Detach
 
     Args:
         problem: A problem in the plane that has been solved: for a scalar, or for an elastic body,
-            whose gap has the same power.
+            whose gap has the same power; or the contact boundary of an `ObstacleProblem`.
 
     Returns:
         The same points on all ranks.
@@ -75,13 +78,16 @@ def detachment_points(problem: SignoriniProblem | ContactProblem) -> list[Detach
     Raises:
         InputError: The problem is not in the plane, or has not been solved.
     """
-    check(problem=(problem, lambda p: "" if isinstance(p, ContactProblem) else one_sided(p)))
+    check(problem=(problem, _with_one_obstacle))
+    comm = problem.space.mesh.comm
     plane = problem.space.mesh.topology.dim == 2
-    require(problem.comm, plane, "must be one in the plane", "problem")
+    require(comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
     moved = np.inf
-    if problem.vector_valued:  # sides bend away from an obstacle by much more than they move
-        moved = highest(problem.comm, np.abs(problem.along(problem.u).x.array))
+    if isinstance(
+        problem, ContactProblem
+    ):  # sides bend away from an obstacle by much more than they move
+        moved = highest(comm, np.abs(problem.along(problem.u).x.array))
     largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
@@ -178,8 +184,16 @@ def _zero(s: Array, values: Array, degree: int) -> float:
     return np.inf
 
 
+def _with_one_obstacle(value: Any) -> str:
+    """The kind of what has detachment points."""
+    if isinstance(value, ContactZone):
+        one = len(value.obstacles) == 1 and not value.in_domain
+        return "" if one else "must be the contact boundary of a problem"
+    return "" if isinstance(value, ContactProblem) else one_sided(value)
+
+
 def _boundary_table(
-    problem: SignoriniProblem | ContactProblem,
+    problem: SignoriniProblem | ContactProblem | ContactZone,
 ) -> tuple[Array, Array, Array, Array]:
     """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
 
@@ -190,8 +204,8 @@ def _boundary_table(
     left, density = problem.gap, problem.pressure
     space, gap, pressure = left.function_space, left.x.array, density.x.array
     values = values_at_control_points(space, gap)
-    edges, _ = facet_pieces(space, problem.system.layout.owned_entities)
+    edges, _ = facet_pieces(space, problem.owned_entities)
     x = control_points(space)[:, :2]
     table = np.hstack([x[edges].reshape(-1, 4), gap[edges], pressure[edges], values[edges]])
-    table = np.concatenate(problem.comm.allgather(table))
+    table = np.concatenate(space.mesh.comm.allgather(table))
     return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8], table[:, 8:]

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.problem.arguments import checked_cells
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.problem.arguments import checked_cells, checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.constraint import Constraint, obstacles_of
+from dolfinx_signorini.problem.constraint import Constraint, Zone, obstacles_of, one_obstacle
+from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.values import Data
 
 if TYPE_CHECKING:
@@ -39,6 +41,9 @@ class ObstacleProblem(BoundConstrainedProblem):
             holds at the nodes alone.
         cells: The cells that have the obstacles: indices, local to the rank, or MeshTags of cells,
             alone or in a pair with one value or several; all cells by default.
+        contact, obstacle, bound: A contact boundary and its obstacle beside those in the domain,
+            see `SignoriniProblem`; none by default. Where there are two lower obstacles, or two
+            upper ones, the tighter one bounds the solution.
         bcs: Dirichlet conditions.
         u: The function to be filled with the solution; a new one by default.
         petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
@@ -69,6 +74,9 @@ class ObstacleProblem(BoundConstrainedProblem):
         lower: Data | None = None,
         upper: Data | None = None,
         cells: Any = None,
+        contact: Any = None,
+        obstacle: Data = 0.0,
+        bound: str = "lower",
         bcs: Sequence[fem.DirichletBC] = (),
         u: fem.Function | None = None,
         petsc_options_prefix: str | None = None,
@@ -77,10 +85,15 @@ class ObstacleProblem(BoundConstrainedProblem):
         jit_options: Mapping[str, Any] | None = None,
     ):
         def constraint(space: fem.FunctionSpace) -> Constraint:
-            chosen = checked_cells(space.mesh, cells)
-            return Constraint(
-                space.mesh.topology.dim, chosen, obstacles_of(space.mesh, lower, upper)
-            )
+            domain, dim = space.mesh, space.mesh.topology.dim
+            chosen = checked_cells(domain, cells)
+            zones = [Zone(dim, chosen, obstacles_of(domain, lower, upper))]
+            if contact is not None:
+                known = checked_facets(domain, contact), (one_obstacle(domain, obstacle, bound),)
+                zones.append(Zone(dim - 1, *known))
+            elif not isinstance(obstacle, int | float) or obstacle != 0.0 or bound != "lower":
+                raise InputError("is for a contact boundary: give `contact`", "obstacle")
+            return Constraint(tuple(zones))
 
         super().__init__(
             a,
@@ -94,6 +107,21 @@ class ObstacleProblem(BoundConstrainedProblem):
             jit_options=jit_options,
         )
 
+    @property
+    def boundary(self) -> ContactZone:
+        """Contact on the boundary: gap, pressure, forces and active dofs of the facets `contact`.
+
+        `pressure` of the problem is that in the domain, and `gap`, `forces`, `force` and `active`
+        are those of both.
+
+        Raises:
+            InputError: The problem has no contact boundary beside the obstacles in the domain.
+        """
+        zone = self.zones[-1]
+        if not isinstance(zone, ContactZone):
+            raise InputError("has obstacles in the domain alone", "problem")
+        return zone
+
     def plot(
         self,
         path: Path | str | None = None,
@@ -101,12 +129,13 @@ class ObstacleProblem(BoundConstrainedProblem):
         what: str = "solution",
         plane: tuple[str, float] | None = None,
     ) -> "Picture | None":
-        """Draw the solution or the pressure, and where contact ends; collective.
+        """Draw the solution or the pressure, and where contact in the domain ends; collective.
 
         Args:
             path: Where to save the picture, with a suffix that matplotlib knows; not at all by
                 default.
-            what: "solution" for u, "contact" for the pressure.
+            what: "solution" for u, "contact" for the pressure, "boundary" for gap and pressure
+                along the contact boundary, see `boundary`.
             plane: In space the slice to draw, for example ("z", 0.5); by default the slice through
                 the middle at right angles to z.
 
@@ -118,9 +147,13 @@ class ObstacleProblem(BoundConstrainedProblem):
         """
         # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.pictures.contact_region import draw_region
+        from dolfinx_signorini.pictures.problem_pictures import draw_problem
 
         self._solution()
-        figure = draw_region(self, what, plane=plane)
+        if what == "boundary":
+            figure = draw_problem(self.boundary, "contact", None)
+        else:
+            figure = draw_region(self.zones[0], what, plane=plane)
         if figure is not None and path is not None:
             figure.savefig(path)
         return figure

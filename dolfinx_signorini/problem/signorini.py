@@ -9,10 +9,16 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import check, choice, instance, on_mesh
+from dolfinx_signorini.base.kinds import instance
 from dolfinx_signorini.problem.arguments import checked_facets
 from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
-from dolfinx_signorini.problem.constraint import Constraint, Obstacle, obstacles_of
+from dolfinx_signorini.problem.constraint import (
+    Constraint,
+    Obstacle,
+    Zone,
+    obstacles_of,
+    one_obstacle,
+)
 from dolfinx_signorini.problem.values import Data
 
 if TYPE_CHECKING:
@@ -87,16 +93,14 @@ class SignoriniProblem(BoundConstrainedProblem):
         jit_options: Mapping[str, Any] | None = None,
     ):
         def constraint(space: fem.FunctionSpace) -> Constraint:
-            check(bound=(bound, choice("lower", "upper")))
-            facets = checked_facets(space.mesh, contact)
-            dim = space.mesh.topology.dim - 1
-            if lower is None and upper is None:
-                check(obstacle=(obstacle, on_mesh(space.mesh, callables=True)))
-                one = Obstacle(1.0 if bound == "lower" else -1.0, obstacle, "obstacle")
-                return Constraint(dim, facets, (one,))
-            if not isinstance(obstacle, int | float) or obstacle != 0.0 or bound != "lower":
-                raise InputError("has a lower or an upper obstacle beside", "obstacle")
-            return Constraint(dim, facets, obstacles_of(space.mesh, lower, upper))
+            domain = space.mesh
+            given: tuple[Obstacle, ...] = (one_obstacle(domain, obstacle, bound),)
+            facets = checked_facets(domain, contact)
+            if lower is not None or upper is not None:
+                if not isinstance(obstacle, int | float) or obstacle != 0.0 or bound != "lower":
+                    raise InputError("has a lower or an upper obstacle beside", "obstacle")
+                given = obstacles_of(domain, lower, upper)
+            return Constraint((Zone(domain.topology.dim - 1, facets, given),))
 
         super().__init__(
             a,

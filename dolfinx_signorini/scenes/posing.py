@@ -107,9 +107,13 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
     loads = [ufl.dot(integrand, v) * measure for integrand, measure in sources.values()]
     L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
     conditions = [condition.dirichlet(setting) for condition in scene.conditions]
-    obstacle = scene.contact or scene.obstacle
-    assert obstacle is not None
-    problem = obstacle.problem(setting, a, L, [bc for bc in conditions if bc is not None])
+    given = setting, a, L, [bc for bc in conditions if bc is not None]
+    if scene.obstacle is not None:
+        boundary = {} if scene.contact is None else scene.contact.arguments(setting)
+        problem = scene.obstacle.problem(*given, boundary)
+    else:
+        assert scene.contact is not None
+        problem = scene.contact.problem(*given)
     return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
 
 

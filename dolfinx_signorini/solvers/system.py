@@ -26,6 +26,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base import kernels
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.tolerances import FAR
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.solvers.components import Components, Loose, components
 from dolfinx_signorini.solvers.densities import Densities
@@ -247,7 +248,8 @@ class System:
         return lower, upper
 
     def _bounds(self, sign: float) -> Array:
-        bounds, chosen = np.full(self.A.getLocalSize()[0], -sign * np.inf), self.signs == sign
+        bounds = np.full(self.A.getLocalSize()[0], -sign * np.inf)
+        chosen = (self.signs == sign) & (np.abs(self.obstacle) < FAR)
         bounds[self.contact_dofs[chosen]] = self.obstacle[chosen]
         return bounds
 

@@ -120,6 +120,8 @@ class Case:
     held: np.ndarray
     values: np.ndarray
     entities: object
+    rim: object = None  # where an obstacle on the boundary is tighter than one in the domain
+    rim_bound: str = ""
 
 
 def chosen_cells(rng, domain):
@@ -138,7 +140,10 @@ def chosen_cells(rng, domain):
 
 
 def random_case(seed, kind=None, degree=None, bernstein=None, on_boundary=None, sides=None):
-    """Pose a random problem; what is None is drawn."""
+    """Pose a random problem; what is None is drawn.
+
+    With "both" for `on_boundary` there are obstacles in the domain and one on the boundary.
+    """
     rng = np.random.default_rng(seed)
     drawn = (KINDS[rng.integers(4)], int(rng.integers(1, 4)), bool(rng.random() < 0.5))
     kind, degree = kind or drawn[0], degree or drawn[1]
@@ -187,6 +192,9 @@ def random_case(seed, kind=None, degree=None, bernstein=None, on_boundary=None, 
         for name, shape in (("lower", low), ("upper", high))
         if sides in (name, "both")
     }
+    if on_boundary == "both":
+        case = Case(None, a, L, None, None, held, values, None)
+        return with_a_rim(rng, case, space, (low, high), given, bcs)
     if on_boundary:
         facets = boundary_facets(domain)
         if rng.random() < 0.5:
@@ -203,6 +211,52 @@ def random_case(seed, kind=None, degree=None, bernstein=None, on_boundary=None, 
     lower = np.where(has & (sides != "upper"), g.x.array[:owned], -np.inf)
     upper = np.where(has & (sides != "lower"), h.x.array[:owned], np.inf)
     return Case(problem, a, L, lower, upper, held, values, (dim, entities))
+
+
+def with_a_rim(rng, case, space, floors, given, bcs):
+    """Complete a case: obstacles in the domain, and another one on some sides of the boundary.
+
+    The rim is above the lower floor at some places, and below at others; so is an upper one.
+    """
+    domain, owned, (low, high) = space.mesh, space.dofmap.index_map.size_local, floors
+    bound, wave = ("lower", "upper")[rng.integers(2)], waves(rng, 0.4)
+    base, towards = (low, 1.0) if bound == "lower" else (high, -1.0)
+    facets = dolfinx.mesh.locate_entities_boundary(
+        domain, domain.topology.dim - 1, lambda x: np.isclose(x[0], 0.0) | np.isclose(x[1], 1.0)
+    )
+
+    def rim(x):
+        return base(x) + towards * (high(x) - low(x)) * np.minimum(0.45, wave(x))
+
+    argument, cells = chosen_cells(rng, domain)
+    case.problem = ObstacleProblem(
+        case.a,
+        case.L,
+        cells=argument,
+        bcs=bcs,
+        contact=facets,
+        obstacle=given_as(rng, space, rim),
+        bound=bound,
+        **given,
+    )
+    dim = domain.topology.dim
+    case.entities = [(dim, cells), (dim - 1, facets)]
+    inside, at_rim = (dofs_of(space, *zone) for zone in case.entities)
+    limits = {}
+    for name, sign, floor in (("lower", 1.0, low), ("upper", -1.0, high)):
+        values = interpolant(space, floor).x.array[:owned]
+        limit = np.where(inside & (name in given), values, -sign * np.inf)
+        if name == bound:
+            height = interpolant(space, rim).x.array[:owned]
+            case.rim = at_rim & (sign * (height - limit) >= 0.0)
+            limit = np.where(case.rim, height, limit)
+        limits[name] = limit
+    lower, upper = limits["lower"], limits["upper"]
+    wrong = lower > upper  # coefficients, where values are not out of order
+    lower[wrong] = upper[wrong] = 0.5 * (lower[wrong] + upper[wrong])
+    lower[case.held], upper[case.held] = -np.inf, np.inf
+    case.lower, case.upper, case.rim_bound = lower, upper, bound
+    return case
 
 
 # What decides, without the package.
@@ -311,9 +365,20 @@ def check_kkt(case, tolerance=1e-8):
     expected = np.where((low | high) & has, force, 0.0)
     assert largest(forces - expected) <= tolerance * scale
     assert abs(problem.force - total(expected)) <= tolerance * scale * len(u) * COMM.size
-    dim, entities = case.entities
-    integral = problem.sign * integrated(problem.space, dim, entities, problem.pressure)
-    assert integral == pytest.approx(problem.force, rel=1e-8, abs=1e-8 * scale)
+    zones = [(problem, case.entities)]
+    if case.rim is not None:
+        side = low if case.rim_bound == "lower" else high
+        inside, boundary = problem.zones
+        at_rim = np.where(case.rim & side & ~case.held, expected, 0.0)
+        for zone, known in ((boundary, at_rim), (inside, expected - at_rim)):
+            own = problem.sign * zone.forces.x.array[:owned]
+            assert largest(np.where(low & high, 0.0, own - known)) <= tolerance * scale
+        assert problem.boundary.force + inside.force == pytest.approx(problem.force)
+        assert largest(problem.pressure.x.array - inside.pressure.x.array) == 0.0
+        zones = list(zip(problem.zones, case.entities, strict=True))
+    for zone, (dim, entities) in zones:
+        integral = problem.sign * integrated(problem.space, dim, entities, zone.pressure)
+        assert integral == pytest.approx(zone.force, rel=1e-8, abs=1e-8 * scale)
     assembled_u = reference(case, assembled)
     assert largest(u - assembled_u) <= 1e-8 * max(1.0, largest(u))
     assembled.destroy()
@@ -344,6 +409,10 @@ FEW = [
     (10, "perturbed", 2, True, True, "both"),
     (11, "tetrahedra", 1, False, True, "both"),
     (12, "quadrilaterals", 2, False, True, "both"),
+    (13, "triangles", 1, False, "both", "lower"),
+    (14, "perturbed", 2, True, "both", "both"),
+    (15, "quadrilaterals", 2, False, "both", "upper"),
+    (16, "tetrahedra", 1, False, "both", "both"),
 ]
 
 
@@ -360,6 +429,15 @@ def test_karush_kuhn_tucker(which, seed):
 @pytest.mark.parametrize("seed", range(1000, 1300))
 def test_karush_kuhn_tucker_of_many(seed):
     case = random_case(seed)
+    case.problem.solve(rtol=TIGHT)
+    check_kkt(case)
+    case.problem.destroy()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2000, 2200))
+def test_karush_kuhn_tucker_of_many_with_a_rim(seed):
+    case = random_case(seed, on_boundary="both")
     case.problem.solve(rtol=TIGHT)
     check_kkt(case)
     case.problem.destroy()

@@ -7,7 +7,7 @@ kind is a subclass of `BoundaryCondition` in the list `CONDITIONS`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -60,9 +60,9 @@ class Contact(BoundaryCondition):
     def read_all(
         cls, top: TomlTable, domain: Domain, manufactured: bool
     ) -> Sequence[BoundaryCondition]:
-        if top.has("obstacle"):
-            return []
         if not top.has(cls.key):
+            if top.has("obstacle"):
+                return []
             message = "there is no [contact] and no [obstacle]: without any obstacle the problem is"
             raise top.error(cls.key, f"{message} linear, see dolfinx.fem.petsc.LinearProblem")
         return [cls.read(top.table(cls.key), domain, manufactured)]
@@ -93,22 +93,30 @@ class Contact(BoundaryCondition):
         """Return the problem of forms with this contact boundary; collective.
 
         Raises:
-            InputError: The data make no sense, or neither an obstacle nor a manufactured solution
-                is given.
+            InputError: The data make no sense, see `arguments`.
+        """
+        if self.direction is None:
+            return SignoriniProblem(a, L, bcs=bcs, **self.arguments(setting))
+        facets, value = setting.sided.facets(self.sides), setting.data(self.value)
+        d = list(map(setting.data, self.direction)) or None
+        if any(part.constant is None for part in self.direction):
+            d = ufl.as_vector(d)
+        return ContactProblem(a, L, contact=facets, gap=value, direction=d, bcs=bcs)
+
+    def arguments(self, setting: Setting) -> dict[str, Any]:
+        """Return the contact boundary of a scalar as arguments of a problem; collective.
+
+        Raises:
+            InputError: Neither an obstacle nor a manufactured solution is given.
         """
         facets, value = setting.sided.facets(self.sides), setting.data(self.value)
-        if self.direction is not None:
-            d = list(map(setting.data, self.direction)) or None
-            if any(part.constant is None for part in self.direction):
-                d = ufl.as_vector(d)
-            return ContactProblem(a, L, contact=facets, gap=value, direction=d, bcs=bcs)
         upper, exact = self.bound == "upper", setting.exact
         if value is None:
             if exact is None:
                 message = "an obstacle is made for manufactured solutions only"
                 raise InputError(message, "contact")
             value = matching_obstacle(setting.space, facets, exact.u, exact.flux, upper)
-        return SignoriniProblem(a, L, contact=facets, obstacle=value, bound=self.bound, bcs=bcs)
+        return {"contact": facets, "obstacle": value, "bound": self.bound}
 
 
 @dataclass(frozen=True)

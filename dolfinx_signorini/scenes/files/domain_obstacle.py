@@ -1,8 +1,8 @@
 """The obstacles in the domain of a scene, or in some of its cells: the table [obstacle]."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -47,23 +47,16 @@ class DomainObstacle:
     ) -> tuple["DomainObstacle | None", Domain]:
         """Return the obstacles of a scene file, and the domain with the regions that they need.
 
-        The pressure on a contact boundary is a force per length in the plane, and the pressure in
-        the domain a force per area: a problem has one of them.
-
         Args:
             top: The file.
             domain: The domain of the scene.
             comm: The communicator that will share the mesh; the call is collective.
 
         Raises:
-            InputError: The table has no obstacle or a key that makes no sense, or the file has a
-                contact boundary, too.
+            InputError: The table has no obstacle or a key that makes no sense.
         """
         if not top.has(cls.key):
             return None, domain
-        if top.has("contact"):
-            message = "goes with no [contact]: obstacles are on the boundary or in the domain"
-            raise top.error(cls.key, message)
         table = top.table(cls.key)
         named = tuple((k, table.formula(k)) for k in ("lower", "upper") if table.has(k))
         cells: tuple[str, ...] = ALL
@@ -77,12 +70,24 @@ class DomainObstacle:
         return cls(named, cells), domain
 
     def problem(
-        self, setting: Setting, a: ufl.Form, L: ufl.Form, bcs: Sequence[fem.DirichletBC]
+        self,
+        setting: Setting,
+        a: ufl.Form,
+        L: ufl.Form,
+        bcs: Sequence[fem.DirichletBC],
+        boundary: Mapping[str, Any],
     ) -> BoundConstrainedProblem:
-        """Return the problem of forms with these obstacles; collective."""
+        """Return the problem of forms with these obstacles; collective.
+
+        Args:
+            setting: The mesh with the space.
+            a, L: The forms.
+            bcs: The Dirichlet conditions.
+            boundary: The arguments of the problem that give a contact boundary; none without one.
+        """
         cells = None if self.cells == ALL else setting.sided.cells(self.cells)
         obstacles = {name: setting.data(formula) for name, formula in self.named}
-        return ObstacleProblem(a, L, cells=cells, bcs=bcs, **obstacles)
+        return ObstacleProblem(a, L, cells=cells, bcs=bcs, **obstacles, **boundary)
 
     def violations(self, u: Formula, sided: SidedMesh) -> list[Violation]:
         """Return the obstacles that a function lies beyond, each at the worst vertex.

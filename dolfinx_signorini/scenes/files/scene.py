@@ -35,6 +35,7 @@ REFUSED = {
     "obstacle": "not with [elasticity]: a body meets its obstacle on the boundary, [contact]",
     "neumann": "not with [elasticity], where the load on sides is [[traction]]",
 }
+OF_BOTH = {"bound": "no bound is known for [contact] and [obstacle] together"}
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,11 @@ class Scene:
 
     Attributes:
         domain: The domain with its mesh.
-        conditions: The conditions on the boundary, one of them `Contact` unless the obstacles are
+        conditions: The conditions on the boundary, one of them `Contact` unless all obstacles are
             in the domain. On sides without a condition the flux is zero or, in a manufactured
             scene, that of the solution.
         diffusion: The rows of a symmetric matrix, with one row and entry for a scalar; () for 1.
-        obstacle: The obstacles in the domain; None for an obstacle on the boundary.
+        obstacle: The obstacles in the domain; None for an obstacle on the boundary alone.
         elasticity: The material of an elastic body, whose displacement is the unknown; None for a
             scalar unknown.
         reaction: None for none.
@@ -95,7 +96,7 @@ class Scene:
 
     @property
     def contact(self) -> Contact | None:
-        """The condition on the contact boundary; None where the obstacles are in the domain."""
+        """The condition on the contact boundary; None where all obstacles are in the domain."""
         return next((c for c in self.conditions if isinstance(c, Contact)), None)
 
     @property
@@ -113,7 +114,7 @@ class Scene:
         Raises:
             InputError: One of the names is refused, which is the subject.
         """
-        refused = REFUSED if self.elasticity else {}
+        refused = REFUSED if self.elasticity else OF_BOTH if self.contact and self.obstacle else {}
         for name in names:
             if name in refused:
                 raise InputError(refused[name], option_name(name) if option else name)

@@ -40,7 +40,8 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
     `has_obstacle`: at the nodes with an obstacle and a pressure that is known, see
     `known_pressure`. Elsewhere both are 0. Where `in_contact` is 1 the solution touches the
-    obstacle.
+    obstacle. With obstacles in the domain and on the boundary gap and pressure of the contact
+    boundary are `boundary_gap` and `boundary_pressure`.
 
     Args:
         result: The solved scene; the call is collective.
@@ -85,6 +86,10 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
         values["von_mises_stress"] = scalar[:, 0]
     for field in (result.gap, result.pressure):
         values[field.name] = at_nodes(field.x.array) * defined
+    for zone in result.posed.problem.zones[1:]:  # the contact boundary beside the cells
+        for field in (zone.gap, zone.pressure):
+            known = marks["contact_boundary"]
+            values[f"boundary_{field.name}"] = at_nodes(field.x.array) * known
     return [_function(nodal, name, found) for name, found in (values | marks).items()]
 
 
@@ -106,11 +111,13 @@ def masks(result: SceneResult) -> list[fem.Function]:
     The values are those at the places of the dofs, see `determined`.
     """
     problem, space = result.posed.problem, result.gap.function_space
-    place = "has_obstacle" if problem.in_domain else "contact_boundary"
-    layout = problem.system.layout
-    known = known_pressure(problem.along(problem.u), result.gap, layout.held_nodes)
-    found = []
-    for name, nodes in ((place, layout.obstacle_nodes), ("in_contact", problem.active)):
+    held, found = problem.system.layout.held_nodes, []
+    known = known_pressure(problem.along(problem.u), result.gap, held)
+    named = [("in_contact", problem.active)]
+    for zone in problem.zones[::-1]:
+        name = "has_obstacle" if zone.in_domain else "contact_boundary"
+        named.insert(0, (name, zone.obstacle_nodes))
+    for name, nodes in named:
         mask = fem.Function(space, name=name)
         mask.x.array[:] = determined(space, marked(space, nodes)) & known
         found.append(mask)

@@ -12,7 +12,7 @@ from dolfinx_signorini.base.tables import csv_table
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
-from dolfinx_signorini.scenes.output.pictures import draw_scene
+from dolfinx_signorini.scenes.output.pictures import boundary_beside, draw_scene
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -38,6 +38,7 @@ def write_results(
         write_fields(result, folder)
     drawn = {"pictures", "report"} & set(outputs)
     figures = draw_scene(result, boundary, summary.detachment_points) if drawn else {}
+    beside = boundary_beside(result) if "boundary" in outputs else None
 
     def write() -> None:
         assert boundary is not None  # rank 0 has the boundary
@@ -45,6 +46,8 @@ def write_results(
         if "boundary" in outputs:
             unknown = "u" if result.posed.scene.elasticity is None else "u.d"
             write_file(folder / "boundary.csv", boundary_csv(boundary, unknown))
+            if beside is not None:
+                write_file(folder / "contact_boundary.csv", boundary_csv(beside))
         images = {name: figure.png() for name, figure in figures.items()}
         if "pictures" in outputs:
             for name, image in images.items():

@@ -23,13 +23,24 @@ from dolfinx_signorini.scenes.solving import SceneResult
 def scene_boundary(result: SceneResult) -> ContactBoundary | None:
     """Return where the obstacle of a scene is on rank 0, None on the others; collective.
 
-    A contact boundary has the names of its sides.
+    A contact boundary has the names of its sides. Of a scene with obstacles in the domain and on
+    the boundary the cells are returned, see `boundary_beside`.
     """
     problem = result.posed.problem
-    if problem.in_domain:
-        return gather_contact_region(problem)
-    along = problem.along_direction if isinstance(problem, ContactProblem) else problem
+    zone = problem.zones[0]
+    if zone.in_domain:
+        return gather_contact_region(zone)
+    along = problem.along_direction if isinstance(problem, ContactProblem) else zone
     return gather_contact_boundary(along, _sides(result))
+
+
+def boundary_beside(result: SceneResult) -> ContactBoundary | None:
+    """Return the contact boundary of a scene that has obstacles in the domain, too; collective.
+
+    On rank 0; None on the others, and for scenes without such a boundary.
+    """
+    zones = result.posed.problem.zones
+    return gather_contact_boundary(zones[1], _sides(result)) if len(zones) > 1 else None
 
 
 def draw_scene(
@@ -46,6 +57,8 @@ def draw_scene(
     solid = problem.in_domain and result.posed.scene.domain.dimension == 3
     drawn = ("solution",) if solid else ("solution", "contact")
     figures = {what: _drawn(result, what, boundary, points) for what in drawn}
+    beside = boundary_beside(result)
+    figures["contact_boundary"] = None if beside is None else draw_contact(beside)
     figures["accuracy"] = None if result.found is None else draw_adaptive(result.found)
     return {name: figure for name, figure in figures.items() if figure is not None}
 
@@ -74,7 +87,7 @@ def _drawn(
     parts = {kind.name: facets for kind, facets in kinds.items()}
     styles = {kind.name: kind.style for kind in kinds}
     if problem.in_domain and (what == "contact" or scene.domain.dimension == 2):
-        return draw_region(problem, what, parts, styles, scene.title)
+        return draw_region(problem.zones[0], what, parts, styles, scene.title)
     if what == "contact":
         return None if boundary is None else draw_contact(boundary)
     if scene.elasticity is None:

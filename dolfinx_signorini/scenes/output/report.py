@@ -13,6 +13,7 @@ PAGE = Path(__file__).parent / "data" / "report.html"  # with names of what is f
 CAPTIONS = {
     "solution": "The solution, and the parts of the boundary",
     "contact": "Gap and pressure on the contact boundary, or the pressure and where contact ends",
+    "contact_boundary": "Gap and pressure on the contact boundary",
     "accuracy": "The adapted mesh with the estimated error of each cell, and the way to it",
 }
 

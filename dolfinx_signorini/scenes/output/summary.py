@@ -24,9 +24,8 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
-from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes.output.pictures import boundary_beside
 from dolfinx_signorini.scenes.posing import PosedScene
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -54,6 +53,8 @@ class Summary:
             small for the mesh to tell; the piece that has a detachment point is decided. 0 with an
             obstacle in the domain.
         boundary_size: The size of the whole contact boundary, or of the cells with an obstacle.
+        beside: Of a scene with obstacles in the domain and on the boundary these three sizes for
+            the contact boundary; those above are for the cells.
         detachment_points: In the plane, the points where contact ends.
         uncertainties: How far off each of these points may be.
         forces: What acts on u, by name, positive upwards; of a body the components. The sum is 0.
@@ -75,6 +76,7 @@ class Summary:
     contact_size: float
     undecided_size: float
     boundary_size: float
+    beside: tuple[float, float, float] | None
     detachment_points: tuple[tuple[float, ...], ...]
     uncertainties: tuple[float, ...]
     forces: dict[str, Force]
@@ -103,12 +105,14 @@ def summarise(
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
     points: list[DetachmentPoint] = []
-    if isinstance(problem, SignoriniProblem | ContactProblem) and scene.domain.dimension == 2:
-        points = _by_place(detachment_points(problem))
-    sizes = None
-    if boundary is not None:  # rank 0
-        sizes = *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
-    contact_size, undecided_size, boundary_size = domain.comm.bcast(sizes)
+    zone, several = problem.zones[-1], len(problem.zones) > 1
+    one_sided = len(zone.obstacles) == 1 and not zone.in_domain
+    if one_sided and scene.domain.dimension == 2:
+        points = _by_place(detachment_points(zone))  # type: ignore[arg-type]
+    beside = boundary_beside(result)
+    contact_size, undecided_size, boundary_size = domain.comm.bcast(
+        _sizes(boundary, [] if several else points)
+    )
     forces, body = forces_on(result.posed), _largest_values(result.posed, boundary)
     proven = _bound(result) if bound else {}
     result.phases.lap("summary")
@@ -120,6 +124,7 @@ def summarise(
         contact_size=contact_size,
         undecided_size=undecided_size,
         boundary_size=boundary_size,
+        beside=domain.comm.bcast(_sizes(beside, points)) if several else None,
         detachment_points=tuple(point.position for point in points),
         uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
@@ -136,6 +141,15 @@ def summarise(
     )
 
 
+def _sizes(
+    boundary: ContactBoundary | None, points: Sequence[DetachmentPoint]
+) -> tuple[float, float, float] | None:
+    """The sizes of what is in contact, of what is undecided, and of all, on rank 0."""
+    if boundary is None:
+        return None
+    return *boundary.measured([p.position for p in points]), float(boundary.sizes.sum())
+
+
 def lines(summary: Summary) -> list[tuple[str, str]]:
     """Return the numbers as pairs of name and text, for people to read."""
     s = summary
@@ -146,6 +160,11 @@ def lines(summary: Summary) -> list[tuple[str, str]]:
     if s.undecided_size > 0.0:
         text = f"{s.undecided_size:.4g}: the gap there is too small for the mesh to tell"
         rows.append(("undecided", text))
+    if s.beside is not None:
+        touching, undecided, whole = s.beside
+        text = f"{touching:.4g} of {whole:.4g} in contact"
+        text += f", {undecided:.4g} undecided" if undecided > 0.0 else ""
+        rows.append(("contact boundary", text))
     if s.detachment_points:
         both = zip(s.detachment_points, s.uncertainties, strict=True)
         rows.append(("detachment", listed([_place(*point) for point in both])))
@@ -273,7 +292,9 @@ def forces_on(posed: PosedScene) -> dict[str, Force]:
     residual = ufl.action(posed.a, u)
     if posed.sources:
         residual -= posed.L
-    forces["contact"] = problem.force
+    forces["contact"] = problem.zones[-1].force
+    if len(problem.zones) > 1:
+        forces["obstacle"] = problem.zones[0].force
     for kind in dict.fromkeys(type(condition) for condition in posed.scene.conditions):
         force = kind.force(problem, residual)
         if force is not None:

@@ -1,0 +1,129 @@
+"""Contact on one part of a problem that has obstacles in the domain and on the boundary, too.
+
+The pressure in the domain is a force per area in the plane, and on the boundary a force per length.
+A dof on the boundary may have obstacles of both kinds; its force is that of the tighter obstacle,
+or of the boundary where they are equal.
+"""
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.ranks import function_with
+from dolfinx_signorini.meshes.sided_meshes import facet_cells
+from dolfinx_signorini.problem.constraint import Obstacle, Zone
+from dolfinx_signorini.solvers.densities import Densities
+
+if TYPE_CHECKING:
+    from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+
+
+class ContactZone:
+    """The contact boundary, or the cells with an obstacle, of a problem that has both:
+
+        boundary = problem.boundary
+        print(boundary.force, len(boundary.active))
+
+    The names are those of a problem. Each access refers to the last solve.
+
+    Attributes:
+        space, u: The function space and the solution of the problem.
+        sign: -1 where all obstacles of the problem are upper ones, else 1, see `forces`.
+        obstacles: The obstacles of the zone.
+        contact: The facets or cells that this rank knows.
+        obstacle_nodes: The owned dofs of these facets or cells.
+    """
+
+    unknown = "u"
+
+    def __init__(self, problem: "BoundConstrainedProblem", zone: Zone, number: int):
+        self._problem, self._zone, self._number = problem, zone, number
+        self.space, self.u, self.sign = problem.space, problem.u, problem.sign
+        self.obstacles: tuple[Obstacle, ...] = zone.obstacles
+        self.contact: LocalIndices = zone.entities
+        self.obstacle_nodes: LocalIndices = problem.zone_dofs(number)
+
+    @property
+    def fixed_dofs(self) -> LocalIndices:
+        """The owned dofs with Dirichlet data."""
+        return self._problem.fixed_dofs
+
+    @property
+    def in_domain(self) -> bool:
+        """Whether the zone consists of cells."""
+        return self._zone.dim == self.space.mesh.topology.dim
+
+    @property
+    def held_nodes(self) -> LocalIndices:
+        """The dofs of the zone with Dirichlet data."""
+        return np.intersect1d(self.obstacle_nodes, self.fixed_dofs).astype(np.int32)
+
+    @functools.cached_property
+    def owned_entities(self) -> LocalIndices:
+        """The owned cells, or the owned facets as (cell, local facet) pairs."""
+        domain, contact = self.space.mesh, self.contact
+        owned = contact[contact < domain.topology.index_map(self._zone.dim).size_local]
+        return owned if self.in_domain else facet_cells(domain, owned)
+
+    @property
+    def active(self) -> LocalIndices:
+        """The owned dofs of the zone in contact with one of its obstacles."""
+        return np.unique(np.concatenate(self.active_sides)).astype(np.int32)
+
+    @property
+    def active_sides(self) -> tuple[LocalIndices, ...]:
+        """For each obstacle of the zone the owned dofs in contact with this obstacle."""
+        return self._problem.active_in(self._number)
+
+    @property
+    def gap(self) -> fem.Function:
+        """The distance from u to the nearest obstacle of the zone at its dofs, 0 elsewhere."""
+        dofs = self.obstacle_nodes
+        values, bounds = self.u.x.array[dofs], self._problem.obstacle_values(self._number)
+        gaps = [each.sign * (values - g) for each, g in zip(self.obstacles, bounds, strict=True)]
+        return function_with(self.space, dofs, np.maximum(np.min(gaps, axis=0), 0.0), "gap")
+
+    @property
+    def forces(self) -> fem.Function:
+        """The contact forces on the dofs whose tighter obstacle is of the zone, see the problem."""
+        found = fem.Function(self.space, name="forces")
+        every = self.sign * self._problem.forces.x.array
+        for each, held in zip(self.obstacles, self.active_sides, strict=True):
+            found.x.array[held] += each.sign * np.maximum(each.sign * every[held], 0.0)
+        found.x.array[:] *= self.sign
+        found.x.scatter_forward()
+        return found
+
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The forces."""
+        return self.forces
+
+    @property
+    def force(self) -> float:
+        """The total contact force of the zone on u, positive upwards; collective."""
+        owned = self.forces.x.array[self.obstacle_nodes]
+        return self.sign * float(self.space.mesh.comm.allreduce(float(owned.sum())))
+
+    @property
+    def pressure(self) -> fem.Function:
+        """The density of the forces on the facets or in the cells of the zone; collective."""
+        pressure = fem.Function(self.space, name="pressure")
+        pressure.x.array[:] = self._densities.of(self.forces.x.array)
+        return pressure
+
+    @functools.cached_property
+    def _densities(self) -> Densities:
+        return Densities(self.space, self.owned_entities)
+
+    def along(self, f: fem.Function) -> fem.Function:
+        """Return the scalar function that the obstacles bound where f is the solution: f."""
+        return f
+
+    @property
+    def lengths(self) -> None:
+        """What divides the bounds of this function: nothing."""
+        return None
