@@ -28,6 +28,7 @@ from dolfinx import common, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import largest, marked, summed
+from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.data.principal_part import PrincipalPart, mixing, principal_part
 from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.elements import facet_dofs
@@ -44,8 +45,6 @@ from dolfinx_signorini.problem.contact import ContactProblem
 
 # A polygon that approximates a smooth curve has angles near pi that are no corners of the curve.
 STRAIGHT = math.radians(15.0)
-SAME = 1e-6  # relative: angles and coefficients at a corner that are the same but for rounding
-TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     if isinstance(problem, ContactProblem):
         directions = problem.directions.x.array.reshape(-1, size)
         units = directions[on_facets].mean(axis=1)
-        units /= np.maximum(np.linalg.norm(units, axis=1), SAME)[:, None]
+        units /= np.maximum(np.linalg.norm(units, axis=1), SIX_DIGITS)[:, None]
     stopped[contact] = (units[:, :, None] * units[:, None])[contact]
     return Sides(facets, given, stopped, touching)
 
@@ -208,11 +207,11 @@ def _candidates(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Mask:
     mixed = np.einsum("fij,ij->f", conditions, mixing((part.size, part.size)))
     changes = _spread(places, on_facets, np.repeat(mixed[:, None], on_facets.shape[1], axis=1))
     plain = summed(places, on_facets[~sides.stopped.any(axis=(1, 2))]) > 0.0
-    chosen = bent | ((changes > SAME) & plain)
+    chosen = bent | ((changes > SIX_DIGITS) & plain)
     if not part.is_constant:
         values = part.mixed_at_corners(every)
         sizes = largest(places, on_cells.ravel(), np.abs(values).ravel())
-        chosen |= _spread(places, on_cells, values) > SAME * sizes
+        chosen |= _spread(places, on_cells, values) > SIX_DIGITS * sizes
     return chosen
 
 
@@ -232,7 +231,7 @@ def _gathered(
     row, corner = np.nonzero(chosen[on_cells])
     here = on_cells[row, corner]
     angles, frames = _directions(domain, domain.topology.dim, every[row], here)
-    turn = np.mod(angles[:, 1] - angles[:, 0] + math.pi, TURN) - math.pi
+    turn = np.mod(angles[:, 1] - angles[:, 0] + math.pi, math.tau) - math.pi
     starts = np.where(turn > 0.0, angles[:, 0], angles[:, 1])
     cells, which = np.unique(every[row], return_inverse=True)
     tensors = part.at_corners(cells.astype(np.int32))[which, corner]
@@ -320,7 +319,7 @@ def _exponent_inside(around: _Around) -> float:
         widths, tensors = _merged(widths, tensors)
     else:
         first = around.starts[order][0]
-    if len(widths) < 2 or abs(widths.sum() - TURN) > SAME:
+    if len(widths) < 2 or abs(widths.sum() - math.tau) > SIX_DIGITS:
         return SMOOTH
     if len(widths) == 2 and abs(widths[0] - math.pi) < STRAIGHT:  # a smooth interface
         widths = np.full(2, math.pi)
@@ -329,16 +328,16 @@ def _exponent_inside(around: _Around) -> float:
 
 def _exponent_between(around: _Around, first: int, logarithms: bool) -> float:
     """The exponent of the sectors that begin at a side and end at another one."""
-    relative = np.mod(around.starts - around.angles[first] + SAME, TURN) - SAME
+    relative = np.mod(around.starts - around.angles[first] + SIX_DIGITS, math.tau) - SIX_DIGITS
     order, widths, end = np.argsort(relative), list[float](), 0.0
     for k in order:
-        if abs(relative[k] - end) > SAME * TURN:
+        if abs(relative[k] - end) > SIX_DIGITS * math.tau:
             break
         widths.append(float(around.widths[k]))
         end += widths[-1]
-    away = np.abs(np.mod(around.angles - around.angles[first] - end + math.pi, TURN) - math.pi)
+    away = np.abs(np.mod(around.angles - around.angles[first] - end + math.pi, math.tau) - math.pi)
     away[first] = np.inf
-    if not widths or away.min(initial=np.inf) > SAME * TURN:
+    if not widths or away.min(initial=np.inf) > SIX_DIGITS * math.tau:
         return SMOOTH  # the sectors are on the other side
     ends = [first, int(np.argmin(away))]
     straight = abs(end - math.pi) < STRAIGHT
@@ -364,7 +363,7 @@ def _given(given: Array, stopped: Array, touching: Mask) -> Array:
 def _range(projections: Array) -> Array:
     """An orthonormal basis of the range of a sum of projections."""
     values, vectors = np.linalg.eigh(projections)
-    return np.asarray(vectors[:, values > SAME])
+    return np.asarray(vectors[:, values > SIX_DIGITS])
 
 
 def _merged(widths: Array, tensors: Array) -> tuple[Array, Array]:
@@ -375,4 +374,4 @@ def _merged(widths: Array, tensors: Array) -> tuple[Array, Array]:
 
 
 def _equal(a: Array, b: Array) -> bool:
-    return bool(np.abs(a - b).max() <= SAME * np.abs(a).max())
+    return bool(np.abs(a - b).max() <= SIX_DIGITS * np.abs(a).max())

@@ -11,6 +11,8 @@ PRECISION = float(np.finfo(np.float64).eps)
 ROUNDING = 2.0**12 * PRECISION
 # Solutions of small linear systems, points carried to reference cells, Newton's method: 9e-10.
 SOLVED = 2.0**22 * PRECISION
+# Iterative solutions, linear programs, meshes and data written with seven digits: 1e-6.
+SIX_DIGITS = 2.0**32 * PRECISION
 # The half of a double's digits, 1e-8: so flat is a smooth function next to a maximum.
 HALF_OF_THE_DIGITS = PRECISION**0.5
 # Halvings after which nothing is left of a double: what gains a bit in each step needs no more.

@@ -18,7 +18,7 @@ import basix
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.tolerances import SOLVED, UNIT, UPWARDS
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED, UNIT, UPWARDS
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
 from dolfinx_signorini.data.formulas import Formula, evaluated
@@ -26,9 +26,6 @@ from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.polynomials import highest_on_parts, largest, polynomials
 
 PARTS = 64  # of a segment where a formula is not smooth
-# Of the values: derivatives so small need no parts, and continuous data change so little in
-# `SOLVED` of a segment.
-NEGLIGIBLE = 1e-6
 
 
 @np.errstate(over="ignore", invalid="ignore")  # at a pole there is no value
@@ -46,7 +43,7 @@ def missed_by_interpolation(formula: Formula, corners: Array, degree: int) -> Ar
     """
     slope = _by_discs(formula, corners, degree)
     root, height = slope.copy(), np.abs(evaluated(formula.root, corners)).max(axis=1, initial=0.0)
-    rough = np.flatnonzero(~(slope <= NEGLIGIBLE * height))
+    rough = np.flatnonzero(~(slope <= SIX_DIGITS * height))
     apart = _in_parts(formula, corners[rough], degree)
     slope[rough] = np.fmin(slope[rough], apart.max(axis=1, initial=0.0))
     root[rough] = np.fmin(root[rough], np.sqrt(np.square(apart).mean(axis=1)))
@@ -70,7 +67,7 @@ def _jumps_at_ends(formula: Formula, corners: Array) -> Mask:
     near = np.stack((corners[:, 0], corners[:, 0] + step, corners[:, 1] - step, corners[:, 1]))
     values = evaluated(formula.root, near)
     apart = np.abs(values[::3] - values[1:3]).max(axis=0, initial=0.0)
-    return ~(apart <= NEGLIGIBLE * (np.abs(values).max(axis=0, initial=0.0) + NEGLIGIBLE))
+    return ~(apart <= SIX_DIGITS * (np.abs(values).max(axis=0, initial=0.0) + SIX_DIGITS))
 
 
 def _by_discs(formula: Formula, corners: Array, n: int) -> Array:

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.ranks import anywhere
-from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
@@ -31,11 +31,11 @@ TOLERANCE = 5e-4
 # What of the differences does not cancel: so much of the root of the sum of their squares, as for
 # random numbers, and of the sum of their sizes.
 SCATTER, COMMON = 2.0, 0.05
-# Parts: on fewer ones two rules agree by chance, but not so closely. One part has at most its share
-# of what is allowed: next to a point where |e|^p is like r^-s the difference of the rules is a
-# small share of what both lack, of 1/13 or more for s <= n - 1/2 on all n-dimensional cells with
+# Parts: on fewer ones two rules agree by chance, but not to six digits. One part has at most its
+# share of what is allowed: next to a point where |e|^p is like r^-s the difference of the rules is
+# a small share of what both lack, of 1/13 or more for s <= n - 1/2 on all n-dimensional cells with
 # rules of degree 4 to 20.
-FEWEST, AGREED = 64, 1e-6
+FEWEST = 64
 # Divisions, each of which makes what the rules miss next to such a point smaller by 2^(s - n): for
 # s = n - 1/3 half of the tolerance is left.
 DEEPEST = math.ceil(3.0 * math.log2(2.0 / TOLERANCE))
@@ -81,7 +81,7 @@ def controlled(
     for division in range(DEEPEST + 1):
         coarse, fine = (evaluate(rule, parts) for rule in rules)
         marks = np.any([s.unsure(fine[s.norm], coarse[s.norm]) for s in sums], axis=0)
-        if any(s.estimate > AGREED for s in sums):
+        if any(s.estimate > SIX_DIGITS for s in sums):
             marks |= comm.allreduce(sum(map(len, [marks, *rows]))) < FEWEST
         new = points * comm.allreduce(int(marks.sum()))
         if new and _ended(sums, sizes, division, new > most):

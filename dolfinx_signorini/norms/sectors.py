@@ -34,11 +34,11 @@ import numpy as np
 from scipy import linalg
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.norms.orders import SMOOTH
 
 DEGREE = 10  # of the polynomials for U, on pieces of WIDTH at most: nine digits of exponents
 WIDTH = math.radians(60.0)
-HIGHEST = 4.0  # elements of degree 4 converge in no norm faster than with exponents above
 WHOLE = 1e-3  # an exponent that is so near to an integer is the integer
 LOGARITHM = 1e-6  # r^a log r is taken as r to a power that is so much less
 DIGITS = 10  # of angles and coefficients, by which corners are the same
@@ -101,7 +101,8 @@ def _exponents(key: tuple[tuple[tuple[int, ...], bytes], ...], around: bool) -> 
         found = linalg.eigvals(companion)
     except (linalg.LinAlgError, ValueError):  # the coefficients are not positive or not finite
         return SMOOTH, SMOOTH
-    found = found[(found.real > WHOLE) & (found.real < HIGHEST)]
+    # Elements converge in no norm faster than with exponents above their degree.
+    found = found[(found.real > WHOLE) & (found.real < HIGHEST_DEGREE)]
     singular = np.abs(found - np.rint(found.real)) > WHOLE
     parts = found.real[singular], np.rint(found.real[~singular])
     least, whole = (float(part.min(initial=SMOOTH)) for part in parts)

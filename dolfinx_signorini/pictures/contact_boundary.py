@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import highest, marked
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
 from dolfinx_signorini.meshes.elements import (
     determined,
@@ -27,9 +27,8 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.pictures.triangles import gathered
 
-# Gaps relative to the largest |u|: what is rounding, and, times (h / L)^{3/2} with the mesh width h
-# and the size L of the boundary, what a mesh cannot tell from contact (a gap opens like r^{3/2}).
-TOUCHING = 1e-6
+# Of the largest |u|, times (h / L)^{3/2} with the mesh width h and the size L of the boundary: a
+# smaller gap is what a mesh cannot tell from contact (a gap opens like r^{3/2}).
 CLEAR = 0.3
 
 
@@ -251,7 +250,7 @@ def known_pressure(
         fixed: The owned dofs with Dirichlet data.
     """
     space, size = gap.function_space, highest(gap.function_space.mesh.comm, np.abs(u.x.array))
-    return determined(space, ~(marked(space, fixed) & (gap.x.array <= TOUCHING * size)))
+    return determined(space, ~(marked(space, fixed) & (gap.x.array <= SIX_DIGITS * size)))
 
 
 def _gathered(
@@ -297,6 +296,6 @@ def _sorted(
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
-    touching = values[:, 3] <= TOUCHING * size
+    touching = values[:, 3] <= SIX_DIGITS * size
     known = touching, clear, problem.sign < 0.0, problem.unknown
     return kind(points, values[:, :3], pieces, *known, names, sides)

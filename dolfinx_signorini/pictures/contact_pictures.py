@@ -8,6 +8,7 @@ import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
 from dolfinx_signorini.pictures.picture import Picture
@@ -110,7 +111,7 @@ def draw_faces(axes: Any, triangles: Array, values: Array) -> Poly3DCollection:
     faces.set_array(values)
     axes.add_collection3d(faces)
     for label, a, b in zip("xyz", low, high, strict=True):
-        flat = b - a < 1e-6 * size
+        flat = b - a < SIX_DIGITS * size
         getattr(axes, f"set_{label}lim")(a - flat * 0.05 * size, b + flat * 0.05 * size)
         getattr(axes, f"set_{label}label")(f"${label}$")
         if flat:

@@ -28,15 +28,13 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SIX_DIGITS, SOLVED
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.components import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
 
-# Linear programs are solved to 1e-7: so much work of a load of size 1 counts as none. A load that
-# presses by less than a thousandth of its size is one that does not press.
-NO_WORK, LITTLE = 1e-6, 1e-3
+LITTLE = 1e-3  # of its size: a load that presses by less is one that does not press
 MOST_ROUNDS = 100  # of linear programs, each with the rows that the last one violates
 
 
@@ -188,7 +186,7 @@ def warn_of_loose(system: System, x: PETSc.Vec) -> None:
     if not loose:
         return
     forces = system.multiplier(x)
-    pressed = forces > NO_WORK * highest(system.comm, forces)
+    pressed = forces > SIX_DIGITS * highest(system.comm, forces)
     for k, (_, still) in enumerate(loose.parted(system.contact_dofs[pressed])):
         for motion in still.T[:1]:
             column = loose.rows @ motion * (loose.numbers == k)
@@ -207,11 +205,11 @@ def _at_nodes(values: Array, layout: Layout) -> Array:
 def _unpressed(comm: MPI.Comm, rows: Array, work: Array) -> tuple[Array | None, str]:
     """A motion that contact allows, rows @ r >= 0, and on which the load does no negative work."""
     motion = _extreme(comm, rows, work)
-    if work @ motion > NO_WORK:
+    if work @ motion > SIX_DIGITS:
         return (
             motion,
-            "takes the body away from the obstacle, and the load does work on it: the "
-            + ("energy is unbounded; the load must press against the obstacle"),
+            "takes the body away from the obstacle, and the load does work on it: the energy is "
+            "unbounded; the load must press against the obstacle",
         )
     for j in range(len(work)):
         for sign in (1.0, -1.0):
@@ -237,8 +235,8 @@ def _extreme(comm: MPI.Comm, rows: Array, goal: Array, work: Array | None = None
         found = linprog(-goal, A_ub=-chosen, b_ub=right, bounds=(-1.0, 1.0), method="highs")
         motion = np.asarray(found.x, dtype=np.float64)
         violated = rows @ motion
-        worst = rows[np.argsort(violated)[:1]] if violated.min(initial=0.0) < -NO_WORK else rows[:0]
-        more = np.concatenate(comm.allgather(worst))
+        worst = np.argsort(violated)[: int(violated.min(initial=0.0) < -SIX_DIGITS)]
+        more = np.concatenate(comm.allgather(rows[worst]))
         if not len(more):
             break
         chosen = np.concatenate((chosen, more))

@@ -10,7 +10,7 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.principal_part import diffusion_part
@@ -133,7 +133,7 @@ def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest interior angle on the boundary, in radians; the call is collective."""
     angles = _vertex_angles(domain)
     # Inside the domain the angles add up to 2 pi.
-    boundary = angles[angles < 2.0 * math.pi - 1e-6]
+    boundary = angles[angles < math.tau - SIX_DIGITS]
     return highest(domain.comm, boundary)
 
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import SOLVED, TINY
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED, TINY
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.domains.domain import RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import with_gmsh
@@ -18,7 +18,6 @@ from dolfinx_signorini.scenes.files.toml_table import TomlTable
 
 Corners = tuple[tuple[float, float], ...]
 
-SMALLEST = 1e-6  # relative to the size of a polygon: the length of an edge, and its width
 COARSE = 32  # triangles of gmsh across a polygon, at least
 MAX_CORNERS = 500  # gmsh makes about 1/5 of the square of their number of triangles
 MAX_COORDINATE = 1e6  # gmsh makes fewer triangles of a polygon far from the origin
@@ -137,12 +136,12 @@ def _check(corners: Corners) -> None:
     size, lengths = _size(corners), _lengths(corners)
     if size < MIN_SIZE:
         raise InputError(f"a polygon smaller than {MIN_SIZE:g}", "vertices")
-    if not lengths.min() > SMALLEST * size:
+    if not lengths.min() > SIX_DIGITS * size:
         k = int(np.argmin(lengths)) + 1
         raise InputError(f"edge {k} of the polygon has (almost) no length", "vertices")
     if (crossing := _crossing(np.array(corners))) is not None:
         raise InputError("edges {} and {} of the polygon meet".format(*crossing), "vertices")
-    if _area(corners) < SMALLEST * size**2:
+    if _area(corners) < SIX_DIGITS * size**2:
         raise InputError("the polygon has (almost) no area", "vertices")
 
 

@@ -19,6 +19,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
+from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
@@ -40,7 +41,6 @@ LITTLE = {1: 1e-2, 2: 1e-2, 3: 1e-1}
 # loop in space makes a set-up (benchmarks/time_steps.py).
 REUSE = 0.2
 MAX_ITERATIONS = 500
-ROUNDED = 1e-6  # of the first residual: a negative curvature of a smaller one may be rounding
 
 
 class IterativeSolver(LinearSolver):
@@ -267,7 +267,7 @@ class IterativeSolver(LinearSolver):
         )
         # A small residual or a form that vanishes on constants looks indefinite through rounding.
         final = self.multigrid is None
-        if indefinite and final and not system.singular and end > ROUNDED:
+        if indefinite and final and not system.singular and end > SIX_DIGITS:
             raise InputError(f"{INDEFINITE}, found by conjugate gradients", "form a")
         return bool(reason > 0)
 
