@@ -38,7 +38,7 @@ from dolfinx_signorini.accuracy.terms import (
 )
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.meshes.elements import component_arrays, facet_dofs
+from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE, component_arrays, facet_dofs
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -53,10 +53,6 @@ from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import Data, called_at, evaluator
 from dolfinx_signorini.solvers.result import SolveResult
-
-# The least degree of elements that see the obstacle in cells: of the largest distance to a kink at
-# least four fifths are at one of their nodes.
-SEEN = 4
 
 # For each problem the last result, and how far the solution is from its data between the nodes.
 _found: WeakKeyDictionary[BoundConstrainedProblem, tuple[SolveResult | None, list["Distances"]]] = (
@@ -221,10 +217,11 @@ def _off_in_cells(
 ) -> fem.Function:
     """The distance to an obstacle in cells in contact, and what lies beyond it in all cells.
 
-    The obstacle is interpolated by elements of a higher degree.
+    The obstacle is interpolated by elements of a higher degree, at least of degree 4: at one of
+    their nodes are at least four fifths of the largest distance to a kink.
     """
     space = problem.space
-    degree = max(space.element.basix_element.degree + 1, SEEN)
+    degree = max(space.element.basix_element.degree + 1, HIGHEST_DEGREE)
     finer = fem.functionspace(space.mesh, ("Lagrange", degree))
     off, u = fem.Function(finer, name="off"), fem.Function(finer)
     u.interpolate(problem.u)

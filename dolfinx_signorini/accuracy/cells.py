@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
@@ -20,7 +20,6 @@ from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
 from dolfinx_signorini.norms.power_sums import power
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
-BLOCK = 8192  # cells whose point values are held at a time
 
 
 def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array:
@@ -40,9 +39,9 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
     table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
     quantity = None if of is None else ErrorAtPoints(f, None, False, of)
     found = []
-    owned = owned_cells(domain)
-    for start in range(0, max(len(owned), 1), BLOCK):
-        cells = owned[start : start + BLOCK]
+    owned, step = owned_cells(domain), max(1, BLOCK // len(points))
+    for start in range(0, max(len(owned), 1), step):
+        cells = owned[start : start + step]
         edges = cell_edges(domain, cells)
         if quantity is not None:
             sizes = quantity(Points(domain, cells, points))

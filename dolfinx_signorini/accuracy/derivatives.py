@@ -21,8 +21,7 @@ import basix
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import BLOCK
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import BLOCK, Array
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
@@ -60,9 +59,9 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
     table = element.tabulate(degree, np.zeros((1, dim)))[:, 0, :, 0]
     directions = product(range(dim), repeat=degree)
     rows = table[[basix.index(*map(d.count, range(dim))) for d in directions]]
-    found = []
-    for start in range(0, max(len(cells), 1), BLOCK):
-        block = cells[start : start + BLOCK]
+    found, step = [], max(1, BLOCK // dim**degree)
+    for start in range(0, max(len(cells), 1), step):
+        block = cells[start : start + step]
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
         maps = size[:, None, None] * inverses(edges)

@@ -31,10 +31,10 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, coordinates, instance, optional, positive
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED, TINY
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED, TINY
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.elements import facet_dofs
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, QuadratureRule
+from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
     cell_corners,
@@ -45,7 +45,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
 from dolfinx_signorini.problem.detachment import DetachmentPoint
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
-NEAR_RULE = QuadratureRule("Gauss-Jacobi", 31)  # on cells next to the point
 PLATEAU, REACH = 0.25, 0.95  # of the radius: where the cut-off function is 1, and where it ends
 SLACK = 2.0  # edges about the point in which contact may end
 
@@ -241,9 +240,9 @@ def _factor(
     weights = dual * (bend + (1.0 - 2.0 * k) * slope / r) * gap + eta * dual * (source - mean)
     parts = [(1, np.setdiff1d(cells, near)), (2, near)]
     dx = ufl.Measure("dx", problem.space.mesh, subdomain_data=parts)
-    form = weights * dx(1, metadata=CELL_RULE.metadata) + weights * dx(
-        2, metadata=NEAR_RULE.metadata
-    )
+    # On cells next to the point the rule for the root of the distance on facets.
+    rules = (CELL_RULE, FACET_RULE)
+    form = sum(weights * dx(k, metadata=rule.metadata) for k, rule in enumerate(rules, 1))
     value = problem.comm.allreduce(float(fem.assemble_scalar(compiled.form(form))))
     return float(value + mean * _whole(k, inner, outer)) / (k * math.pi)
 
@@ -253,7 +252,7 @@ def _cells(
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """The owned cells in the ball, and those of them next to the point."""
     domain, centre = problem.space.mesh, (float(p[0]), float(p[1]))
-    closest = cells_near_ball(domain, centre, 1e-12 * outer)
+    closest = cells_near_ball(domain, centre, ROUNDING * outer)
     sizes = domain.h(2, closest)
     size = highest(problem.comm, sizes)
     near = cells_near_ball(domain, centre, min(2.0 * size, inner))

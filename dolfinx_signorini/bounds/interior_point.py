@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array, Indices
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, HALVINGS, SOLVED
 from dolfinx_signorini.bounds.reference_flux import MOST_NUMBERS
 from dolfinx_signorini.solvers.linear.projected import SYMMETRIC
 
@@ -19,7 +19,6 @@ from dolfinx_signorini.solvers.linear.projected import SYMMETRIC
 # bound without them is 1.15 times the error with 16.
 MOST_ENTRIES = {2: MOST_NUMBERS, 3: MOST_NUMBERS // 2}
 UZAWA = 3  # each gains about half of the digits of the equations
-STEPS = 60  # of about 15 that are needed
 SHORT = 0.995  # of the way to the next bound
 
 
@@ -72,7 +71,7 @@ class QuadraticProgram:
         b = slack.copy()
         nu: Array = np.full(len(b), np.abs(self.H.diagonal()).max(initial=0.0) * slack.mean())
         first = float(b @ nu)
-        for _ in range(STEPS):
+        for _ in range(HALVINGS):  # about 15 are needed
             found = self._step(z, y, b, nu)
             if found is None:
                 return None

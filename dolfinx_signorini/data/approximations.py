@@ -39,7 +39,8 @@ from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
-KINKED = 1e-5  # of a formula: where polynomials miss more, a formula is bounded in parts
+# Of a formula: where polynomials miss more, it is bounded in parts, or by a higher degree.
+KINKED = 1e-5
 
 
 @dataclass(frozen=True)

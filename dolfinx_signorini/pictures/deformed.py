@@ -33,9 +33,9 @@ from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid, 
 from dolfinx_signorini.pictures.triangles import Triangles, gather_rows, gathered
 
 # Of the size of the body: a largest displacement below SEEN is drawn larger, as about DRAWN. Shapes
-# of the gallery with less could not be told from those at rest, and with more looked torn.
+# of the gallery with less could not be told from those at rest, and with more looked torn. As much
+# is left free around the body.
 SEEN, DRAWN = 0.02, 0.06
-MARGIN = 0.06  # of the size of the body, around the body
 AT_REST: dict[str, Any] = {"color": "0.6", "linewidth": 0.8}
 OBSTACLE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
 SHADE = "0.85"  # grey, of what is behind the surface of the obstacle
@@ -154,7 +154,7 @@ def _draw_in_plane(
     axes.set_title(title, parse_math=False)
     shown = np.concatenate((rest.reshape(-1, 2), (rest + scale * moved).reshape(-1, 2)))
     low, high = shown.min(axis=0), shown.max(axis=0)
-    margin = MARGIN * float((high - low).max())
+    margin = DRAWN * float((high - low).max())
     behind = obstacle + 2.0 * margin * directions
     shade = np.concatenate((obstacle, behind[:, ::-1]), axis=1)
     axes.add_collection(PolyCollection(list(shade), color=SHADE, zorder=0), autolim=False)

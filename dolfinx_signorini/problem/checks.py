@@ -27,8 +27,7 @@ from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.solvers.components import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
-# Nodes along each side of the grid of `check_definite`, by dimension: about 200 in all.
-HATS = {1: 200, 2: 13, 3: 6}
+HATS = 200  # nodes of the grid of `check_definite`, about
 MOST_UNKNOWNS = 20_000  # of a mesh that data are checked on: the first level of a cascade has fewer
 
 
@@ -359,8 +358,8 @@ def _hats(layout: Layout) -> PETSc.Mat:
     points, lowest, sizes = _in_box(layout.nodal)
     (count, dimension), block = points.shape, layout.block
     # A smaller grid for few dofs: a fourth of their number is enough.
-    few = round((0.25 * layout.nodal.dofmap.index_map.size_global) ** (1.0 / dimension))
-    nodes = min(max(few, 3), HATS[dimension])
+    few = min(0.25 * layout.nodal.dofmap.index_map.size_global, HATS)
+    nodes = max(round(few ** (1.0 / dimension)), 3)
     place = (points - lowest) / np.where(sizes > 0.0, sizes, 1.0) * (nodes - 1)
     cell = np.clip(place.astype(np.int32), 0, nodes - 2)
     place -= cell

@@ -17,12 +17,12 @@ from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, entity_nodes, owned_cells
 from dolfinx_signorini.norms.orders import SMOOTH
+from dolfinx_signorini.norms.sectors import WHOLE
 from dolfinx_signorini.scenes.files.conditions import Dirichlet
 from dolfinx_signorini.scenes.files.scene import Scene
 
 GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
 RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
-LIPSCHITZ = 0.99  # an exponent of a known solution that is not less is that of a smooth one
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
     if min(variation) <= 0.0:
         return replace(corner, exponent=SMOOTH)
     slope = math.log(variation[1] / variation[0]) / math.log(RATIOS[1] / RATIOS[0])
-    return replace(corner, exponent=slope if slope < LIPSCHITZ else SMOOTH)
+    return replace(corner, exponent=slope if slope < 1.0 - WHOLE else SMOOTH)
 
 
 def largest_angle(domain: mesh.Mesh) -> float:

@@ -28,15 +28,11 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL
-from dolfinx_signorini.solvers.linear.multigrid import Multigrid
+from dolfinx_signorini.solvers.linear.multigrid import CYCLES, Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.prediction import presses
 from dolfinx_signorini.solvers.system import System
 
-# On the finest level, and on each coarser one; with one more or less on either a solve takes
-# as long or longer (benchmarks/obstacle.py). Room that is left to coarse levels, and not used up by
-# the sweep before, saves a set-up in space.
-CYCLES = {True: 1, False: 2}
 COARSEST = 20  # sweeps there and back on the coarsest level
 ROUNDS = 5  # of these sweeps on several ranks, which see the values of one another in between
 
@@ -242,7 +238,7 @@ def _begin(system: System, levels: Sequence[Level], degrees: int, x: PETSc.Vec) 
             level.prolongation.mult(coarse, values)
             coarse.destroy()
         level.moved(values)
-        for _ in range(CYCLES[number == 0] if number >= degrees else 0):
+        for _ in range((CYCLES if number else 1) if number >= degrees else 0):
             level.cycle(values, levels[number + 1 :])
         if number == degrees:
             density = _density(system, levels[: degrees + 1], values)

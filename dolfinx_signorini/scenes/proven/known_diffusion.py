@@ -18,7 +18,7 @@ from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
-from dolfinx_signorini.data.approximations import followed_in_parts
+from dolfinx_signorini.data.approximations import KINKED, followed_in_parts
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
@@ -28,7 +28,6 @@ from dolfinx_signorini.scenes.files.scene import Scene
 DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
 # Of cells where discs tell little: 4, as for obstacles, give the same bound in five times the time.
 DIVISIONS = 2
-FINE = 1e-5  # of the diffusion: what polynomials of the first degree may miss
 ROUGH = 0.3  # of the diffusion: what polynomials may miss
 
 
@@ -59,7 +58,7 @@ def with_known_diffusion(
     for degree in (first, min(last, (BEST[d] + 2 - 2 * scene.degree) // 3)):
         data, missed = _polynomials(domain, corners, entries, own, degree)
         inverses, inverse_missed = _polynomials(domain, corners, others, inverse, degree)
-        far = (missed > FINE * least) | (inverse_missed * least > FINE)
+        far = (missed > KINKED * least) | (inverse_missed * least > KINKED)
         if not anywhere(domain.comm, far):
             break
     rough = ~(missed < ROUGH * least) | ~np.isfinite(inverse_missed)
