@@ -11,7 +11,6 @@ from typing import Any
 import basix
 import numpy as np
 import ufl
-from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
@@ -114,22 +113,10 @@ def energy_bound(
     elsewhere = on_boundary if problem.in_domain else rest.obstacles_in_cells
     require(domain.comm, not elsewhere, "tells of obstacles that are elsewhere", "rest")
     bound = _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
-    return with_energy(bound, terms, domain)
-
-
-def with_energy(bound: EnergyBound, terms: EnergyTerms, domain: mesh.Mesh) -> EnergyBound:
-    """Return a bound, which is infinite where Dirichlet data are seen to jump; collective.
-
-    Args:
-        bound: The bound.
-        terms: The strong form, with the data as they are.
-        domain: The mesh.
-    """
     read = [(formula_of(ufl.as_ufl(data)), on) for data, on in terms.dirichlet if data is not None]
-    torn = data_jumps(domain, [(data, on) for data, on in read if data is not None])
-    if not torn or TORN in bound.notes:
-        return bound
-    return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
+    if data_jumps(domain, [(data, on) for data, on in read if data is not None]):
+        return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
+    return bound
 
 
 def _by_a_flux(solved: Solved) -> EnergyBound:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound, with_energy
+from dolfinx_signorini.bounds.energy_bound import EnergyBound, energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.scenes.files.condition import Setting
 from dolfinx_signorini.scenes.files.conditions import Dirichlet, Neumann
@@ -33,7 +33,6 @@ def bound_of_scene(posed: PosedScene) -> EnergyBound:
     bound = energy_bound(problem, *known.enclosed(terms, tolerance))
     if known.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
         bound = energy_bound(problem, *known.enclosed(terms, HIDDEN * bound.flux))
-    bound = with_energy(bound, terms, posed.sided.mesh)
     if contact is not None and contact.value is None:
         return replace(bound, sampled=True, notes=(*bound.notes, MADE))
     return bound
