@@ -94,13 +94,14 @@ def on_parts(degree: int, count: int) -> Array:
     Returns:
         The coefficients, shape (count, polynomials, coefficients).
     """
-    lattice = _lattice(1, degree)
+    lattice = equispaced(1, degree)
     places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
     table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
     return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(_bernstein(degree, lattice)))
 
 
-def _lattice(dimension: int, degree: int) -> Array:
+def equispaced(dimension: int, degree: int) -> Array:
+    """Return the points of the equispaced lattice of a degree, with those of the boundary."""
     kind = basix.LatticeType.equispaced
     return np.asarray(basix.create_lattice(CELLS[dimension], degree, kind, True))
 
@@ -124,7 +125,7 @@ def _bernstein(degree: int, points: Array) -> Array:
 @functools.cache
 def _to_bernstein(dimension: int, degree: int) -> Array:
     """The Bernstein coefficients of the polynomials, one row each."""
-    points = _lattice(dimension, degree)
+    points = equispaced(dimension, degree)
     table = polynomials(dimension, degree, points)
     return np.asarray(table @ np.linalg.inv(_bernstein(degree, points)))
 

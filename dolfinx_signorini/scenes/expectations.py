@@ -4,14 +4,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
 from dolfinx_signorini.data.interfaces.integrability import INFINITE, fastest_growth
-from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -135,12 +132,9 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
 
 def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
     """Return whether the diffusion jumps inside of cells; the call is collective."""
-    domain, found = sided.mesh, False
-    for entry in scene.diffusion_entries:
-        if jumps(entry):
-            cells = broken_cells([entry], domain).astype(np.int32)
-            found |= jumps_in_cells(entry, cell_corners(domain, cells))
-    return anywhere(domain.comm, found)
+    corners = cell_corners(sided.mesh)
+    found = any(jumps_in_cells(entry, corners) for entry in scene.diffusion_entries)
+    return anywhere(sided.mesh.comm, found)
 
 
 def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:

@@ -16,10 +16,10 @@ from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
+from dolfinx_signorini.data.interfaces.rules import CellMeasure, facet_rule, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE, QuadratureRule
+from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -269,8 +269,8 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measu
     domain = sided.mesh
     owned = (owned_facets(domain, facets) for facets in parts)
     pairs = [(k, facet_cells(domain, facets).flatten()) for k, facets in enumerate(owned)]
-    rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
-    return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=rule.metadata)
+    metadata = facet_rule(domain).metadata
+    return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=metadata)
 
 
 def _zero_form(v: Expr) -> ufl.Form:

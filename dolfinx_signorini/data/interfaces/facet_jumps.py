@@ -13,9 +13,9 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import function_with, highest, largest
-from dolfinx_signorini.base.tolerances import HALVINGS, SOLVED
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
-from dolfinx_signorini.data.interfaces.interface import SAMPLES
+from dolfinx_signorini.data.interfaces.interface import inner_lattice, interfaces
 from dolfinx_signorini.data.interfaces.jumps import Projection
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
@@ -78,7 +78,7 @@ def _on_facet(
 ) -> tuple[Indices, Array]:
     """Which nodes of a cell lie on a facet, and their coordinates in the reference facet."""
     shares = barycentric(np.array(element.points))
-    on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) < 1e-12)
+    on = np.flatnonzero(np.abs(shares[:, vertices].sum(axis=1) - 1.0) <= ROUNDING)
     return on, np.ascontiguousarray(shares[on][:, vertices[1:]])
 
 
@@ -87,13 +87,12 @@ def jumps_in_cells(formula: Formula, corners: Array) -> bool:
 
     Args:
         formula: The formula.
-        corners: The corners of the cells that it may jump in, shape (cells, corners, dimension).
+        corners: The corners of the cells, shape (cells, corners, dimension).
     """
-    kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
-    kinds = basix.LatticeType.equispaced
-    lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
+    crossed = [curve.crosses(corners) for curve in interfaces(formula)]
+    corners = corners[np.any(crossed, axis=0)] if crossed else corners[:0]
     # From the middle of a cell to points everywhere in the cell: an inclusion may touch no edge.
-    points = inside(corners, lattice).swapaxes(0, 1)
+    points = inside(corners, inner_lattice(corners.shape[1] - 1)).swapaxes(0, 1)
     middles = np.broadcast_to(corners.mean(axis=1, keepdims=True), points.shape)
     values = evaluated(formula.root, points)
     size = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))

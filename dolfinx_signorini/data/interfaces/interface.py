@@ -8,7 +8,6 @@ import functools
 import math
 from collections.abc import Sequence
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize.elementwise import find_root
@@ -27,7 +26,7 @@ from dolfinx_signorini.data.formulas import (
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
 from dolfinx_signorini.data.names import Names
-from dolfinx_signorini.meshes.polynomials import barycentric
+from dolfinx_signorini.meshes.polynomials import barycentric, equispaced
 
 FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
 SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
@@ -79,6 +78,10 @@ class Interface:
         both = np.zeros(len(start)), np.ones(len(start))
         return np.asarray(find_root(along, both, args=(*start.T, *end.T)).x)
 
+    def crosses(self, corners: Array) -> Mask:
+        """Return whether the zeros may be in cells, shape (cells, vertices, dimension)."""
+        return crossed(self._at_middles(corners))[0]
+
     def depths(self, corners: Array) -> Array:
         """Return how far the function changes its sign inside of cells.
 
@@ -89,12 +92,8 @@ class Interface:
             The largest value of the sign that is less strong, over the largest value; 0 where
             rounding may have made this sign.
         """
-        result, near = np.zeros(len(corners)), crossed(self._at_middles(corners))[0]
-        kind = {3: basix.CellType.triangle, 4: basix.CellType.tetrahedron}[corners.shape[1]]
-        kinds = basix.LatticeType.equispaced
-        lattice: Array = np.asarray(basix.create_lattice(kind, SAMPLES, kinds, exterior=True))
-        lattice = lattice + ASIDE * (lattice.mean(axis=0) - lattice)
-        values = self.values(inside(corners[near], lattice))
+        result, near = np.zeros(len(corners)), self.crosses(corners)
+        values = self.values(inside(corners[near], inner_lattice(corners.shape[1] - 1)))
         low, high = -values.min(axis=0), values.max(axis=0)
         with np.errstate(all="ignore"):
             shares = np.minimum(low, high) / np.maximum(low, high)
@@ -189,6 +188,13 @@ def middles(dimension: int) -> Array:
     unit = corners_of_reference(dimension)
     first, second = np.triu_indices(dimension + 1, 1)
     return np.concatenate((unit, 0.5 * (unit[first] + unit[second])))
+
+
+@functools.cache
+def inner_lattice(dimension: int) -> Array:
+    """Return points everywhere in the reference simplex, and not on its boundary."""
+    lattice = equispaced(dimension, SAMPLES)
+    return np.asarray(lattice + ASIDE * (lattice.mean(axis=0) - lattice))
 
 
 @functools.lru_cache

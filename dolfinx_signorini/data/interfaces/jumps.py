@@ -52,23 +52,6 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
-        formula, domain, degree, poles_too: See `projected`.
-
-    Returns:
-        The formula itself, or where it is not smooth inside a cell, its projection on polynomials
-        of the degree.
-    """
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
-    found = projected(formula, domain, degree, poles_too)
-    return smooth if found is None else ufl.conditional(*found, smooth)
-
-
-def projected(
-    formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True
-) -> tuple[Expr, Expr] | None:
-    """Return in which cells a formula is not smooth, and its projection on polynomials there.
-
-    Args:
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
@@ -76,20 +59,23 @@ def projected(
             rule of many points is good enough.
 
     Returns:
-        The condition and the projection; None where the formula is smooth in all cells.
+        The formula itself, or where it is not smooth inside a cell, its projection on polynomials
+        of the degree.
     """
+    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
     if not (is_singular(formula) if poles_too else jumps(formula)):
-        return None
+        return smooth
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
     found = Projection(formula, domain, element, cell_corners(domain), poles_too)
     cells, values = found.coefficients()
     if not domain.comm.allreduce(len(cells)):
-        return None
+        return smooth
     steps = constants(domain)
     marks = function_with(steps, steps.dofmap.list[cells, 0], 1.0)
     _marks.add(marks)
-    return ufl.gt(marks, 0.5), function_with(space, space.dofmap.list[cells], values)
+    projection = function_with(space, space.dofmap.list[cells], values)
+    return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
 
 
 def marks_projections(f: fem.Function) -> bool:

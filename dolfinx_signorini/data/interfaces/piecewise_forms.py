@@ -1,9 +1,9 @@
 """Forms whose data jump inside of cells: integrated piece by piece, or with a warning.
 
 Summands f v of loads and c u v of bilinear forms have projections in place of f and c, see
-`jumps.projected`; so have the components of loads on vectors, and the entries of the diffusion A in
-grad u . A grad v. A problem that is solved without them tells where its diffusion jumps inside of
-cells, where no polynomial follows.
+`jumps.integrable`; so have the components of loads on vectors, and the entries of the diffusion A
+in grad u . A grad v. A problem that is solved without them tells where its diffusion jumps inside
+of cells, where no polynomial follows.
 """
 
 import math
@@ -12,21 +12,19 @@ from functools import cache, reduce
 from itertools import product
 from typing import Any
 
-import numpy as np
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.data.form_data import choices_in_diffusion
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets, jumps_in_cells
-from dolfinx_signorini.data.interfaces.interface import interfaces
-from dolfinx_signorini.data.interfaces.jumps import projected
-from dolfinx_signorini.data.interfaces.rules import cell_rule
+from dolfinx_signorini.data.interfaces.jumps import integrable
+from dolfinx_signorini.data.interfaces.rules import cell_rule, facet_rule
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 
 
@@ -139,12 +137,11 @@ def _projected(formula: Formula, domain: mesh.Mesh, degree: int, in_cells: bool)
     """A formula as an expression that is integrated well; None where nothing is to be changed."""
     if not is_singular(formula):
         return None
-    smooth = formula.ufl(ufl.SpatialCoordinate(domain))
     if in_cells:
-        found = projected(formula, domain, degree)
-        return None if found is None else ufl.conditional(*found, smooth)
-    on_facets = integrable_on_facets(formula, domain, boundary_facets(domain), degree)
-    return None if on_facets == smooth else on_facets
+        found = integrable(formula, domain, degree)
+    else:
+        found = integrable_on_facets(formula, domain, boundary_facets(domain), degree)
+    return None if found == formula.ufl(ufl.SpatialCoordinate(domain)) else found
 
 
 def _rule(
@@ -157,10 +154,8 @@ def _rule(
     given: dict[str, Any] = integral.metadata()
     degree = arguments[0].ufl_function_space().element.basix_element.degree
     needed, named = 2 * len(arguments) * degree, given.get("quadrature_degree")
-    if integral.integral_type() == "cell":
-        rule = cell_rule(domain, needed)
-    else:
-        rule = FACET_RULE if domain.topology.dim == 2 else CELL_RULE
+    in_cells = integral.integral_type() == "cell"
+    rule = cell_rule(domain, needed) if in_cells else facet_rule(domain)
     fine = isinstance(named, int) and named >= max(needed, rule.degree)
     return given if fine else rule.metadata
 
@@ -177,10 +172,7 @@ def warn_of_cut_coefficients(a: ufl.Form, domain: mesh.Mesh) -> None:
     if domain.topology.cell_name() not in ("triangle", "tetrahedron"):
         return
     for choice, formula, corners in choices_in_diffusion(a):
-        cut = np.zeros(len(corners), dtype=bool)
-        for interface in interfaces(formula):
-            cut |= interface.depths(corners) > 0
-        if domain.comm.allreduce(jumps_in_cells(formula, corners[cut])):
+        if anywhere(domain.comm, jumps_in_cells(formula, corners)):
             _warn_once(str(choice))
 
 

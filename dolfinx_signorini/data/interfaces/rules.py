@@ -19,7 +19,13 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
-from dolfinx_signorini.meshes.quadrature import CELL_RULE, MANY, QuadratureRule, interior_rule
+from dolfinx_signorini.meshes.quadrature import (
+    CELL_RULE,
+    FACET_RULE,
+    MANY,
+    QuadratureRule,
+    interior_rule,
+)
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
@@ -82,6 +88,11 @@ def measure_for(
 def cell_rule(domain: mesh.Mesh, degree: int) -> QuadratureRule:
     """Return the rule of all data on cells, or one of a degree that this rule does not have."""
     return CELL_RULE if degree <= CELL_RULE.degree else _interior(domain, degree)
+
+
+def facet_rule(domain: mesh.Mesh) -> QuadratureRule:
+    """Return the rule of all data on facets."""
+    return FACET_RULE if domain.topology.dim == 2 else CELL_RULE
 
 
 def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
