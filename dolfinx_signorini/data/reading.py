@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from functools import reduce
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -22,6 +21,7 @@ from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
 from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
 from dolfinx_signorini.data.names import Names, operations
@@ -31,7 +31,7 @@ from dolfinx_signorini.data.parsing import MAX_SIZE
 Component = tuple[int, ...]
 Terminals = Mapping[Expr, Any]  # arrays of numbers or nodes, for arguments, normals, functions
 
-_X = ufl.SpatialCoordinate(ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,))))[0]
+_X = ufl.SpatialCoordinate(ufl.Mesh(ELEMENTS[2]))[0]
 
 
 def _class_of(op: str) -> Any:

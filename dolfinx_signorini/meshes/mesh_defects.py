@@ -12,7 +12,7 @@ from dolfinx import mesh
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
 # Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
@@ -156,7 +156,7 @@ def _crossed(a: Array, b: Array) -> Array:
     e, f = a[:, j] - a[:, i], b[:, j] - b[:, i]
     normals = np.asarray(np.cross(e[:, :, None], f[:, None]), dtype=np.float64)
     sizes = np.linalg.norm(e, axis=2)[:, :, None] * np.linalg.norm(f, axis=2)[:, None]
-    normals[np.linalg.norm(normals, axis=3) < 1e-8 * sizes] = 0.0
+    normals[np.linalg.norm(normals, axis=3) < HALF_OF_THE_DIGITS * sizes] = 0.0
     return normals.reshape(len(a), 36, 3)
 
 

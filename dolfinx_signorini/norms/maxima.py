@@ -25,9 +25,9 @@ from dolfinx_signorini.meshes.sided_meshes import SAMPLE, cell_corners
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, kind_of
 
 SIDE, FOLLOWED = 5, 8  # samples along each side of a box, boxes that are followed to the end
-# Cells in which maxima are followed: share of all, or samples in boxes; and the share of cells that
-# are sampled at all where values in all cells are known.
-SHARE, BOXED, SCREENED = 0.02, 2500, 0.03
+# Cells in which maxima are followed: share of all, or samples in boxes. The same share is sampled
+# at all where values in all cells are known.
+SHARE, BOXED = 0.03, 2500
 SHRINKING = 0.6  # of the boxes in every step: with less than 1/2 a maximum could be lost
 # Steps at least: a maximum is flat, and in so small a box values are the same to half the digits.
 FIRST = math.ceil(0.5 * math.log(HALF_OF_THE_DIGITS, SHRINKING))
@@ -88,7 +88,7 @@ class Maxima:
         """The rows of the places that are sampled on the lattice."""
         if self._known is None:
             return np.arange(len(self._places))
-        limit = int(SCREENED * self._comm.allreduce(len(self._places)))
+        limit = int(SHARE * self._comm.allreduce(len(self._places)))
         unknown = np.isnan(self._known)
         sizes = np.where(unknown, -1.0, self._known)
         chosen = [_largest(self._comm, kind, limit) for kind in sizes]

@@ -8,7 +8,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.data.interfaces.facet_jumps import jumps_in_cells
-from dolfinx_signorini.data.interfaces.integrability import INFINITE, fastest_growth
+from dolfinx_signorini.data.interfaces.integrability import fastest_growth
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -150,7 +150,7 @@ def _notes_of_poles(scene: Scene, sided: SidedMesh) -> tuple[str, ...]:
         if worst is None:
             continue
         where = point_text(worst[1])
-        if worst[0] <= INFINITE:
+        if worst[0] <= -1.0:  # but for a logarithm
             notes.append(
                 f"{name} grows like 1/distance or faster, for example towards {where}: the "
                 "integral is infinite, and what the quadrature makes of it depends on the mesh"

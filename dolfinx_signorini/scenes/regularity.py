@@ -13,6 +13,7 @@ from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
+from dolfinx_signorini.data.interfaces.integrability import DISTANCES, power_of
 from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, entity_nodes, owned_cells
@@ -22,7 +23,6 @@ from dolfinx_signorini.scenes.files.conditions import Dirichlet
 from dolfinx_signorini.scenes.files.scene import Scene
 
 GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
-RATIOS = 1e-4, 1e-6  # of a cell: distances from a corner where the exponent of u is measured
 
 
 @dataclass(frozen=True)
@@ -118,14 +118,14 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
     middles = edges.mean(axis=1)
     towards = np.concatenate([middles, *(edges[:, k] + middles for k in range(3))])
     variation = []
-    for ratio in RATIOS:
-        values = evaluated(solution.root, np.array(corner.point) + ratio * towards)
+    for distance in DISTANCES:
+        values = evaluated(solution.root, np.array(corner.point) + distance * towards)
         found = np.concatenate(domain.comm.allgather(values))
         found = found[np.isfinite(found)]
         variation.append(np.ptp(found) if len(found) else 0.0)
     if min(variation) <= 0.0:
         return replace(corner, exponent=SMOOTH)
-    slope = math.log(variation[1] / variation[0]) / math.log(RATIOS[1] / RATIOS[0])
+    slope = float(power_of(*variation))
     return replace(corner, exponent=slope if slope < 1.0 - WHOLE else SMOOTH)
 
 

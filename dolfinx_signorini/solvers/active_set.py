@@ -24,7 +24,7 @@ from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
-from dolfinx_signorini.solvers.patch import MAX_STEPS, active_in_patch
+from dolfinx_signorini.solvers.patch import MAX_STEPS, SETTLED, active_in_patch
 from dolfinx_signorini.solvers.residual import ROUNDING, NaturalResidual
 from dolfinx_signorini.solvers.rough_steps import rough_steps
 from dolfinx_signorini.solvers.stop import LOOSEST, Stop
@@ -37,7 +37,6 @@ NOISE = 4.0
 # Of the residual asked for: conjugate gradients, with the right set, know the natural residual but
 # for a drift of their recurrences.
 REACHED = 0.99
-SETTLED = 1e-3  # relative residual: below it a set corrected locally is solved for to the end
 LOCAL = 0.05  # of the contact dofs, or 8: so many changes at most count as local
 STALL = 4  # steps without a lower residual, after which no more short cuts are taken
 

@@ -20,7 +20,9 @@ RINGS = {1: 12, 2: 12, 3: 3}
 # Of all dofs, by dimension: a patch of so many costs more than the linear solves that it saves.
 LARGE = {1: 0.25, 2: 0.25, 3: 0.5}
 MAX_STEPS = 60  # of active sets: twice what starts with all dofs held take, down to rounding
-RTOL = 1e-3  # of the linear solves of a patch, each of which starts from the last
+# Relative residual of the linear solves of a patch, each of which starts from the last. Below it a
+# set that patches correct is solved for to the end.
+SETTLED = 1e-3
 
 
 def patch_dofs(system: System, seeds: LocalIndices, layers: int) -> LocalIndices:
@@ -131,7 +133,7 @@ def solve_small(
     ksp.setType("cg")
     ksp.getPC().setType("sor")
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-    ksp.setTolerances(rtol=RTOL, atol=0.0)
+    ksp.setTolerances(rtol=SETTLED, atol=0.0)
     x, multiplier = start.copy(), residual.copy()
     for _ in range(MAX_STEPS):
         A.copy(held, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)

@@ -13,11 +13,11 @@ straight. Curves cut cells at all shares of their width, and comparisons tell.
 
 from collections.abc import Sequence
 
-import basix.ufl
 import numpy as np
 from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.cutting import THIN, Simplices, fitted
 from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
@@ -133,8 +133,7 @@ def _shared(sided: SidedMesh, whole: Simplices | None) -> SidedMesh:
     cells: Indices = np.empty((0, dim + 1), dtype=np.int64)
     if whole is not None:
         x, cells = whole.x, whole.cells
-    element = basix.ufl.element("Lagrange", domain.basix_cell(), 1, shape=(dim,))
-    new = mesh.create_mesh(comm, cells, x=x, e=element)
+    new = mesh.create_mesh(comm, cells, x=x, e=ELEMENTS[dim])
     tagged, sides = comm.bcast(whole and (np.sort(whole.facets, axis=1), whole.sides))
     facets = boundary_facets(new)
     nodes = facet_nodes(new, facets)

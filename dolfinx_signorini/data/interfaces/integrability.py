@@ -1,6 +1,8 @@
 """Formulas that grow towards poles on curves and surfaces, and how fast."""
 
+import math
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +12,9 @@ from dolfinx_signorini.data.formulas import Formula, Node, evaluated
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.singular_sets import poles
 
-DIGITS = 10, 20  # binary ones of the distances from a pole, as shares of the way across a simplex
-INFINITE = -0.99  # the power from which on the integral is infinite, but for a logarithm
+# Of the way across a simplex: the distances from a point at which values tell a power. Closer by,
+# rounding shows, and farther away the smooth part of a formula.
+DISTANCES = 1e-4, 1e-6
 
 
 def fastest_growth(formula: Formula, simplices: Array) -> tuple[float, tuple[float, ...]] | None:
@@ -33,13 +36,16 @@ def fastest_growth(formula: Formula, simplices: Array) -> tuple[float, tuple[flo
     for pole in poles(formula):
         places, rays = _zeros(pole, simplices)
         with np.errstate(all="ignore"):
-            near, nearest = (
-                np.abs(evaluated(formula.root, places + 2.0**-digits * rays)) for digits in DIGITS
-            )
-            power = np.round(np.log2(near / nearest) / (DIGITS[1] - DIGITS[0]), 2)
+            sizes = [np.abs(evaluated(formula.root, places + r * rays)) for r in DISTANCES]
+            power = np.round(power_of(*sizes), 2)
         grows = np.isfinite(power) & (power < 0.0)
         found += [(float(power[k]), tuple(map(float, places[k]))) for k in np.flatnonzero(grows)]
     return min(found, default=None)
+
+
+def power_of(near: Any, nearest: Any) -> Any:
+    """Return the power of the distance that sizes at the two `DISTANCES` from a point tell."""
+    return np.log(nearest / near) / math.log(DISTANCES[1] / DISTANCES[0])
 
 
 def _zeros(pole: Node, simplices: Array) -> tuple[Array, Array]:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-import basix.ufl
 import ufl
 from ufl.constantvalue import ScalarValue, Zero
 
+from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formulas import Formula, number
 from dolfinx_signorini.data.parsing import parse, suggestion
@@ -240,7 +240,4 @@ def one_of(choices: Iterable[str]) -> Check:
 
 
 def _coordinates(dimension: int) -> ufl.SpatialCoordinate:
-    cell = "triangle" if dimension == 2 else "tetrahedron"
-    return ufl.SpatialCoordinate(
-        ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(dimension,)))
-    )
+    return ufl.SpatialCoordinate(ufl.Mesh(ELEMENTS[dimension]))

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
-from dolfinx_signorini.base.tolerances import SIX_DIGITS
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, TINY
 from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
@@ -249,7 +249,7 @@ class IterativeSolver(LinearSolver):
         if not fresh and self._pace > 0.0 and target > 0.0:
             expected = self._pace * max(math.log10(max(start, target) / target), 1.0)
             limit = min(limit, math.ceil(expected) + self._setup_iterations)
-        self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1e30, max_it=limit)
+        self._ksp.setTolerances(rtol=0.0, atol=target, divtol=1.0 / TINY, max_it=limit)
         self._unit = unit
         watched = fresh and self.multigrid is not None
         self._watched = self._little * start if watched else math.inf

@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import function_with
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
 
 
@@ -72,7 +73,7 @@ class BoundaryCurve:
         edges = np.roll(self.x, -1, axis=0) - self.x
         before = np.roll(edges, 1, axis=0)
         turn = before[:, 0] * edges[:, 1] - before[:, 1] * edges[:, 0]
-        return self.s[np.abs(turn) > 1e-8 * (edges**2).sum(axis=1)]
+        return self.s[np.abs(turn) > HALF_OF_THE_DIGITS * (edges**2).sum(axis=1)]
 
     def values(self, function: fem.Function) -> Array:
         """Return the nodal values of a function of the space along the curve."""
@@ -112,7 +113,7 @@ class BoundaryCurve:
 def edges_that_meet(curve: BoundaryCurve, intervals: Sequence[tuple[float, float]]) -> Mask:
     """Return whether an edge meets open intervals (start, end) of the arc length (5.1)."""
     marked = np.zeros(len(curve.s), dtype=bool)
-    tolerance = 1e-9 * curve.widths
+    tolerance = SOLVED * curve.widths
     for a, b in intervals:
         for turn in (-curve.length, 0.0, curve.length):
             start, end = curve.s + turn, curve.s + curve.widths + turn

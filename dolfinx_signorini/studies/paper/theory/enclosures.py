@@ -18,6 +18,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -53,7 +54,7 @@ def enclosures(discretisation: Discretisation, value: float, slope: float) -> En
         slope: A bound of the components of the error of the gradient.
     """
     d, curve = discretisation, discretisation.curve
-    count = int(np.count_nonzero(curve.s <= 1.0 + 1e-12))  # of nodes on the bottom side
+    count = int(np.count_nonzero(curve.s <= 1.0 + ROUNDING))  # of nodes on the bottom side
     s, u = curve.s[:count], curve.values(d.u_h)[:count]
     top, outer, inner = int(np.argmax(u)), 0.0, 1.0
     if u[top] > value:

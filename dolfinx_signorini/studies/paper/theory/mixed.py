@@ -13,6 +13,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
@@ -46,7 +47,7 @@ class PowerProblem(SignoriniProblem):
         self.exact = times_powers(pure, p)
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         cells, load, point = owned_cells(domain), self.exact.load * v, (DETACHMENT,)
-        bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < 1e-12)
+        bottom = mesh.locate_entities_boundary(domain, 1, lambda x: x[1] < ROUNDING)
         others = np.setdiff1d(boundary_facets(domain), bottom)
         dofs = fem.locate_dofs_topological(space, 1, others)
         super().__init__(
