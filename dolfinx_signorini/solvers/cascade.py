@@ -19,7 +19,9 @@ from dolfinx_signorini.solvers.tao import METHODS as TAO_METHODS
 
 METHODS = ("cascade", *TAO_METHODS)
 COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch costs little
-RATIO = {2: 8, 3: 4}  # between levels; patch problems bridge a ratio of 8, but not of 11
+# Between the widths of successive meshes, and of a mesh and its coarse space: patch problems bridge
+# 8, but not 11, and smaller ones cost more than the linear solves that they save.
+RATIO = {2: 8, 3: 4}
 
 
 class Solvable(Protocol):

@@ -27,14 +27,12 @@ from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.solvers.cascade import RATIO
 from dolfinx_signorini.solvers.linear.solver import has_few_dofs
 from dolfinx_signorini.solvers.patch import solve_small
 from dolfinx_signorini.solvers.prediction import presses, settled
 from dolfinx_signorini.solvers.system import System
 
-# Between the widths of the meshes, by dimension: a larger one misplaces the ends of contact by more
-# than patch problems mend, and a smaller one costs more than the linear solves that it saves.
-RATIO = {2: 10, 3: 5}
 NEAR = 1e-5  # barycentric coordinates: so far outside of a simplex counts as inside, for the shifts
 
 

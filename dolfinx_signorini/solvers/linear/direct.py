@@ -85,7 +85,7 @@ class DirectSolver(LinearSolver):
         if known and self._assembled == system.assembled:
             return True
         entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
-        self._ksp.setOperators(self._hold(system, system.contact_dofs[held], entry))
+        self._ksp.setOperators(self._hold(system.contact_dofs[held], entry))
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled
         self.setups += 1

@@ -210,7 +210,7 @@ class IterativeSolver(LinearSolver):
     def _make_preconditioner(self, system: System, held: Mask) -> None:
         dofs = system.contact_dofs[held]
         if self.multigrid is None:
-            matrix = self._hold(system, dofs, _typical(system))
+            matrix = self._hold(dofs, _typical(system))
             if self._block > 1:  # constants are known without
                 zero = np.concatenate((dofs, system.fixed_dofs))
                 attach_motions(matrix, motions_of(system.layout), zero)
@@ -222,7 +222,7 @@ class IterativeSolver(LinearSolver):
             dofs = np.concatenate((dofs, system.fixed_dofs))
             typical, number = _typical(system), system.assembled
             known = self.multigrid.has_products(system.A, number)
-            matrix = self._hold(system, dofs, typical if known else 0.0)
+            matrix = self._hold(dofs, typical if known else 0.0)
             self.multigrid.set_up(system.A, matrix, dofs, typical, number)
             self._projected.pc = self.multigrid.pc
         self._held, self._assembled = held.copy(), system.assembled

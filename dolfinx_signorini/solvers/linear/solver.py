@@ -138,7 +138,7 @@ class LinearSolver(ABC):
         destroy(self._matrix, self._ksp, self._rhs, self._correction)
         self._matrix = None
 
-    def _hold(self, system: System, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
+    def _hold(self, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = self.A.copy()
