@@ -26,15 +26,15 @@ from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
-from dolfinx_signorini.data.sampling import Datum, Samples, sample
+from dolfinx_signorini.data.sampling import HIDDEN, Datum, Samples, sample
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, longest_side, owned_cells
 
-MOST_CELLS = 3_000
+MOST_CELLS = 3_000  # of a first mesh, which one rank fits to jumps, and which no solution tells of
 # What the deviation of a datum from polynomials may be, of its norm: in all cells, and
 # the height in one. More than 0.02 overlooks narrow diffusions, and less than 0.05 refines
 # at each kink of an obstacle (tests/accuracy/test_data_in_python.py and test_narrow_data.py).
-MASS, HEIGHT = 0.02, 0.05
+MASS, HEIGHT = 0.02, HIDDEN["height"]
 JUMP = 1.0 / 32.0  # of the domain: where the values of a datum jump, cells are not made smaller
 
 

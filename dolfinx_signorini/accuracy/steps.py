@@ -8,7 +8,7 @@ from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.refinement import Refinement
 
-MAX_UNKNOWNS = 1_000_000
+MAX_UNKNOWNS = 1_000_000  # by default: 1 to 11 GB, see `expectations.BYTES`
 
 
 @dataclass(frozen=True)

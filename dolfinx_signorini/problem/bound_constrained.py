@@ -75,12 +75,8 @@ class BoundConstrainedProblem:
         a: A symmetric, positive (semi)definite bilinear form on a scalar Lagrange space.
         L: A linear form.
         constraint: The obstacles, for a space of the form.
-        bcs: Dirichlet conditions.
-        u: The function to be filled with the solution; a new one by default.
-        petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
-        petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with
-            multigrid by default. An option of the same name in PETSc's database wins.
-        form_compiler_options, jit_options: See `dolfinx.fem.form`.
+        bcs, u, petsc_options_prefix, petsc_options, form_compiler_options, jit_options: See
+            `SignoriniProblem`; none has a default.
 
     Attributes:
         u: The solution, after `solve`.
@@ -108,13 +104,12 @@ class BoundConstrainedProblem:
         a: ufl.Form,
         L: ufl.Form,
         constraint: Callable[[fem.FunctionSpace], Constraint],
-        *,
-        bcs: Sequence[fem.DirichletBC] = (),
-        u: fem.Function | None = None,
-        petsc_options_prefix: str | None = None,
-        petsc_options: Mapping[str, Any] | None = None,
-        form_compiler_options: Mapping[str, Any] | None = None,
-        jit_options: Mapping[str, Any] | None = None,
+        bcs: Sequence[fem.DirichletBC],
+        u: fem.Function | None,
+        petsc_options_prefix: str | None,
+        petsc_options: Mapping[str, Any] | None,
+        form_compiler_options: Mapping[str, Any] | None,
+        jit_options: Mapping[str, Any] | None,
     ):
         self.result: SolveResult | None = None
         self._history = History()

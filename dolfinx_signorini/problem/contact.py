@@ -113,17 +113,8 @@ class ContactProblem(BoundConstrainedProblem):
             zone = Zone(domain.topology.dim - 1, facets, (upper,))
             return Constraint((zone,), True, direction, held_weakly)
 
-        super().__init__(
-            a,
-            L,
-            constraint,
-            bcs=bcs,
-            u=u,
-            petsc_options_prefix=petsc_options_prefix,
-            petsc_options=petsc_options,
-            form_compiler_options=form_compiler_options,
-            jit_options=jit_options,
-        )
+        options = petsc_options_prefix, petsc_options, form_compiler_options, jit_options
+        super().__init__(a, L, constraint, bcs, u, *options)
 
     @property
     def contact_nodes(self) -> LocalIndices:

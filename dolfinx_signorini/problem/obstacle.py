@@ -95,17 +95,8 @@ class ObstacleProblem(BoundConstrainedProblem):
                 raise InputError("is for a contact boundary: give `contact`", "obstacle")
             return Constraint(tuple(zones))
 
-        super().__init__(
-            a,
-            L,
-            constraint,
-            bcs=bcs,
-            u=u,
-            petsc_options_prefix=petsc_options_prefix,
-            petsc_options=petsc_options,
-            form_compiler_options=form_compiler_options,
-            jit_options=jit_options,
-        )
+        options = petsc_options_prefix, petsc_options, form_compiler_options, jit_options
+        super().__init__(a, L, constraint, bcs, u, *options)
 
     @property
     def boundary(self) -> ContactZone:

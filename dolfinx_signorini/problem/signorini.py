@@ -102,17 +102,8 @@ class SignoriniProblem(BoundConstrainedProblem):
                 given = obstacles_of(domain, lower, upper)
             return Constraint((Zone(domain.topology.dim - 1, facets, given),))
 
-        super().__init__(
-            a,
-            L,
-            constraint,
-            bcs=bcs,
-            u=u,
-            petsc_options_prefix=petsc_options_prefix,
-            petsc_options=petsc_options,
-            form_compiler_options=form_compiler_options,
-            jit_options=jit_options,
-        )
+        options = petsc_options_prefix, petsc_options, form_compiler_options, jit_options
+        super().__init__(a, L, constraint, bcs, u, *options)
 
     def plot(
         self,

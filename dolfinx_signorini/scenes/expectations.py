@@ -44,7 +44,7 @@ from dolfinx_signorini.scenes.scene_data import data_of
 # Per unknown, by dimension and degree: bytes as measured, and the order of magnitude of seconds.
 BYTES = {2: (1.3e3, 1.4e3, 1.6e3, 2.1e3), 3: (2.8e3, 4.1e3, 7.0e3, 1.1e4)}
 SECONDS = {2: (1e-5, 2e-5, 3e-5, 5e-5), 3: (3e-5, 6e-5, 1e-4, 2e-4)}
-PROGRAM_BYTES = 1.5e8
+PROGRAM_BYTES = 1.5e8  # and of the program itself
 # Poisson's ratio from which on degree 1 locks. A pressed block of 16, 32, 64 cells a side had 2.0,
 # 0.7, 0.2 % too much force for 0.45, 7.1, 2.7, 0.9 % for 0.49, and 30, 13, 5 % for 0.499.
 LOCKING = 0.49
