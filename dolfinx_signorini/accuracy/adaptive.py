@@ -260,7 +260,7 @@ def _piecewise(pose: Pose) -> Pose:
 def _first_mesh(
     pose: Pose, sided: SidedMesh, max_unknowns: float
 ) -> tuple[Resolved, Coefficients | None]:
-    """Return the first mesh of the loop, with room for the division of all cells, and what is read.
+    """Return the first mesh of the loop, and what is read.
 
     Args:
         pose: Poses the problem.
@@ -283,8 +283,7 @@ def _first_mesh(
         return data_of(other)
 
     degree = problem.space.element.basix_element.degree
-    most = int(max_unknowns // (2 * degree) ** sided.mesh.topology.dim)
-    first = first_mesh(sided, data_on, known, most, stiffness, "pose")
+    first = first_mesh(sided, data_on, known, degree, max_unknowns, stiffness, "pose")
     return replace(first, notes=(*notes, *first.notes)), known
 
 

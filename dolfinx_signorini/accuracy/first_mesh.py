@@ -58,9 +58,10 @@ def first_mesh(
     sided: SidedMesh,
     data: Callable[[SidedMesh], Sequence[Datum]],
     coefficients: Coefficients,
-    max_cells: int,
-    stiffness: Collection[str] = (),
-    subject: str = "",
+    degree: int,
+    max_unknowns: float,
+    stiffness: Collection[str],
+    subject: str,
 ) -> Resolved:
     """Return a mesh that resolves data and is fitted to their jumps; the call is collective.
 
@@ -68,7 +69,8 @@ def first_mesh(
         sided: A coarse mesh.
         data: Returns the data on a mesh.
         coefficients: The coefficients of a scalar problem.
-        max_cells: The limit on the number of cells.
+        degree: The degree of the elements.
+        max_unknowns: The limit on the dofs, with room for the division of all cells.
         stiffness: The names of the data of the stiffness of an elastic body; of a scalar problem
             none.
         subject: The subject of the error.
@@ -76,7 +78,8 @@ def first_mesh(
     Raises:
         InputError: The stiffness of an elastic body jumps or has a kink inside of cells.
     """
-    most = min(MOST_CELLS, max_cells)
+    per_cell = (2 * degree) ** sided.mesh.topology.dim
+    most = min(MOST_CELLS, int(max_unknowns // per_cell))
     straight = [f for f in (coefficients.load, coefficients.reaction) if f is not None]
     if stiffness:
         straight = [datum.formula for datum in _with_jumps(data(sided))]

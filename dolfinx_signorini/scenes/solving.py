@@ -262,14 +262,13 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
 
 
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
-    """Return the first mesh of the adaptive loop, with room for the division of all cells."""
-    per_cell = (2 * scene.degree) ** scene.domain.dimension
+    """Return the first mesh of the adaptive loop."""
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
     sided = scene.domain.make(comm)
     stiffness = () if scene.elasticity is None else STIFFNESS
-    most = max_unknowns // per_cell
-    return first_mesh(sided, partial(data_of, scene), known, most, stiffness, "elasticity")
+    limits = scene.degree, max_unknowns
+    return first_mesh(sided, partial(data_of, scene), known, *limits, stiffness, "elasticity")
 
 
 def _solve_on_its_mesh(scene: Scene, comm: MPI.Comm, phases: Phases) -> SceneResult:
