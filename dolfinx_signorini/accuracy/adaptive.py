@@ -191,18 +191,11 @@ def solve_adaptively(
         first, known = _first_mesh(poses[min(poses)], sided, max_unknowns)
     for note in first.notes:
         log.warning("%s", note)
-    if known is None:
-        return adapt(poses, first, request, on_step, began, curves)
-    return adapt(
-        {degree: _piecewise(pose) for degree, pose in poses.items()},
-        first,
-        request,
-        on_step,
-        began,
-        curves,
-        read=coefficients_of,
-        fit=lambda level: follow(level, known.entries),
-    )
+    reading: dict[str, Any] = {}
+    if known is not None:
+        poses = {degree: _piecewise(pose) for degree, pose in poses.items()}
+        reading = {"read": coefficients_of, "fit": lambda level: follow(level, known.entries)}
+    return adapt(poses, first, request, on_step, began, curves, **reading)
 
 
 def adapt(
