@@ -117,14 +117,13 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     lifted = product(stiffness(problem), dual.z)
     gap = problem.gap.x.array
     for distances in distances_from_data(problem):
-        pairs, off = distances.pairs, distances.off
-        along = distances.along
-        fixed = -shared_by_facets(space, pairs, along(dual.forces)) * off.mean(axis=1)
+        pairs, off, along = distances.pairs, distances.off, distances.along
+        # For a norm, two solutions that meet the obstacle at the same nodes know no z.
+        known = not distances.contact or solved.target.norm is None
+        fixed = -known * shared_by_facets(space, pairs, along(dual.forces)) * off.mean(axis=1)
         dofs = facet_dofs(space, pairs)
         lift = along(lifted)[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
         touching = np.abs(gap[dofs]).max(axis=1) <= SOLVED * np.abs(off).max(axis=1)
-        if distances.contact and solved.target.norm is not None:
-            fixed *= 0.0  # two solutions that meet the obstacle at the same nodes know no z
         parts = np.where(distances.held, fixed, np.where(touching, 0.0, lift))
         for row, values in zip(result, (parts, np.abs(parts)), strict=True):
             np.add.at(row, pairs[:, 0], values)

@@ -28,6 +28,7 @@ from dolfinx_signorini.data.interfaces.interface import Interface, OneSided, int
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges
 from dolfinx_signorini.norms.names import Norm
@@ -80,8 +81,7 @@ class _Kinks:
         nodal = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
         points, self.weights = interior_rule(kind, MAX_DEGREE).points(kind)
         if math.isinf(norm.p):
-            equispaced = basix.LatticeType.equispaced
-            points = np.array(basix.create_lattice(kind, SAMPLES // 2, equispaced, exterior=True))
+            points = equispaced(dim, SAMPLES // 2)
         self.table = np.asarray(nodal.tabulate(1, points))[..., 0]
         self.nodes, self.samples = (
             inside(corners, np.array(places, dtype=np.float64)) for places in (nodal.points, points)
