@@ -26,6 +26,7 @@ from dolfinx_signorini.accuracy.boundary_defects import (
     data_defects,
 )
 from dolfinx_signorini.accuracy.cells import collected, joined, rule_of_powers, total
+from dolfinx_signorini.accuracy.contact_ends import unknown_ends
 from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
@@ -57,6 +58,7 @@ UNSEEN: tuple[Term, ...] = (
     data_between_nodes,
     data_defects,
     negative_pressure,
+    unknown_ends,
 )
 
 

@@ -72,7 +72,9 @@ def dirichlet(
     if size > 1 and component is None:
         raise InputError("of a vector the number of one component is needed", "component")
     nodal, first = space if size == 1 else scalar_space(space), component or 0
-    nodes = fem.locate_dofs_topological(nodal, domain.topology.dim - 1, facets)
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
+    nodes = fem.locate_dofs_topological(nodal, dim - 1, facets)
     owned = nodes[nodes < space.dofmap.index_map.size_local]
     values = fem.Function(space)
     values.x.array[owned * size + first] = evaluator(nodal, value, owned, "value")()

@@ -8,15 +8,18 @@ from dolfinx import fem, mesh
 from known import Known, true_error
 
 from dolfinx_signorini import (
+    EnergyTerms,
     InputError,
     ObstacleProblem,
     SidedMesh,
     SignoriniProblem,
     bernstein_space,
     detachment_points,
+    energy_bound,
     solve_adaptively,
 )
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.meshes.elements import control_points
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells
 from dolfinx_signorini.problem.dirichlet import dirichlet
 
 # The ball: the hemisphere with its tangent from r = 0.9 as the obstacle on (-2, 2)^2; contact ends
@@ -62,14 +65,71 @@ def band_slope(x):
     return np.multiply.outer(NORMAL, 0.5 * K * (END**2 - s**2))
 
 
-EXACT = {"ball": (ball, ball_slope), "bowl": (bowl, bowl_slope), "band": (band, band_slope)}
+# A smaller bowl with a rim: v = r^{3/2} cos(3 t/2) around (0, -1) is harmonic, and 0 for x < 0 on
+# the lower side, where its flux is 3/2 |x|^{1/2}. The bowl b + v touches the obstacle v around the
+# middle, and on the lower side the obstacle b, from which v is the distance.
+R, CENTRE = 0.4, 0.3
+
+
+def polar(x):
+    return np.maximum(np.hypot(x[0], x[1] + 1.0), 1e-300), np.arctan2(x[1] + 1.0, x[0])
+
+
+def above_centre(x):
+    return np.stack((x[0], x[1] - CENTRE))
+
+
+def rimmed(x):
+    (r, t), s = polar(x), (above_centre(x) ** 2).sum(axis=0) - R**2
+    return np.maximum(s, 0.0) ** 2 + r**1.5 * np.cos(1.5 * t)
+
+
+def rimmed_slope(x):
+    (r, t), y = polar(x), above_centre(x)
+    s = (y**2).sum(axis=0) - R**2
+    return 4.0 * np.maximum(s, 0.0) * y + 1.5 * r**0.5 * np.stack((np.cos(t / 2), -np.sin(t / 2)))
+
+
+EXACT = {
+    "ball": (ball, ball_slope),
+    "bowl": (bowl, bowl_slope),
+    "band": (band, band_slope),
+    "rim": (rimmed, rimmed_slope),
+}
+
+
+def with_rim(sided, degree, sign):
+    """The bowl with a rim, between an obstacle in the domain and one on the lower side."""
+    domain = sided.mesh
+    space, x = bernstein_space(domain, degree), ufl.SpatialCoordinate(domain)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    lower = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], -1.0))
+    others = mesh.locate_entities_boundary(
+        domain, 1, lambda x: np.isclose(np.maximum(abs(x[0]), x[1]), 1.0)
+    )
+    r, t = ufl.sqrt(x[0] ** 2 + (x[1] + 1.0) ** 2), ufl.atan2(x[1] + 1.0, x[0])
+    s = x[0] ** 2 + (x[1] - CENTRE) ** 2 - R**2
+    load = ufl.conditional(s < 0.0, -8.0 * R**2 * (1.0 - s), -8.0 * (2.0 * s + R**2))
+    flux = 4.0 * s * (1.0 + CENTRE)
+    ds = ufl.Measure("ds", domain, subdomain_data=[(1, facet_cells(domain, lower).flatten())])
+    return ObstacleProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        sign * (load * v * ufl.dx + flux * v * ds(1)),
+        contact=lower,
+        obstacle=sign * s**2,
+        bound="lower" if sign > 0.0 else "upper",
+        bcs=[dirichlet(space, others, lambda x: sign * rimmed(x))],
+        **{"lower" if sign > 0.0 else "upper": sign * r**1.5 * ufl.cos(1.5 * t)},
+    )
 
 
 def posed(sided, degree, name, mirrored=False):
     """The ball, the bowl or the band, or the same for -u between the obstacles mirrored."""
+    sign = -1.0 if mirrored else 1.0
+    if name == "rim":
+        return with_rim(sided, degree, sign)
     space, x = bernstein_space(sided.mesh, degree), ufl.SpatialCoordinate(sided.mesh)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    sign = -1.0 if mirrored else 1.0
     if name == "ball":
         r, load = ufl.sqrt(x[0] ** 2 + x[1] ** 2), fem.Constant(sided.mesh, 0.0)
         sphere = ufl.sqrt(abs(1.0 - r**2))
@@ -131,6 +191,11 @@ def errors(u, exact, slope):
         ("band", 2, "L4", 1e-3, False),
         ("band", 2, "Linf", 3e-3, True),
         ("band", 2, "W1_inf", 0.9, False),
+        ("rim", 1, "H1", 0.2, False),
+        ("rim", 2, "H1", 5e-3, True),
+        ("rim", 2, "L2", 1e-4, False),
+        ("rim", 2, "Linf", 1e-3, False),
+        ("rim", 3, "L4", 1e-4, False),
     ],
 )
 def test_the_accuracy_is_met(comm, name, degree, norm, accuracy, mirrored):
@@ -252,6 +317,47 @@ def test_the_contact_radius_of_the_ball_by_the_force(comm):
     # The derivative of the force by a is 18: the radius is known to a millionth.
     assert abs(found.problem.force - wanted) <= 2e-5
     found.problem.destroy()
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_forces_of_the_rim_and_of_the_middle(comm, mirrored):
+    """The force of the rim is the integral of 3/2 |x|^{1/2} from -1 to 0."""
+    domain = mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (40, 40))
+    problem = posed(SidedMesh(domain, {}), 2, "rim", mirrored)
+    problem.solve()
+    sign = -1.0 if mirrored else 1.0
+    middle = 8.0 * np.pi * R**4 * (1.0 + R**2 / 2.0)
+    inside, rim = problem.zones
+    # The share of the corner, whose value is given, is that of the Dirichlet data.
+    corner = 1.5 * 0.05 / 3.0
+    assert sign * problem.boundary.force == pytest.approx(1.0 - corner, abs=2e-3)
+    assert sign * inside.force == pytest.approx(middle, abs=2e-3)
+    assert sign * problem.force == pytest.approx(1.0 - corner + middle, abs=4e-3)
+    (point,) = detachment_points(problem.boundary)
+    assert np.linalg.norm(point.position - np.array([0.0, -1.0])) <= point.uncertainty
+    # Pressures at the dofs are means of the exact ones around.
+    x = control_points(problem.space)
+    at_rim = np.isclose(x[:, 1], -1.0) & (x[:, 0] < -0.1) & (x[:, 0] > -0.95)
+    known = 1.5 * np.sqrt(np.abs(x[at_rim, 0]))
+    assert rim.pressure.x.array[at_rim] == pytest.approx(known, abs=0.05)
+    s = x[:, 0] ** 2 + (x[:, 1] - CENTRE) ** 2 - R**2
+    core = s < -0.12
+    known = 8.0 * R**2 * (1.0 - s[core])
+    assert problem.pressure.x.array[core] == pytest.approx(known, rel=0.02)
+    away = (s > 0.2) | np.isclose(x[:, 1], -1.0)
+    assert np.abs(problem.pressure.x.array[away]).max(initial=0.0) == 0.0
+    problem.destroy()
+
+
+def test_there_is_no_bound_for_both(comm):
+    domain = mesh.create_rectangle(comm, [(-1.0, -1.0), (1.0, 1.0)], (5, 5))
+    problem = posed(SidedMesh(domain, {}), 1, "rim")
+    problem.solve()
+    with pytest.raises(InputError, match="in the domain and on the boundary"):
+        energy_bound(problem, EnergyTerms())
+    with pytest.raises(InputError, match="one obstacle on the boundary"):
+        detachment_points(problem)
+    problem.destroy()
 
 
 def test_what_is_for_the_boundary_says_so(comm):

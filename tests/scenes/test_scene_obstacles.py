@@ -20,7 +20,7 @@ from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.expectations import expect
-from dolfinx_signorini.scenes.output.fields import masks
+from dolfinx_signorini.scenes.output.fields import fields_of, masks
 from dolfinx_signorini.scenes.output.pictures import scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
@@ -260,6 +260,115 @@ def test_what_is_written_satisfies_the_conditions_of_two_obstacles(folder):
     assert summary["imbalance"] <= 1e-8 and summary["boundary_size"] == pytest.approx(1.0)
 
 
+RIM = """
+rtol = 1e-10
+title = "a membrane over a floor, with a rim"
+outputs = ["fields", "boundary", "pictures", "report"]
+[domain]
+shape = "square"
+cells = 24
+[equation]
+load = -6
+[obstacle]
+lower = "-0.3 + 0.02*x"
+[contact]
+sides = "bottom"
+obstacle = "-0.25 + 0.1*cos(6*x)"
+[[dirichlet]]
+sides = "top"
+value = 0
+"""
+
+
+def test_a_rim_is_written_beside_what_is_in_the_domain(folder):
+    """Pressures in the files are the forces of the five-point scheme, and each zone has its own."""
+    out, n = folder / "out", 24
+    assert main(["solve", write(folder, RIM), "--out", str(out)]) == 0
+    COMM.barrier()
+    tables = []
+    for name in ("boundary.csv", "contact_boundary.csv"):
+        with (out / name).open() as file:
+            tables.append(
+                [{k: float(v or "nan") for k, v in row.items()} for row in csv.DictReader(file)]
+            )
+    grid = {name: np.full((n + 1, n + 1), np.nan) for name in ("u", "pressure")}
+    for row in tables[0]:
+        for name, values in grid.items():
+            values[round(n * row["x"]), round(n * row["y"])] = row[name]
+    u, h, middle = grid["u"], 1.0 / n, slice(1, -1)
+    x = np.linspace(0.0, 1.0, n + 1)
+    # The five-point scheme inside, and with half of it on the lower side.
+    force = 4.0 * u[middle, middle] - u[:-2, middle] - u[2:, middle] - u[middle, :-2]
+    force += 6.0 * h * h - u[middle, 2:]
+    touching = u[middle, middle] <= -0.3 + 0.02 * x[middle, None] + 1e-12
+    assert 50 < touching.sum() < 400
+    assert np.abs(force[~touching]).max() <= 1e-9 and force[touching].min() >= -1e-9
+    assert grid["pressure"][middle, middle] * h * h == pytest.approx(force, abs=1e-9)
+    at_rim = 2.0 * u[middle, 0] - 0.5 * u[:-2, 0] - 0.5 * u[2:, 0] - u[middle, 1] + 3.0 * h * h
+    rows = {round(n * row["x"]): row for row in tables[1]}
+    assert len(rows) == n + 1 and all(row["y"] == 0.0 for row in tables[1])
+    gap = np.array([rows[i]["gap"] for i in range(n + 1)])
+    assert gap == pytest.approx(u[:, 0] - (-0.25 + 0.1 * np.cos(6.0 * x)), abs=1e-12)
+    # In the middle the floor is higher than the rim, and holds the end of the membrane.
+    pressure, held = np.array([rows[i]["pressure"] for i in range(1, n)]), gap[middle] == 0.0
+    assert pressure * h == pytest.approx(np.where(held, at_rim, 0.0), abs=1e-9)
+    assert 5 < held.sum() < n - 5 and (pressure[held] > 0.0).all()
+    at_floor = u[middle, 0] == -0.3 + 0.02 * x[middle]
+    assert at_floor.sum() > 2 and (at_rim[~held & ~at_floor] <= 1e-9).all()
+    summary = json.loads((out / "record.json").read_text())["summary"]
+    forces = summary["forces"]
+    assert set(forces) == {"load", "contact", "obstacle", "Dirichlet sides"}
+    assert forces["load"] == pytest.approx(-6.0) and summary["imbalance"] <= 1e-9
+    assert forces["contact"] > at_rim[held].sum() > 0.0 and forces["obstacle"] > force.sum() > 0.0
+    touching, undecided, whole = summary["beside"]
+    assert 0.4 < touching < 0.8 and undecided == 0.0 and whole == pytest.approx(1.0)
+    assert summary["boundary_size"] == pytest.approx(1.0)
+    assert len(summary["detachment_points"]) == 2
+    pictures = {"contact.png", "contact_boundary.png", "solution.png"}
+    assert pictures <= {path.name for path in out.iterdir()}
+    page = (out / "report.html").read_text()
+    assert page.count("<img") == 3 and "contact boundary" in page
+
+
+def test_the_fields_of_both_zones(folder):
+    result = solve_scene(load_scene(write(folder, RIM), COMM), COMM)
+    fields = {field.name: by_place(field) for field in fields_of(result)}
+    _, y, everywhere = fields["has_obstacle"].T
+    below = y < 1e-9
+    assert (everywhere == 1.0).all() and (fields["contact_boundary"][:, 2] == below).all()
+    problem = result.posed.problem
+    assert by_place(problem.boundary.pressure)[:, 2] == pytest.approx(
+        fields["boundary_pressure"][:, 2]
+    )
+    assert (fields["pressure"][below, 2] * fields["boundary_pressure"][below, 2] == 0.0).all()
+    assert fields["boundary_gap"][~below, 2].max() == 0.0
+    result.destroy()
+
+
+def test_an_accuracy_with_a_rim_is_reached(folder):
+    """Against the forces of the scene on a mesh that is much finer."""
+    text = (
+        RIM.replace("cells = 24\n", "")
+        .replace("rtol = 1e-10\n", "")
+        .replace("outputs", 'norm = "L2"\naccuracy = 1e-3\n#')
+    )
+    result = solve_scene(load_scene(write(folder, text), COMM), COMM)
+    fine = solve_scene(load_scene(write(folder, RIM), COMM, ["domain.cells=200"]), COMM)
+    assert result.found.reached
+    forces = [summarise(r, scene_boundary(r)).forces for r in (result, fine)]
+    for name in ("contact", "obstacle"):
+        assert forces[0][name] == pytest.approx(forces[1][name], abs=0.03)
+    for each in (result, fine):
+        each.destroy()
+
+
+def test_no_bound_is_printed_with_a_rim(folder, capfd):
+    assert main(["solve", write(folder, RIM), "--bound"]) == 2
+    COMM.barrier()
+    if COMM.rank == 0:
+        assert "[contact] and [obstacle]" in capfd.readouterr().err
+
+
 def test_everything_is_written(folder):
     out = folder / "out"
     assert main(["solve", write(folder, BALL), "--out", str(out)]) == 0
@@ -486,7 +595,7 @@ PLAIN = BETWEEN.replace("cells = 24", "cells = 4")
         (PLAIN.replace('lower = "', 'lower = "log(x - 2) + '), "obstacle.lower", "not a finite"),
         (PLAIN.replace('lower = "', 'lower = "0.5 + '), "obstacle.lower", "above the Dirichlet"),
         (PLAIN.replace("upper", "cells = 1\nupper"), "obstacle.cells", "a mesh from a file"),
-        (PLAIN + '[contact]\nsides = "top"\n', "obstacle", "goes with no [contact]"),
+        (PLAIN + '[contact]\nsides = "tp"\n', "contact.sides", "top"),
         (PLAIN.replace("[obstacle]", "[[obstacle]]"), "obstacle", "one table"),
         (
             PLAIN.replace("value = 0\n", "").replace("flux = 2\n", "").replace("load", "# load")
