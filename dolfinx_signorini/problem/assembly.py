@@ -53,7 +53,8 @@ class Assembly:
         zone_dofs: For each zone of the constraint the owned dofs, nodes of vectors, that it has.
         obstacles: The bounds of the last system from below and above, as far as there are such
             obstacles, at the owned dofs that have an obstacle: of several obstacles the tightest.
-        owners: For each of these bounds the number of the zone that the tightest obstacle is of.
+        owners: For each of these bounds the number of the zone that the tightest obstacle is of;
+            none where there is one zone.
         phases: The seconds of the phases so far.
         directions: The directions of the obstacle, where the unknowns are vectors; else None.
         total_load: L(1), the sum of the load on all basis functions.
@@ -61,7 +62,6 @@ class Assembly:
     """
 
     total_load: float
-    owners: list[LocalIndices]
 
     def __init__(
         self,
@@ -102,6 +102,7 @@ class Assembly:
             self._held_weakly = constraint.held_weakly
             self._look_up()
             self._watch_a, self._watch_L = Watch(a), Watch(L)
+            self.owners: list[LocalIndices] = []
             self._replaced = False  # whether other forms are assembled than the given ones
             self._refused = False  # whether the entries of the last system were refused
 
@@ -183,7 +184,6 @@ class Assembly:
         if self.directions is not None:
             ((_, each),), (gaps,) = self._given, self._values
             self.obstacles = [self.directions.bounds(gaps, data, each.name)]
-            self.owners = [np.zeros(len(layout.obstacle_dofs), dtype=np.int32)]
             return self.obstacles[0][layout.free], data
         for k, (zone, each) in enumerate(self._given):
             known = self.zone_dofs[zone], self._values[k], data
@@ -193,8 +193,10 @@ class Assembly:
 
     def _tightest(self) -> list[Array]:
         """Return the bounds of the obstacles, `FAR` away where a dof has none on that side."""
-        layout, bounds = self.layout, []
         self.owners = []
+        if len(self.zone_dofs) == 1:
+            return self._values
+        layout, bounds = self.layout, []
         for sign in layout.sides:
             bound = np.full(len(layout.obstacle_dofs), -sign * np.inf)
             owner: LocalIndices = np.zeros(len(bound), dtype=np.int32)
@@ -203,7 +205,7 @@ class Assembly:
                     at = np.searchsorted(layout.obstacle_dofs, self.zone_dofs[zone])
                     tighter = sign * (found - bound[at]) >= 0.0
                     bound[at[tighter]], owner[at[tighter]] = found[tighter], zone
-            bounds.append(np.clip(bound, -FAR, FAR) if len(self.zone_dofs) > 1 else bound)
+            bounds.append(np.clip(bound, -FAR, FAR))
             self.owners.append(owner)
         return bounds
 

@@ -346,8 +346,10 @@ class BoundConstrainedProblem:
         nodes, found = self.contact_dofs // layout.block, []
         for obstacle in self._constraint.zones[number].obstacles:
             side = sides.index(obstacle.sign)
-            own = self._assembly.owners[side][layout.free] == number
-            found.append(nodes[touching[side] & own])
+            held = touching[side]
+            if self._assembly.owners:
+                held = held & (self._assembly.owners[side][layout.free] == number)
+            found.append(nodes[held])
         return tuple(found)
 
     @property

@@ -61,7 +61,7 @@ def test_costs_name_what_the_problem_mentions_and_nothing_else(wanted):
         assert (word in text) == (key in wanted), text
     assert "diffusion on cells" in text and "load on cells" in text
     assert "exact" not in text
-    assert "array constraint entities" in text  # which the layout holds, too
+    assert "array system layout entities" in text  # which the constraint holds, too
     problem.destroy()
 
 
