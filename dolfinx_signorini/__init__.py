@@ -23,6 +23,7 @@ from dolfinx_signorini.norms.references import Reference, interpolated
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.dirichlet import dirichlet
+from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.elasticity import elasticity, stress, von_mises, weighted_strain
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -40,6 +41,7 @@ __all__ = [
     "AdaptiveSolution",
     "ContactProblem",
     "ContactState",
+    "ContactZone",
     "DetachmentPoint",
     "EnergyBound",
     "EnergyTerms",

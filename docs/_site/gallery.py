@@ -14,6 +14,7 @@ from dolfinx_signorini.scenes.output.summary import force_text
 ORDER = (
     "obstacle",
     "membrane",
+    "awning",
     "torsion",
     "osmosis",
     "thermostat",

@@ -16,6 +16,7 @@ GROUPS = {
     "Problems and their solution": (
         "SignoriniProblem",
         "ObstacleProblem",
+        "ContactZone",
         "dirichlet",
         "SolveResult",
         "METHODS",

@@ -428,6 +428,7 @@ TABLE = {
 }
 # What functions return, and what test_arguments.py has.
 RESULTS = {
+    "ContactZone",
     "AdaptiveSolution",
     "DetachmentPoint",
     "EnergyBound",

@@ -122,6 +122,33 @@ def test_an_obstacle_in_the_domain_and_a_nearer_one_on_the_boundary(sign):
     assert COMM.allreduce(forces.sum()) == pytest.approx(1.0, rel=1e-8)
 
 
+@pytest.mark.parametrize("load", [-1.0, 1.0])
+def test_a_dof_between_the_floor_and_a_rim_has_one_force(load):
+    """The floor is at 0, and so is the rim above: whichever holds the end of the membrane counts."""
+    domain = dolfinx.mesh.create_unit_square(COMM, 6, 6)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    end, top = (
+        dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (0.0, 1.0)
+    )
+    problem = ObstacleProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        load * v * ufl.dx,
+        lower=0.0,
+        contact=end,
+        bound="upper",
+        bcs=[dirichlet(space, top, 0.0)],
+    )
+    problem.solve(rtol=TIGHT)
+    inside = problem.zones[0]
+    assert (inside.force, problem.boundary.force) == pytest.approx(
+        (5.0 / 6.0 + 1.0 / 12.0, 0.0) if load < 0.0 else (0.0, -0.5), abs=1e-9
+    )
+    assert inside.force + problem.boundary.force == pytest.approx(problem.force)
+    problem.destroy()
+
+
 # The hemisphere: PETSc's snes ex9; Bueler, PETSc for Partial Differential Equations, Chapter 12.
 
 
