@@ -21,9 +21,9 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution, manufacture
 from dolfinx_signorini.norms.references import Reference, interpolated
 from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.dirichlet import dirichlet
-from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.elasticity import elasticity, stress, von_mises, weighted_strain
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem

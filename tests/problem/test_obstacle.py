@@ -124,7 +124,7 @@ def test_an_obstacle_in_the_domain_and_a_nearer_one_on_the_boundary(sign):
 
 @pytest.mark.parametrize("load", [-1.0, 1.0])
 def test_a_dof_between_the_floor_and_a_rim_has_one_force(load):
-    """The floor is at 0, and so is the rim above: whichever holds the end of the membrane counts."""
+    """The floor is at 0, and so is the rim above: what holds the end of the membrane counts."""
     domain = dolfinx.mesh.create_unit_square(COMM, 6, 6)
     space = fem.functionspace(domain, ("Lagrange", 1))
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
