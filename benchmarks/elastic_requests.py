@@ -293,7 +293,7 @@ class Request:
     def _errors(self, domain: Any, u: fem.Function | None, first: int) -> tuple[Array, ...]:
         """Weights, errors and their gradients at points of parts of some cells."""
         shape, Q = self.drawn[0], self.drawn[0].turn
-        points, weights = _parts_of_triangle()
+        points, weights = parts_of_triangle()
         cells = slice(first, min(first + CHUNK, domain.topology.index_map(2).size_local))
         x = domain.geometry.x[domain.geometry.dofmap[cells]][:, :, :2]
         edges = (x[:, 1:] - x[:, :1]).transpose(0, 2, 1)
@@ -330,7 +330,7 @@ class Request:
         return float(((yx * psi[0] + yy * psi[1]) * np.outer(w, w)).sum() * size * 0.5 * depth)
 
 
-def _parts_of_triangle() -> tuple[Array, Array]:
+def parts_of_triangle() -> tuple[Array, Array]:
     """A rule on equal parts of the reference triangle."""
     points, weights = basix.make_quadrature(basix.CellType.triangle, 12)
     found = []
@@ -345,7 +345,7 @@ def _parts_of_triangle() -> tuple[Array, Array]:
 COLUMNS = "", "requests", "not reached", "above", "worst", "claim below truth", "true / asked"
 
 
-def _line(name: str, rows: list[dict[str, Any]]) -> list[str]:
+def summary(name: str, rows: list[dict[str, Any]]) -> list[str]:
     shares = [r["true"] / r["asked"] for r in rows if r["reached"]]
     numbers = [
         len(rows), sum(not r["reached"] for r in rows), sum(s > 1.0 for s in shares),
@@ -371,8 +371,8 @@ def main() -> None:
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     if COMM.rank == 0:
         names = list(dict.fromkeys(r["what"] for r in rows))
-        lines = [_line(k, [r for r in rows if r["what"] == k]) for k in names]
-        print(markdown_table(COLUMNS, [*lines, _line("all", rows)]))
+        lines = [summary(k, [r for r in rows if r["what"] == k]) for k in names]
+        print(markdown_table(COLUMNS, [*lines, summary("all", rows)]))
     sys.exit(any(r["reached"] and r["true"] > r["asked"] for r in rows))
 
 
