@@ -177,8 +177,13 @@ def check_target(target: Target, space: fem.FunctionSpace) -> None:
 def _check_quantity(of: Quantity, space: fem.FunctionSpace) -> None:
     v = ufl.TestFunction(space)
     found = quantity_of(of, v)
+    if not extract_type(found, ufl.Argument):
+        raise InputError("does not depend on the function", "of")
+    slopes = extract_type(found, ufl.classes.Derivative)
+    if any(extract_type(slope.ufl_operands[0], ufl.classes.Derivative) for slope in slopes):
+        raise InputError("has derivatives of higher order; first ones are known", "of")
     compiled.check_linear(sum(components(found)) * ufl.dx, "of")
-    slopes = ufl.grad(v)
-    flat = ufl.replace(found, {slopes: ufl.classes.Zero(slopes.ufl_shape)})
+    slope = ufl.grad(v)
+    flat = ufl.replace(found, {slope: ufl.classes.Zero(slope.ufl_shape)})
     if extract_type(flat, ufl.Argument):
         raise InputError("must depend on derivatives alone, and not on values", "of")

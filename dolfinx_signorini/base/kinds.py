@@ -206,6 +206,7 @@ def _not(words: str, value: Any) -> str:
     return f"must be {words}, not {repr(value) if plain else type(value).__name__}"
 
 
+real = known_by("a finite number", _is_number)
 positive = known_by("a positive number", lambda value: _is_number(value) and value > 0.0)
 callable_ = known_by("a function", callable)
 data = known_by(

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.base.kinds import FUNCTION, check
+from dolfinx_signorini.base.kinds import FUNCTION, check, real
 from dolfinx_signorini.base.records import on_first, whole_file
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
@@ -42,12 +42,15 @@ def write_checkpoint(
         numbers: What else the run needs to go on, such as the time.
 
     Raises:
-        InputError: There is no function, two nodes lie at the same place, or the file cannot be
-            written.
+        InputError: There is no function, the functions live on several meshes, a number is none,
+            two nodes lie at the same place, or the file cannot be written.
     """
     _check_functions(functions)
+    check(**{name: (number, real) for name, number in numbers.items()})
     path, spaces = Path(path), [f.function_space for f in functions.values()]
-    comm = spaces[0].mesh.comm
+    one, comm = spaces[0].mesh, spaces[0].mesh.comm
+    if any(space.mesh != one for space in spaces):
+        raise InputError("live on several meshes; write a checkpoint of each", "functions")
     data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
     gathered = _gathered_mesh(spaces[0].mesh)
     for name, function in functions.items():

@@ -12,7 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import TriMesh
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
+from mpi4py import MPI
 
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.records import on_first
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 
 SUFFIXES = (".png", ".svg")  # of the files of a picture
@@ -33,6 +36,31 @@ def typeset_norm(name: str) -> str:
     upper = {"L": power, "W1_": f"1,{power}", "H": f"{power}/2" if half else power}[kind]
     place = r"(\partial\Omega)" if boundary else ""
     return f"${kind[0]}^{{{upper}}}{place}$" + rest.replace("_", " ")
+
+
+def saved(comm: MPI.Comm, figure: "Picture | None", path: Path | str | None) -> "Picture | None":
+    """Save a picture where a path is given, and return the picture; collective.
+
+    Args:
+        comm: The communicator of those who have drawn.
+        figure: The picture, on rank 0.
+        path: The file, with a suffix that matplotlib knows; None for no file.
+
+    Raises:
+        InputError: The file cannot be written, or its suffix is unknown; raised on all ranks.
+    """
+    if path is None:
+        return figure
+
+    def write() -> None:
+        assert figure is not None  # rank 0
+        try:
+            figure.savefig(path)
+        except ValueError as error:  # of a suffix
+            raise InputError(str(error), "path") from None
+
+    on_first(comm, Path(path).parent, write)
+    return figure
 
 
 def picture_files(names: Iterable[str]) -> list[str]:

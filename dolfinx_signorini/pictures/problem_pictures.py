@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import by_text, check, indices, optional
 from dolfinx_signorini.meshes.sided_meshes import facet_nodes
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
@@ -41,6 +42,11 @@ def draw_problem(
     Raises:
         InputError: There is no such picture, or the problem is one on a line.
     """
+    check(sides=(sides, optional(by_text)))
+    for name, facets in (sides or {}).items():
+        wrong = indices(facets)
+        if wrong:
+            raise InputError(f"{name!r} {wrong}", "sides")
     if problem.u.function_space.mesh.geometry.dim == 1:
         raise InputError("pictures are known in the plane and in space", "problem")
     if what not in PICTURES:

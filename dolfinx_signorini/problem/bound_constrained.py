@@ -445,7 +445,9 @@ class BoundConstrainedProblem:
             InputError: The problem has not been solved, an argument makes no sense, or a form does
                 work on a motion that nothing stops.
         """
-        if not isinstance(load, fem.Function):
+        if isinstance(load, fem.Function):
+            check(load=(load, functions_of(self.space)))
+        else:
             checked_space(self.a, load, self.vector_valued)
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.system.touching_once(self._solution())

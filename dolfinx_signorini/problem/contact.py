@@ -278,6 +278,7 @@ class ContactProblem(BoundConstrainedProblem):
             raise InputError("must be a scalar, for example von_mises(...)", "stress")
         # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.pictures.deformed import draw_deformed
+        from dolfinx_signorini.pictures.picture import saved
         from dolfinx_signorini.pictures.problem_pictures import draw_problem
 
         if what == "contact":
@@ -285,9 +286,7 @@ class ContactProblem(BoundConstrainedProblem):
         else:
             label = "size of the displacement" if stress is None else "stress"
             figure = draw_deformed(self.u, self.along_direction, stress, label, scale)
-        if figure is not None and path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(self.comm, figure, path)
 
     @property
     def _directions(self) -> Directions:

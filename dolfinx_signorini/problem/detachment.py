@@ -22,11 +22,14 @@ from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
+from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
-SIGNIFICANT = 0.02  # of the largest gap and pressure, near a point where contact really ends
+# Of the largest gap and pressure, a tenth of the domain away from a point where contact ends;
+# nearer to the point, at the distance s, the gap is like s^{3/2}, and the pressure like s^{1/2}.
+SIGNIFICANT, AWAY = 0.02, 0.1
 NEAR = 0.05  # of the size of the domain; at least 4 facets
 # From so far at the most the gap is extrapolated: of the size of the domain, and in edges.
 WINDOW, EDGES = 0.125, 16.0
@@ -96,15 +99,17 @@ def detachment_points(
     lengths = np.hypot(*(edges[ends, 1] - edges[ends, 0]).T)
     nodes = edges.reshape(-1, 2)
     tree = cKDTree(nodes)
-    reach = np.maximum(4.0 * lengths, NEAR * float(np.ptp(nodes, axis=0).max()))
+    size = float(np.ptp(nodes, axis=0).max())
+    reach = np.maximum(4.0 * lengths, NEAR * size)
     found = []
     for end, middle, length, radius in zip(ends, middles, lengths, reach, strict=True):
-        near = tree.query_ball_point(middle, radius)
-        strength = min(
-            float(size.ravel()[near].max()) / scale
-            for size, scale in zip((gap, density), largest, strict=True)
-        )
-        if strength >= SIGNIFICANT:
+        around = tree.query_ball_point(middle, radius)
+        shares = [
+            float(field.ravel()[around].max()) / scale
+            for field, scale in zip((gap, density), largest, strict=True)
+        ]
+        strength, near = min(shares), min(radius / (AWAY * size), 1.0)
+        if min(shares[0] / near**DETACHMENT_EXPONENT, shares[1] / near**0.5) >= SIGNIFICANT:
             point = DetachmentPoint(tuple(map(float, middle)), float(length), strength)
             found.append((point, radius, end))
     # Of ends close to each other only the one with the shortest edge is kept.

@@ -138,6 +138,7 @@ class ObstacleProblem(BoundConstrainedProblem):
         """
         # Matplotlib is loaded by those alone who draw.
         from dolfinx_signorini.pictures.contact_region import draw_region
+        from dolfinx_signorini.pictures.picture import saved
         from dolfinx_signorini.pictures.problem_pictures import draw_problem
 
         self._solution()
@@ -145,6 +146,4 @@ class ObstacleProblem(BoundConstrainedProblem):
             figure = draw_problem(self.boundary, "contact", None)
         else:
             figure = draw_region(self.zones[0], what, plane=plane)
-        if figure is not None and path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(self.comm, figure, path)

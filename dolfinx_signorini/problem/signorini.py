@@ -127,13 +127,12 @@ class SignoriniProblem(BoundConstrainedProblem):
             InputError: The problem has not been solved, or there is no such picture.
         """
         # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.picture import saved
         from dolfinx_signorini.pictures.problem_pictures import draw_problem
 
         self._solution()
         figure = draw_problem(self, what, sides)
-        if figure is not None and path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(self.comm, figure, path)
 
 
 def one_sided(value: Any) -> str:

@@ -8,7 +8,14 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from ufl.algorithms import extract_coefficients
-from ufl.classes import Derivative, RealValue, Zero
+from ufl.classes import (
+    Derivative,
+    GeometricQuantity,
+    RealValue,
+    Restricted,
+    SpatialCoordinate,
+    Zero,
+)
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
@@ -74,10 +81,19 @@ def evaluator(
 
 def _check_continuous(value: Expr, name: str) -> None:
     """Refuse data that have several values at a dof: which one is taken would be left to chance."""
-    slopes = [e for e in unique_pre_traversal(value) if isinstance(e, Derivative)]
+    parts = list(unique_pre_traversal(value))
+    slopes = [e for e in parts if isinstance(e, Derivative)]
     broken = [f for f in extract_coefficients(value) if f.ufl_element() not in ufl.H1]
-    if broken or any(map(extract_coefficients, slopes)):
-        what = "discontinuous functions" if broken else "derivatives of functions"
+    of_cells = [
+        e
+        for e in parts
+        if isinstance(e, GeometricQuantity) and not isinstance(e, SpatialCoordinate)
+    ]
+    if any(isinstance(e, Restricted) for e in parts):
+        raise InputError("has a value on each side of a facet, which no node tells apart", name)
+    if broken or of_cells or any(map(extract_coefficients, slopes)):
+        what = "quantities of cells" if of_cells else "derivatives of functions"
+        what = "discontinuous functions" if broken else what
         raise InputError(
             f"{what} have several values at a node between cells; interpolate into a continuous "
             "space, for a lower obstacle the largest value around each node",

@@ -126,12 +126,10 @@ class SceneResult:
             InputError: There is no such picture.
         """
         # Matplotlib is loaded by those alone who draw.
+        from dolfinx_signorini.pictures.picture import saved
         from dolfinx_signorini.scenes.output.pictures import draw_result
 
-        figure = draw_result(self, what)
-        if figure is not None and path is not None:
-            figure.savefig(path)
-        return figure
+        return saved(self.posed.problem.comm, draw_result(self, what), path)
 
     @property
     def seconds(self) -> float:

@@ -210,7 +210,10 @@ TABLE = {
             "pose": (None, t.problem, {}, {2: None}, lambda sided: None, lambda sided: t.problem.u),
             "sided": (None, t.mesh, {"floor": t.facets}),
             "norm": (None, 2, "junk", "L0.5", lambda u: u, "H1", "L2_boundary"),
-            "of": (4, lambda u: u, lambda u: 1.0, lambda u: ufl.grad(u) ** 2, lambda u: u[3]),
+            "of": (
+                *(4, lambda u: u, lambda u: 1.0, lambda u: ufl.grad(u) ** 2, lambda u: u[3]),
+                *(lambda u: ufl.grad(ufl.grad(u)), lambda u: ufl.as_vector([1.0, 2.0])),
+            ),
             "accuracy": ("1", 0.0, -1.0, NAN, True),
             "budget": ("1", 0.0, -1.0, NAN, True),
             "max_unknowns": (None, "1", 0, -1, NAN),

@@ -192,6 +192,17 @@ def test_what_is_no_function_is_refused(folder):
             job(folder / "no.npz", {"u": 3})
 
 
+def test_what_is_no_number_is_refused_on_all_ranks(folder):
+    u, other = functions(2)[1]["p1"], functions(2)[1]["p2"]
+    for value in (None, "a", [1, 2], 1j, np.nan, fem.Constant(u.function_space.mesh, 1.0)):
+        with pytest.raises(InputError, match="time"):
+            write_checkpoint(folder / "no.npz", {"u": u}, time=value)
+    with pytest.raises(InputError, match="several meshes"):
+        write_checkpoint(folder / "no.npz", {"u": u, "v": other})
+    COMM.barrier()
+    assert not (folder / "no.npz").exists()
+
+
 def test_curved_meshes_are_refused(tmp_path):
     shape = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
     nodes = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]], dtype=float)

@@ -96,11 +96,17 @@ def test_sides_are_named_where_they_are(degree):
 
 
 @pytest.mark.parametrize("degree", [1, 3])
-def test_the_active_set_is_drawn_on_the_mesh(degree):
+def test_the_active_set_is_drawn_on_the_mesh(degree, tmp_path):
     problem = solved(square(), degree)
     figure = problem.plot(what="solution")
     with pytest.raises(InputError, match="what"):
         problem.plot(what="everything")
+    for sides in ([1], {"a": 5}, {1: np.array([0])}):
+        with pytest.raises(InputError, match="sides"):
+            problem.plot(sides=sides)
+    for name in ("picture.unknown", "none/picture.png"):
+        with pytest.raises(InputError, match=r"path|output folder"):
+            problem.plot(tmp_path / name)
     problem.destroy()
     if figure is None:
         return

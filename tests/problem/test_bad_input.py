@@ -329,6 +329,9 @@ def test_loads_of_the_linearised_problem(parts):
             problem.solve_linearised(load)
     with pytest.raises(InputError, match="rtol"):
         problem.solve_linearised(parts.L, rtol=-1.0)
+    finer = fem.functionspace(parts.mesh, ("Lagrange", 2))
+    with pytest.raises(InputError, match="another function space"):
+        problem.solve_linearised(fem.Function(finer))
     problem.destroy()
 
 
@@ -450,6 +453,10 @@ def test_an_obstacle_with_several_values_at_a_node(name, between):
     sign = -0.1 if name == "lower" else 0.1
     for obstacle in (broken, sign + broken * ufl.SpatialCoordinate(domain)[0], smooth.dx(0)):
         between.refused(name, "several values at a node", **{name: obstacle})
+    of_cells = ufl.CellVolume(domain), sign + ufl.Circumradius(domain)
+    for obstacle in of_cells:
+        between.refused(name, "quantities of cells have several", **{name: obstacle})
+    between.refused(name, "each side of a facet", **{name: ufl.avg(smooth)})
     arguments = {"lower": -1.0, "upper": 1.0, name: sign + 0.01 * smooth}
     ObstacleProblem(parts.a, parts.L, **arguments).destroy()
 

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
+from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets, dirichlet
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.pictures.contact_boundary import gather_contact_boundary
 from dolfinx_signorini.problem import detachment
@@ -64,6 +64,32 @@ def test_the_point_is_as_certain_as_it_claims(n, degree):
         problem.destroy()
         assert abs(point.position[0] - place) <= 1.2 * point.uncertainty
         assert point.uncertainty <= 1.0 / (n * degree) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("n", [16, 64, 128])
+@pytest.mark.parametrize("place", [0.15, 0.285, 0.35])
+def test_the_point_stays_where_the_mesh_is_refined(n, place):
+    """The solution r^(3/2) cos(3t/2), with contact on a small part of the lower side."""
+    domain = mesh.create_unit_square(COMM, n, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    rest = np.setdiff1d(boundary_facets(domain), bottom)
+
+    def exact(x):
+        r, t = np.hypot(x[0] - place, x[1]), np.arctan2(x[1], x[0] - place)
+        return r**1.5 * np.cos(1.5 * t)
+
+    problem = SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        fem.Constant(domain, 0.0) * v * ufl.dx,
+        contact=bottom,
+        bcs=[dirichlet(space, rest.astype(np.int32), exact)],
+    )
+    problem.solve(rtol=1e-10)
+    (point,) = detachment_points(problem)
+    assert abs(point.position[0] - place) <= 1.0 / n
+    problem.destroy()
 
 
 @pytest.mark.parametrize("degree", [3, 4])
