@@ -22,13 +22,14 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined, total
 from dolfinx_signorini.accuracy.contact_ends import (
     SAMPLES,
     contact_on_entities,
     facet_lattice,
     shared_by_facets,
 )
+from dolfinx_signorini.accuracy.targets import size as size_of
 from dolfinx_signorini.accuracy.terms import (
     Dual,
     Solved,
@@ -37,8 +38,16 @@ from dolfinx_signorini.accuracy.terms import (
     shared_by_cells,
 )
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.ranks import anywhere, function_with, highest
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE, component_arrays, facet_dofs
+from dolfinx_signorini.meshes.elements import (
+    HIGHEST_DEGREE,
+    component_arrays,
+    facet_dofs,
+    is_bernstein,
+    nodal_space,
+    values_at_control_points,
+)
 from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -133,6 +142,58 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
             J = assembled(solved.target.functional(ufl.TestFunction(finer)), finer)
             result += shared_by_cells(product(J, off))
     return solved.on_parents(result)
+
+
+def forces_over_gaps(solved: Solved, dual: Dual | None) -> Array:
+    """Return what forces of dofs in contact that lie above the obstacle leave in the error.
+
+    In the Bernstein basis coefficients are in contact. Where one of them is and others on its facet
+    are not, the solution lies above the obstacle at the place of the dof, and yet a force holds the
+    solution there: complementarity fails, and two solutions that hold the same dofs do not show by
+    how much. Released from these forces, and from contact at these dofs, the solution would move as
+    the error does; cells have shares by the work of force and gap. See `terms.Term`.
+    """
+    problem, power, zone = solved.fine, solved.target.power, solved.fine.zones[-1]
+    space = problem.system.layout.nodal
+    result, sense = np.zeros((2, solved.count)), problem.sense
+    if zone.in_domain or not is_bernstein(space):
+        return result
+    nodes, gaps = _gaps_in_contact(problem, zone)
+    work = np.abs(zone.normal_forces.x.array[nodes]) * gaps
+    released = nodes[work > 0.0]
+    if not anywhere(problem.comm, work > 0.0):
+        return result
+    size = problem.space.dofmap.bs
+    forces = problem.forces.x.array.reshape(-1, size)[released]
+    load = function_with(problem.space, released, -sense * (forces if size > 1 else forces[:, 0]))
+    moved, _ = problem.solve_linearised(load, released=released)
+    shares = shared_by_cells(function_with(space, nodes, work))[1]
+    parts: Array = collected(shares, solved.parents, solved.count, 1.0)
+    if math.isinf(power):
+        parts = parts / highest(problem.comm, parts)
+    else:
+        parts = (parts / total(parts, 1.0, problem.comm)) ** (1.0 / power)
+    return result + parts * size_of(moved, solved.target)
+
+
+def _gaps_in_contact(problem: BoundConstrainedProblem, zone: Contact) -> tuple[LocalIndices, Array]:
+    """The owned nodes in contact, and by how much the solution is off the obstacle at each place.
+
+    Collective; 0 where this is rounding.
+    """
+    space, lengths = problem.system.layout.nodal, problem.lengths
+    along = problem.along(problem.u)
+    values, nodes, gaps = values_at_control_points(space, along.x.array), [], []
+    least = SOLVED * highest(problem.comm, np.abs(values))
+    for side, obstacle in enumerate(zone.obstacles):
+        active = zone.active_sides[side]
+        bound = evaluator(nodal_space(space), obstacle.data, active)()
+        if lengths is not None:
+            bound = bound / lengths.x.array[active]
+        gap = obstacle.sign * (values[active] - bound)
+        nodes.append(active)
+        gaps.append(np.where(gap > least, gap, 0.0))
+    return np.concatenate(nodes), np.concatenate(gaps)
 
 
 def stiffness(problem: BoundConstrainedProblem) -> fem.Function:

@@ -24,6 +24,7 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.boundary_defects import (
     data_between_nodes,
     data_defects,
+    forces_over_gaps,
 )
 from dolfinx_signorini.accuracy.cells import collected, joined, rule_of_powers, total
 from dolfinx_signorini.accuracy.contact_ends import unknown_ends
@@ -58,6 +59,7 @@ UNSEEN: tuple[Term, ...] = (
     data_between_nodes,
     data_defects,
     negative_pressure,
+    forces_over_gaps,
     unknown_ends,
 )
 

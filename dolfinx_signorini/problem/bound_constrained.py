@@ -214,7 +214,11 @@ class BoundConstrainedProblem:
 
     @property
     def obstacle(self) -> Array:
-        """The obstacle at the contact dofs; with two obstacles shape (2, dofs), the lower first."""
+        """The obstacle at the contact dofs; with two obstacles shape (2, dofs), the lower first.
+
+        Where there are obstacles in the domain and on the boundary, the tighter one; 1e292 away
+        where a dof has none on that side.
+        """
         values = self.system.obstacle.reshape(len(self._layout.sides), -1)
         return values[0] if len(values) == 1 else values
 
@@ -424,7 +428,11 @@ class BoundConstrainedProblem:
         return contact_state(self.system, self._solution())
 
     def solve_linearised(
-        self, load: ufl.Form | fem.Function, rtol: float = 1e-3
+        self,
+        load: ufl.Form | fem.Function,
+        rtol: float = 1e-3,
+        *,
+        released: LocalIndices | None = None,
     ) -> tuple[fem.Function, fem.Function]:
         """Solve the linear problem with the present contact set: the derivative of the solution.
 
@@ -436,6 +444,7 @@ class BoundConstrainedProblem:
                 the values of the form for the basis functions; the work of the latter on motions
                 that nothing stops is left out.
             rtol: The residual to reach, relative to the load.
+            released: Owned dofs in contact, of vectors nodes, at which z is free; none by default.
 
         Returns:
             The solution z, and the forces a(z, v) - load(v) that hold z at the dofs in contact,
@@ -451,6 +460,8 @@ class BoundConstrainedProblem:
             checked_space(self.a, load, self.vector_valued)
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.system.touching_once(self._solution())
+        if released is not None:
+            held = held & ~np.isin(self._layout.contact_nodes, released)
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)
         if isinstance(load, fem.Function):

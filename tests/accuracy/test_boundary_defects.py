@@ -6,13 +6,24 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from known import Known, alone, true_error
 
-from dolfinx_signorini import ObstacleProblem, SignoriniProblem, friedrichs_keller
+from dolfinx_signorini import (
+    ObstacleProblem,
+    SignoriniProblem,
+    bernstein_space,
+    dirichlet,
+    friedrichs_keller,
+    solve_adaptively,
+)
+from dolfinx_signorini.accuracy.boundary_defects import forces_over_gaps
+from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.problem_data import integrate_piecewise
 from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.meshes.refinement import Transfer, refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
 
 CELLS = {2: 6, 3: 2}  # on each side of the undivided mesh, by dimension
 HEIGHT = 1e-3
@@ -143,3 +154,59 @@ def test_waves_of_an_obstacle_in_the_domain_are_in_a_functional(comm, degree):
     assert 0.5 * HEIGHT / 4.0 <= estimator.estimate <= 4.0 * HEIGHT / 4.0
     for problem in problems:
         problem.destroy()
+
+
+def pressed_window(sided, degree, place, width):
+    """The solution x (1 - x) + y^2, held by the pressure 1 on a window of the lower side.
+
+    Beside the window the obstacle falls like a roof, so that its kinks and the jumps of the
+    pressure are where the window ends. Elements of degree 2 have the solution.
+    """
+    domain = sided.mesh
+    space, x = bernstein_space(domain, degree), ufl.SpatialCoordinate(domain)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    low = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    others = np.setdiff1d(boundary_facets(domain), low).astype(np.int32)
+    outside = abs(x[0] - place) - width
+    pressure = ufl.conditional(outside < 0.0, 1.0, 0.0)
+    roof = x[0] * (1.0 - x[0]) - ufl.conditional(outside < 0.0, 0.0, outside)
+    ds = ufl.Measure("ds", domain, subdomain_data=[(1, facet_cells(domain, low).flatten())])
+    return SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        fem.Constant(domain, 0.0) * v * ufl.dx - pressure * v * ds(1),
+        contact=low,
+        obstacle=roof,
+        bcs=[dirichlet(space, others, lambda x: x[0] * (1.0 - x[0]) + x[1] ** 2)],
+    )
+
+
+WINDOW = Known("", lambda x, y: x * (1.0 - x) + y**2, lambda x, y: (1.0 - 2.0 * x, 2.0 * y), {})
+
+
+@pytest.mark.parametrize("norm", ["L1", "L2", "Linf", "H1"])
+@pytest.mark.parametrize("place", [0.43, 0.4871])
+def test_forces_over_gaps_are_the_error_where_nothing_else_is(comm, norm, place):
+    """The solution is of degree 2: what is wrong is which coefficients are in contact."""
+    domain = mesh.create_unit_square(comm, 20, 20)
+    problem = pressed_window(SidedMesh(domain, {}), 2, place, 0.11)
+    integrate_piecewise(problem)  # the load jumps in facets
+    problem.solve(rtol=1e-10)
+    wanted = target(norm)
+    parts = forces_over_gaps(alone(problem, wanted), None)[1]
+    found = total(parts, wanted.power, comm)
+    true = true_error(problem.u, WINDOW, norm)
+    assert 0.5 * true <= found <= 8.0 * true  # some of the force is right
+    problem.destroy()
+
+
+@pytest.mark.parametrize("norm", ["L1", "L4"])
+def test_a_window_that_ends_inside_of_facets(comm, norm):
+    found = solve_adaptively(
+        lambda sided: pressed_window(sided, 2, 0.4871, 0.11),
+        SidedMesh(mesh.create_unit_square(comm, 5, 5), {}),
+        norm=norm,
+        accuracy=2e-6,
+    )
+    assert found.reached
+    assert true_error(found.problem.u, WINDOW, norm) <= 2e-6
+    found.problem.destroy()
