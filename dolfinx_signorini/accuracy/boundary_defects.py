@@ -154,42 +154,38 @@ def forces_over_gaps(solved: Solved, dual: Dual | None) -> Array:
     the error does; cells have shares by the work of force and gap. See `terms.Term`.
     """
     problem, power, zone = solved.fine, solved.target.power, solved.fine.zones[-1]
-    space = problem.system.layout.nodal
-    result, sense = np.zeros((2, solved.count)), problem.sense
-    if zone.in_domain or not is_bernstein(space):
+    space, result = problem.space, np.zeros((2, solved.count))
+    # For bodies the term made the loop take degree 2 where degree 3 is cheaper.
+    if zone.in_domain or problem.vector_valued or not is_bernstein(space):
         return result
-    nodes, gaps = _gaps_in_contact(problem, zone)
-    work = np.abs(zone.normal_forces.x.array[nodes]) * gaps
-    released = nodes[work > 0.0]
-    if not anywhere(problem.comm, work > 0.0):
+    nodes, gaps = _gaps_in_contact(zone)
+    forces = zone.forces.x.array[nodes]
+    work = np.abs(forces) * gaps
+    over = work > 0.0
+    if not anywhere(problem.comm, over):
         return result
-    size = problem.space.dofmap.bs
-    forces = problem.forces.x.array.reshape(-1, size)[released]
-    load = function_with(problem.space, released, -sense * (forces if size > 1 else forces[:, 0]))
-    moved, _ = problem.solve_linearised(load, released=released)
+    load = function_with(space, nodes[over], -problem.sense * forces[over])
+    moved, _ = problem.solve_linearised(load, released=nodes[over])
     shares = shared_by_cells(function_with(space, nodes, work))[1]
-    parts: Array = collected(shares, solved.parents, solved.count, 1.0)
+    parts: Array = np.zeros(solved.count)
+    np.add.at(parts, solved.parents, shares)
     if math.isinf(power):
-        parts = parts / highest(problem.comm, parts)
+        parts /= highest(problem.comm, parts)
     else:
         parts = (parts / total(parts, 1.0, problem.comm)) ** (1.0 / power)
     return result + parts * size_of(moved, solved.target)
 
 
-def _gaps_in_contact(problem: BoundConstrainedProblem, zone: Contact) -> tuple[LocalIndices, Array]:
-    """The owned nodes in contact, and by how much the solution is off the obstacle at each place.
+def _gaps_in_contact(zone: Contact) -> tuple[LocalIndices, Array]:
+    """The owned dofs in contact, and by how much the solution is off the obstacle at each place.
 
     Collective; 0 where this is rounding.
     """
-    space, lengths = problem.system.layout.nodal, problem.lengths
-    along = problem.along(problem.u)
-    values, nodes, gaps = values_at_control_points(space, along.x.array), [], []
-    least = SOLVED * highest(problem.comm, np.abs(values))
-    for side, obstacle in enumerate(zone.obstacles):
-        active = zone.active_sides[side]
-        bound = evaluator(nodal_space(space), obstacle.data, active)()
-        if lengths is not None:
-            bound = bound / lengths.x.array[active]
+    values = values_at_control_points(zone.space, zone.u.x.array)
+    least = SOLVED * highest(zone.space.mesh.comm, np.abs(values))
+    nodes, gaps = [], []
+    for obstacle, active in zip(zone.obstacles, zone.active_sides, strict=True):
+        bound = evaluator(nodal_space(zone.space), obstacle.data, active)()
         gap = obstacle.sign * (values[active] - bound)
         nodes.append(active)
         gaps.append(np.where(gap > least, gap, 0.0))
