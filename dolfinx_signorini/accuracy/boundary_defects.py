@@ -166,9 +166,7 @@ def forces_over_gaps(solved: Solved, dual: Dual | None) -> Array:
         return result
     load = function_with(space, nodes[over], -problem.sense * forces[over])
     moved, _ = problem.solve_linearised(load, released=nodes[over])
-    shares = shared_by_cells(function_with(space, nodes, work))[1]
-    parts: Array = np.zeros(solved.count)
-    np.add.at(parts, solved.parents, shares)
+    parts = solved.on_cells(function_with(space, nodes, work))[1]
     if math.isinf(power):
         parts /= highest(problem.comm, parts)
     else:

@@ -71,6 +71,11 @@ class Constraint:
         return tuple(obstacle for zone in self.zones for obstacle in zone.obstacles)
 
 
+def is_default(obstacle: Data, bound: str) -> bool:
+    """Whether two arguments `obstacle` and `bound` are those that nobody gave: 0 from below."""
+    return isinstance(obstacle, int | float) and obstacle == 0.0 and bound == "lower"
+
+
 def one_obstacle(mesh: Mesh, obstacle: Data, bound: str) -> Obstacle:
     """Return the obstacle that two arguments `obstacle` and `bound` give.
 

@@ -5,7 +5,7 @@ A dof on the boundary may have obstacles of both kinds; its force is that of the
 or of the boundary where they are equal.
 """
 
-import functools
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +13,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.ranks import function_with
-from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.constraint import Obstacle, Zone
-from dolfinx_signorini.solvers.densities import Densities
 
 if TYPE_CHECKING:
     from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -40,11 +38,14 @@ class ContactZone:
     unknown = "u"
 
     def __init__(self, problem: "BoundConstrainedProblem", zone: Zone, number: int):
-        self._problem, self._zone, self._number = problem, zone, number
+        self._problem, self._number = problem, number
+        dofs, entities = problem.zone_dofs(number), zone.entities
+        whole = problem.system.layout
+        self._layout = replace(whole, dim=zone.dim, entities=entities, obstacle_dofs=dofs)
         self.space, self.u, self.sign = problem.space, problem.u, problem.sign
         self.obstacles: tuple[Obstacle, ...] = zone.obstacles
-        self.contact: LocalIndices = zone.entities
-        self.obstacle_nodes: LocalIndices = problem.zone_dofs(number)
+        self.contact: LocalIndices = entities
+        self.obstacle_nodes: LocalIndices = dofs
 
     @property
     def fixed_dofs(self) -> LocalIndices:
@@ -54,19 +55,17 @@ class ContactZone:
     @property
     def in_domain(self) -> bool:
         """Whether the zone consists of cells."""
-        return self._zone.dim == self.space.mesh.topology.dim
+        return self._layout.in_domain
 
     @property
     def held_nodes(self) -> LocalIndices:
         """The dofs of the zone with Dirichlet data."""
-        return np.intersect1d(self.obstacle_nodes, self.fixed_dofs).astype(np.int32)
+        return self._layout.held_nodes
 
-    @functools.cached_property
+    @property
     def owned_entities(self) -> LocalIndices:
         """The owned cells, or the owned facets as (cell, local facet) pairs."""
-        domain, contact = self.space.mesh, self.contact
-        owned = contact[contact < domain.topology.index_map(self._zone.dim).size_local]
-        return owned if self.in_domain else facet_cells(domain, owned)
+        return self._layout.owned_entities
 
     @property
     def active(self) -> LocalIndices:
@@ -111,19 +110,4 @@ class ContactZone:
     @property
     def pressure(self) -> fem.Function:
         """The density of the forces on the facets or in the cells of the zone; collective."""
-        pressure = fem.Function(self.space, name="pressure")
-        pressure.x.array[:] = self._densities.of(self.forces.x.array)
-        return pressure
-
-    @functools.cached_property
-    def _densities(self) -> Densities:
-        return Densities(self.space, self.owned_entities)
-
-    def along(self, f: fem.Function) -> fem.Function:
-        """Return the scalar function that the obstacles bound where f is the solution: f."""
-        return f
-
-    @property
-    def lengths(self) -> None:
-        """What divides the bounds of this function: nothing."""
-        return None
+        return self._layout.density(self.forces)

@@ -10,7 +10,13 @@ from dolfinx import fem
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.problem.arguments import checked_cells, checked_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.constraint import Constraint, Zone, obstacles_of, one_obstacle
+from dolfinx_signorini.problem.constraint import (
+    Constraint,
+    Zone,
+    is_default,
+    obstacles_of,
+    one_obstacle,
+)
 from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.values import Data
 
@@ -91,7 +97,7 @@ class ObstacleProblem(BoundConstrainedProblem):
             if contact is not None:
                 known = checked_facets(domain, contact), (one_obstacle(domain, obstacle, bound),)
                 zones.append(Zone(dim - 1, *known))
-            elif not isinstance(obstacle, int | float) or obstacle != 0.0 or bound != "lower":
+            elif not is_default(obstacle, bound):
                 raise InputError("is for a contact boundary: give `contact`", "obstacle")
             return Constraint(tuple(zones))
 

@@ -16,6 +16,7 @@ from dolfinx_signorini.problem.constraint import (
     Constraint,
     Obstacle,
     Zone,
+    is_default,
     obstacles_of,
     one_obstacle,
 )
@@ -97,7 +98,7 @@ class SignoriniProblem(BoundConstrainedProblem):
             given: tuple[Obstacle, ...] = (one_obstacle(domain, obstacle, bound),)
             facets = checked_facets(domain, contact)
             if lower is not None or upper is not None:
-                if not isinstance(obstacle, int | float) or obstacle != 0.0 or bound != "lower":
+                if not is_default(obstacle, bound):
                     raise InputError("has a lower or an upper obstacle beside", "obstacle")
                 given = obstacles_of(domain, lower, upper)
             return Constraint((Zone(domain.topology.dim - 1, facets, given),))

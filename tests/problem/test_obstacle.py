@@ -86,19 +86,24 @@ def active_measure(problem):
     return area
 
 
+def strip(n):
+    """A square, its space of degree 1 with trial and test function, the lower and the upper end."""
+    domain = dolfinx.mesh.create_unit_square(COMM, n, n)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    ends = [
+        dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (0.0, 1.0)
+    ]
+    return domain, space, (ufl.TrialFunction(space), ufl.TestFunction(space)), *ends
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_obstacle_in_the_domain_and_a_nearer_one_on_the_boundary(sign):
     """The load -2 on a strip over a floor at -1/4, the lower end of which rests at -3/16.
 
     The solution is (y - 1/4)^2 - 1/4 up to y = 1/4, and (y - 1/2)^2 - 1/4 from y = 1/2 on.
     """
-    domain = dolfinx.mesh.create_unit_square(COMM, 32, 32)
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    end, top = (
-        dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
-        for y in (0.0, 1.0)
-    )
+    domain, space, (u, v), end, top = strip(32)
     problem = ObstacleProblem(
         ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
         fem.Constant(domain, -2.0 * sign) * v * ufl.dx,
@@ -125,13 +130,7 @@ def test_an_obstacle_in_the_domain_and_a_nearer_one_on_the_boundary(sign):
 @pytest.mark.parametrize("load", [-1.0, 1.0])
 def test_a_dof_between_the_floor_and_a_rim_has_one_force(load):
     """The floor is at 0, and so is the rim above: what holds the end of the membrane counts."""
-    domain = dolfinx.mesh.create_unit_square(COMM, 6, 6)
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    end, top = (
-        dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
-        for y in (0.0, 1.0)
-    )
+    _, space, (u, v), end, top = strip(6)
     problem = ObstacleProblem(
         ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
         load * v * ufl.dx,
