@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import cpp, fem, mesh
+from ffcx.compiler import compile_ufl_objects
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
@@ -17,6 +18,16 @@ ELEMENTS = {
     dim: basix.ufl.element("Lagrange", cell, 1, shape=(dim,))
     for dim, cell in ((2, "triangle"), (3, "tetrahedron"))
 }  # of the geometry of straight-sided meshes
+
+
+def c_code(item: Any, prefix: str, options: dict[str, Any]) -> str:
+    """Return the code of FFCx for a form, or for an expression and its points.
+
+    FFCx 0.9 returns the header and the source, 0.11 the two and the suffixes of their files.
+    """
+    made: Any = compile_ufl_objects([item], options, None, prefix)
+    source: str = made[1] if isinstance(made[0], str) else made[0][1]
+    return source
 
 
 def interpolation_points(element: Any) -> Array:

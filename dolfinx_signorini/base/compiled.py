@@ -4,22 +4,20 @@ DOLFINx looks up the code of each new form in a folder that holds all code compi
 folder is listed, and the code loaded, again each time. On a mesh of some thousand cells this takes
 longer than everything else. Forms with the same signature have the same code, whatever their mesh.
 The numbers in a form become components of a constant first, so that a sweep over a number compiles
-one code.
-
-A process that is killed while it compiles leaves a file in the folder which makes DOLFINx wait for
-code that never comes. The file is removed when it is old.
+one code. FFCx writes the code, and `libraries` has it compiled.
 """
 
+import ctypes
 import functools
-import importlib.metadata
 import re
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import cffi
+import ffcx.codegeneration.jit as ffcx_jit
 import ffcx.naming
 import numpy as np
 import ufl
@@ -34,20 +32,14 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 from ufl.domain import extract_unique_domain
 
+from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.libraries import library
 
 _codes: dict[tuple[str, str], Any] = {}  # by signature and options
 # By the signature of a form: its numbers, and the signature with a constant in their place.
 _numbered: dict[str, tuple[list[float], str]] = {}
-
-# Setuptools, which calls the C compiler, reads the files of all installed packages six times for
-# each code: without the memory 185 ms for a code, with the memory 107 ms.
-_entry_points = functools.cache(importlib.metadata.entry_points)
-
-# What FFCx says after it has waited in vain for the code of another process.
-WAITED = re.compile(r"JIT compilation timed out.*remove (.*\.c)\)", re.DOTALL)
-LONGEST = 60.0  # seconds that another process takes, before it is taken for one that is gone
 
 
 def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
@@ -208,13 +200,12 @@ def _remembered(
         subject: What forms of users are called in messages.
         coded: Returns what is compiled where the code of an item has not been seen.
     """
-    look_up = jit.ffcx_jit
 
     def remember(comm: MPI.Comm, item: Any, *given: Any, **options: Any) -> Any:
         def found() -> Any:
             if subject:
                 check_linear(item, subject)
-            return look_up(comm, coded(item), *given, **options)
+            return _code(comm, coded(item), *given, **options)
 
         compute = ffcx.naming.compute_signature
         signature = item.signature() if isinstance(item, ufl.Form) else compute([item], "")
@@ -240,30 +231,39 @@ def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> A
     if comm.size > 1:  # to look a code up is collective
         known = comm.allreduce(known, op=MPI.LAND)
     if not known:
-        _codes[key] = _found(comm, look_up)
+        _codes[key] = look_up()
     return _codes[key]
 
 
-def _found(comm: MPI.Comm, look_up: Callable[[], Any]) -> Any:
-    """Look a code up, however long another process compiles it, or whatever that has left."""
-    # On several ranks the first one waits for the code, and all raise what DOLFINx makes of that.
-    raised: type[Exception] = TimeoutError if comm.size == 1 else RuntimeError
-    while True:
-        try:
-            with _replaced(importlib.metadata, "entry_points", _entry_points):
-                return look_up()
-        except raised as error:
-            again = comm.bcast(_may_come(str(error)) if comm.rank == 0 else None)
-            if not again:
-                raise
+@jit.mpi_jit_decorator
+def _code(
+    item: Any,
+    form_compiler_options: dict[str, Any] | None = None,
+    jit_options: dict[str, Any] | None = None,
+) -> tuple[Any, Any, tuple[None, None]]:
+    """Return the code of a form, or of an expression and its points, as `jit.ffcx_jit` does."""
+    options, settings = ffcx.get_options(form_compiler_options), jit.get_options(jit_options)
+    kind = "form" if isinstance(item, ufl.Form) else "expression"
+    signature = ffcx.naming.compute_signature([item], repr(sorted(options.items())))
+    arguments = [*settings["cffi_extra_compile_args"]]
+    arguments += [f"-l{each}" for each in settings["cffi_libraries"] or ()]
+    folder, declared = settings["cache_dir"], _declared(np.dtype(options["scalar_type"]).name)
+    file = library(signature, lambda: compat.c_code(item, signature, options), arguments, folder)
+    # FFCx gives the first object of a code this name.
+    pointer = ctypes.c_void_p.in_dll(ctypes.CDLL(str(file)), f"{kind}_{signature}_0")
+    made = declared.cast(f"ufcx_{kind} *", pointer.value)[0]
+    return made, SimpleNamespace(ffi=declared), (None, None)
 
 
-def _may_come(message: str) -> bool:
-    """Whether a code may be found after an error; remove the file of a process that is gone."""
-    begun = WAITED.search(message)
-    if begun is None:
-        return False
-    file = Path(begun[1])
-    if file.exists() and abs(time.time() - file.stat().st_mtime) > LONGEST:
-        file.unlink(missing_ok=True)
-    return True
+@functools.cache
+def _declared(scalar: str) -> Any:
+    """What FFCx declares for codes with a type of numbers; what they are called with is left open,
+    because the kernels are called by DOLFINx, and cffi knows no complex numbers here."""
+    declared = cffi.FFI()
+    declared.cdef(
+        ffcx_jit.UFC_HEADER_DECL.format(scalar)
+        + re.sub("(float|double) _Complex", "void", ffcx_jit.UFC_INTEGRAL_DECL)
+        + ffcx_jit.UFC_FORM_DECL
+        + ffcx_jit.UFC_EXPRESSION_DECL
+    )
+    return declared

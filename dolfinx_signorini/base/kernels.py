@@ -6,14 +6,6 @@ uses for forms, and are kept beside the forms.
 """
 
 import functools
-import hashlib
-import importlib.util
-import os
-import sysconfig
-import tempfile
-from contextlib import redirect_stdout
-from io import StringIO
-from pathlib import Path
 from typing import Any
 
 import cffi
@@ -21,6 +13,8 @@ import numpy as np
 from dolfinx import jit
 from mpi4py import MPI
 from petsc4py import PETSc
+
+from dolfinx_signorini.base.libraries import library
 
 INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
 MATRIX = f"{INT} rows, const {INT} *starts, const {INT} *columns, const double *entries"
@@ -188,45 +182,30 @@ int places({OBSTACLES}, const uint8_t *held, double *values)
 
 
 def load(comm: MPI.Comm) -> None:
-    """Compile the loops on one rank, unless they are at hand; collective."""
-    if comm.rank > 0:
-        comm.barrier()
-    try:
-        library()
-    finally:
-        if comm.rank == 0:
-            comm.barrier()
+    """Compile the loops on one rank, unless they are at hand; collective.
+
+    Raises:
+        RuntimeError: The loops could not be compiled.
+    """
+    jit.mpi_jit_decorator(loops)(comm)
 
 
 @functools.cache
-def library() -> Any:
-    """Return the module with the compiled loops, which are compiled if need be."""
-    name = "signorini_" + hashlib.sha1((DECLARED + SOURCE).encode()).hexdigest()[:16]
-    options = jit.get_options()
-    folder = Path(options["cache_dir"])
-    file = folder / (name + str(sysconfig.get_config_var("EXT_SUFFIX")))
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        builder = cffi.FFI()
-        builder.cdef(DECLARED)
-        arguments = [*options["cffi_extra_compile_args"], "-O3"]
-        builder.set_source(name, SOURCE, extra_compile_args=arguments)
-        # Another process may compile the same: each one puts a whole file in its place.
-        with tempfile.TemporaryDirectory(dir=folder) as place, redirect_stdout(StringIO()):
-            os.replace(builder.compile(tmpdir=place), file)
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def loops() -> tuple[Any, Any]:
+    """Return the declarations and the library of the loops, which are compiled if need be."""
+    options, declared = jit.get_options(), cffi.FFI()
+    declared.cdef(DECLARED)
+    arguments = [*options["cffi_extra_compile_args"], "-O3"]
+    file = library(SOURCE, lambda: SOURCE, arguments, options["cache_dir"])
+    return declared, declared.dlopen(str(file))
 
 
 def run(name: str, *given: Any) -> Any:
     """Run a loop on numbers and contiguous arrays, and return what the loop returns."""
-    module = library()
-    return getattr(module.lib, name)(
+    declared, compiled = loops()
+    return getattr(compiled, name)(
         *(
-            module.ffi.from_buffer(KINDS[item.dtype.char], item)
+            declared.from_buffer(KINDS[item.dtype.char], item)
             if isinstance(item, np.ndarray)
             else item
             for item in given

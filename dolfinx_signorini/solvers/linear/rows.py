@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
-from dolfinx_signorini.base.kernels import INT, library, run
+from dolfinx_signorini.base.kernels import INT, loops, run
 from dolfinx_signorini.base.petsc import destroy
 
 
@@ -34,7 +34,7 @@ class Rows:
     """
 
     def __init__(self, matrix: PETSc.Mat):
-        self._ffi = library().ffi
+        self._ffi, _ = loops()
         self._comm = matrix.comm.tompi4py()
         self.matrix, self.others = matrix, np.empty(0, dtype=PETSc.IntType)
         local, other, numbers = (ctypes.c_void_p() for _ in range(3))
