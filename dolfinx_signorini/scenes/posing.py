@@ -119,15 +119,14 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
     """Return the contact conditions that the exact solution of a scene violates; collective."""
-    exact, contact = _exact_solution(scene, sided), scene.contact
+    exact, contact, found = _exact_solution(scene, sided), scene.contact, []
     if scene.solution is not None and scene.obstacle is not None:
-        return list(map(str, scene.obstacle.violations(scene.solution, sided)))
-    if exact is None or contact is None:
-        return []
-    x = ufl.SpatialCoordinate(sided.mesh)
-    obstacle = None if contact.value is None else contact.value.ufl(x)
-    facets, upper = sided.facets(contact.sides), contact.bound == "upper"
-    found = contact_violations(sided.mesh, facets, exact.u, exact.flux, obstacle, upper)
+        found += scene.obstacle.violations(scene.solution, sided)
+    if exact is not None and contact is not None:
+        x = ufl.SpatialCoordinate(sided.mesh)
+        obstacle = None if contact.value is None else contact.value.ufl(x)
+        facets, upper = sided.facets(contact.sides), contact.bound == "upper"
+        found += contact_violations(sided.mesh, facets, exact.u, exact.flux, obstacle, upper)
     return [str(violation) for violation in found]
 
 

@@ -567,6 +567,26 @@ def test_a_solution_beyond_the_obstacle_is_told(parse):
     assert note == f"exact solution: u >= lower fails at (0.5, 0.25) by {off:.3g}"
 
 
+@pytest.mark.parametrize(
+    "u,failing",
+    [
+        ("1 + y", ["flux >= 0"]),  # the flux outwards is -1 below
+        ("y - 0.5", ["u >= lower", "flux >= 0", "u >= g"]),
+        ("2 - y + y^2/2", ["flux = 0"]),
+        ("1 + y^2", []),
+    ],
+)
+def test_a_known_solution_is_held_against_both_obstacles(parse, u, failing):
+    text = RIM.replace("load = -6", "").replace(
+        "[[dirichlet]]", f'[solution]\nu = "{u}"\n[[dirichlet]]'
+    )
+    scene = parse(text.replace("cells = 24", "cells = 4").replace("value = 0", f'value = "{u}"'))
+    notes = expect(scene, scene.domain.make(COMM)).notes
+    found = [note for note in notes if note.startswith("exact solution: ")]
+    assert len(found) == len(failing)
+    assert all(f"exact solution: {name}" in note for name, note in zip(failing, found, strict=True))
+
+
 def test_the_family_of_the_trade_off_has_no_graded_meshes(parse):
     family = scene_family(parse(BALL))
     assert family.has_kind(Kind("uniform", 2)) and not family.has_kind(Kind("graded", 2))
