@@ -1,17 +1,18 @@
 """The identity of the error, term by term, with signs, on the cells of a mesh.
 
 Let u_h be the solution on a mesh, w the solution on the divided mesh, and J a functional. The dual
-solution z on the divided mesh has a(z, v) = J(v) + G(v), where z vanishes at the dofs in contact in
-w and at those with Dirichlet data, and the forces G hold z there. For the interpolation I on the
-undivided mesh,
+solution z on the divided mesh has a(z, v) = J(v) + G(v), where z vanishes at the dofs that contact
+holds in w and at those with Dirichlet data, and the forces G hold z there. For the interpolation I
+on the undivided mesh,
 
-    J(w - u_h) = R(z - I z) - F(I z) - G(w - u_h) + Q(I z),      R(v) = L(v) - a(u_h, v),
+    J(w - u_h) = R(z - I z) - F(I z) - G(w - u_h) + F_w(z) + Q(I z),    R(v) = L(v) - a(u_h, v),
 
-with the contact forces F of u_h. The first term has the residuals in cells, the jumps of the flux
-and the conditions on it; the second one the dofs in contact that w has released; the third one
-those that w has caught, and the Dirichlet data between the nodes of u_h; and Q = R + F what
-rounding and the quadrature on the undivided mesh leave of the equations of u_h. All sums are over
-basis functions, so that each term is known with its sign where its functions are.
+with the contact forces F of u_h and F_w of w. The first term has the residuals in cells, the jumps
+of the flux and the conditions on it; the second one the dofs in contact that w has released; the
+third one those that w has caught, and the Dirichlet data between the nodes of u_h; the fourth one
+those that w has caught, and hardly presses, at which z is free; and Q = R + F what rounding and the
+quadrature on the undivided mesh leave of the equations of u_h. All sums are over basis functions,
+so that each term is known with its sign where its functions are.
 
 A norm of w - u_h is J(w - u_h), where J is the derivative of the norm. What w itself leaves, and no
 comparison shows, has further terms, among them what quadrature leaves: a rule of a higher degree
@@ -39,6 +40,7 @@ from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
@@ -194,8 +196,8 @@ class Dual:
         dual = dual_solution(solved, load)
 
     Attributes:
-        z: The dual solution, which vanishes at the dofs in contact and at those with Dirichlet
-            data.
+        z: The dual solution, which vanishes at the dofs that contact holds and at those with
+            Dirichlet data.
         detail: What z has beyond its interpolation on the undivided mesh.
         restricted: This interpolation.
         forces: G(v) = a(z, v) - J(v) for each basis function v.
@@ -231,11 +233,25 @@ def dual_solution(solved: Solved, load: ufl.Form, value: float | None = None) ->
     if value is not None and found != 0.0:
         J.x.array[:] *= value / found
         found = value
-    z, _ = solved.fine.solve_linearised(J)
+    z, _ = solved.fine.solve_linearised(J, released=_hardly_pressed(solved))
     restricted = solved.transfer.restrict(z)
     forces = difference(solved.acting(z), J)
     detail = difference(z, solved.transfer.prolong(restricted))
     return Dual(z, detail, restricted, forces, found)
+
+
+def _hardly_pressed(solved: Solved) -> LocalIndices:
+    """Return the nodes that w holds with less force than what presses u_h back over its gap there.
+
+    Between u_h and w such a node is nearer to being free than to being held: where contact hardly
+    presses, a trifle in the load moves the solution on the whole of the contact boundary.
+    """
+    system = solved.fine.system
+    w, before = system.vector_of(solved.fine.u), system.vector_of(solved.prolonged)
+    gaps = system.scaled_gap(before.array_r[system.contact_dofs])
+    loose = system.touching_once(w) & (gaps > system.multiplier(w))
+    destroy(w, before)
+    return system.layout.contact_nodes[loose]
 
 
 def residuals(solved: Solved, dual: Dual) -> Array:
@@ -250,11 +266,18 @@ def released(solved: Solved, dual: Dual) -> Array:
 
 
 def held(solved: Solved, dual: Dual) -> Array:
-    """Return -G(w - u_h) on each cell: dofs that w has caught, and Dirichlet data."""
+    """Return -G(w - u_h) on each cell: dofs that w has caught and presses, and Dirichlet data."""
     return solved.on_cells(product(dual.forces, solved.error)) * [[-1.0], [1.0]]
 
 
-TERMS = (residuals, released, held)
+def caught(solved: Solved, dual: Dual) -> Array:
+    """Return F_w(z) on each cell: dofs that w has caught, and hardly presses."""
+    forces = fem.Function(solved.fine.space)
+    forces.x.array[:] = solved.fine.sense * solved.fine.forces.x.array
+    return solved.on_cells(product(forces, dual.z))
+
+
+TERMS = (residuals, released, held, caught)
 
 
 def algebra(solved: Solved, dual: Dual) -> Array:

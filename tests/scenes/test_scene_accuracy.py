@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError
@@ -85,6 +85,41 @@ def test_a_solution_in_the_space_is_found_to_rounding(comm, parse, accuracy):
     exact.x.array[:] -= result.u.x.array
     # On one rank 3e-14, and on three ranks, whose sums have another order, 2e-13.
     assert error_norms(exact, None, ["Linf"])["Linf"] <= ROUNDING
+    result.destroy()
+
+
+HARDLY_PRESSED = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+r2 = "(x - {x})^2 + (y - {y})^2"
+bump = "exp(-{narrow}*r2)"
+[equation]
+reaction = 1
+load = "(1 + 4*{narrow} - 4*{narrow}^2*r2)*bump"
+[contact]
+sides = "bottom"
+obstacle = "bump"
+bound = "upper"
+[[dirichlet]]
+sides = ["left", "right", "top"]
+value = "bump"
+"""
+
+
+@pytest.mark.parametrize("x,y,narrow", [(0.7781, 0.4421, 11533.2), (0.7867, 0.4492, 2287.6)])
+def test_cells_that_move_a_solution_off_what_hardly_presses_are_divided(comm, parse, x, y, narrow):
+    """The whole side is in contact without a pressure, and the load moves coarse solutions off."""
+    scene = parse(HARDLY_PRESSED.format(x=x, y=y, narrow=narrow))
+    result = solve_scene(scene, comm, accuracy=1e-8, norm="L2_boundary", max_unknowns=40_000)
+    assert result.found.reached
+    space = result.u.function_space
+    below = mesh.locate_entities_boundary(space.mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    dofs = fem.locate_dofs_topological(space, 1, below)
+    # Coefficients of the Bernstein basis, of which values are means; the bump is smaller.
+    assert comm.allreduce(np.abs(result.u.x.array[dofs]).max(initial=0.0), op=MPI.MAX) <= 1e-8
     result.destroy()
 
 
