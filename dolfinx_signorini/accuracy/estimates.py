@@ -163,14 +163,15 @@ class Estimator:
         return doubt or self._with_logarithm()
 
     def _with_logarithm(self) -> str:
-        """That a logarithm makes the norm infinite, if a corner has the error and keeps it.
+        """That a logarithm makes the norm infinite, if corners have the error and keep it.
 
-        Data are those of a polynomial, without a logarithm, more often than by chance.
+        Data are those of a polynomial, without a logarithm, more often than by chance; and while
+        other cells have errors as large, a corner may stand because a layer is not yet resolved.
         """
         left = self.prediction.remaining
         worst = left >= NOTABLE * highest(self._comm, left)
-        kept = self._somewhere(worst & self.rates.standing_corners)
-        return self._told_infinite(self.logarithm) if kept else ""
+        others = self._somewhere(worst & ~self.rates.standing_corners)
+        return "" if others else self._told_infinite(self.logarithm)
 
     def _told_infinite(self, exponent: float) -> str:
         target = self._target

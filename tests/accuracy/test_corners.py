@@ -346,6 +346,48 @@ def test_data_that_meet_at_a_right_angle_make_a_logarithm(comm, factor, infinite
     found.problem.destroy()
 
 
+LAYER = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+layer = "exp({k}*(y - 1))"
+u = "layer*(1 + {a}*sin({b}*x))"
+[equation]
+reaction = "{k}^2"
+load = "{a}*{b}^2*layer*sin({b}*x)"
+[contact]
+sides = "bottom"
+obstacle = "u"
+bound = "upper"
+[[dirichlet]]
+sides = ["left", "top"]
+value = "u"
+[[neumann]]
+sides = "right"
+flux = "{a}*{b}*layer*cos({b}*x)"
+"""
+
+
+@pytest.mark.parametrize(("k", "a", "b"), [(20, 0.2, 3), (30, 0.2, 3), (30, 0.3, 2)])
+def test_a_layer_that_is_not_resolved_is_no_logarithm(comm, k, a, b):
+    text = LAYER.format(k=k, a=a, b=b)
+
+    def u(x, y):
+        return np.exp(k * (y - 1.0)) * (1.0 + a * np.sin(b * x))
+
+    def gradient(x, y):
+        return a * b * np.exp(k * (y - 1.0)) * np.cos(b * x), k * u(x, y)
+
+    result = solve_scene(
+        parse_scene(text, Path("layer.toml"), comm), comm, accuracy=0.01 * k, norm="W1_inf"
+    )
+    assert result.found.reached
+    assert true_error(result.u, Known(text, u, gradient, ()), "W1_inf") <= 0.01 * k
+    result.destroy()
+
+
 def kellogg(exponent, ratio, angle):
     """u = r^a U(t) with a diffusion of two values in four quadrants, by Kellogg (1974)."""
     phases = [math.pi / 2 - angle, math.pi / 4, angle, math.pi / 4]
