@@ -235,8 +235,8 @@ def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> A
     return _codes[key]
 
 
-@jit.mpi_jit_decorator
 def _code(
+    comm: MPI.Comm,
     item: Any,
     form_compiler_options: dict[str, Any] | None = None,
     jit_options: dict[str, Any] | None = None,
@@ -248,7 +248,8 @@ def _code(
     arguments = [*settings["cffi_extra_compile_args"]]
     arguments += [f"-l{each}" for each in settings["cffi_libraries"] or ()]
     folder, declared = settings["cache_dir"], _declared(np.dtype(options["scalar_type"]).name)
-    file = library(signature, lambda: compat.c_code(item, signature, options), arguments, folder)
+    write = functools.partial(compat.c_code, item, signature, options)
+    file = library(comm, signature, write, arguments, folder)
     # FFCx gives the first object of a code this name.
     pointer = ctypes.c_void_p.in_dll(ctypes.CDLL(str(file)), f"{kind}_{signature}_0")
     made = declared.cast(f"ufcx_{kind} *", pointer.value)[0]

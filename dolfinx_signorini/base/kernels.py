@@ -6,6 +6,7 @@ uses for forms, and are kept beside the forms.
 """
 
 import functools
+from pathlib import Path
 from typing import Any
 
 import cffi
@@ -181,23 +182,23 @@ int places({OBSTACLES}, const uint8_t *held, double *values)
 """
 
 
-def load(comm: MPI.Comm) -> None:
-    """Compile the loops on one rank, unless they are at hand; collective.
+def load(comm: MPI.Comm) -> Path:
+    """Return the file of the loops, which are compiled unless they are at hand; collective.
 
     Raises:
-        RuntimeError: The loops could not be compiled.
+        InputError: The loops could not be compiled.
     """
-    jit.mpi_jit_decorator(loops)(comm)
+    options = jit.get_options()
+    arguments = [*options["cffi_extra_compile_args"], "-O3"]
+    return library(comm, SOURCE, lambda: SOURCE, arguments, options["cache_dir"])
 
 
 @functools.cache
 def loops() -> tuple[Any, Any]:
-    """Return the declarations and the library of the loops, which are compiled if need be."""
-    options, declared = jit.get_options(), cffi.FFI()
+    """Return the declarations and the library of the loops."""
+    declared = cffi.FFI()
     declared.cdef(DECLARED)
-    arguments = [*options["cffi_extra_compile_args"], "-O3"]
-    file = library(SOURCE, lambda: SOURCE, arguments, options["cache_dir"])
-    return declared, declared.dlopen(str(file))
+    return declared, declared.dlopen(str(load(MPI.COMM_SELF)))
 
 
 def run(name: str, *given: Any) -> Any:

@@ -16,35 +16,53 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import ffcx.codegeneration
+from mpi4py import MPI
+
+from dolfinx_signorini.base.errors import InputError, together
 
 # What belongs to the machine and the compiler: libraries of others are not loaded.
 MACHINE = "SOABI", "CC", "CFLAGS"
 ERRORS = 2000  # characters of what a compiler says
 
 
-def library(key: str, source: Callable[[], str], arguments: Sequence[str], folder: Path) -> Path:
-    """Return the file of a library, which is compiled unless the folder has one.
+def library(
+    comm: MPI.Comm, key: str, source: Callable[[], str], arguments: Sequence[str], folder: Path
+) -> Path:
+    """Return the file of a library, which is compiled unless the folder has one; collective.
 
     Args:
+        comm: The communicator of those who need the library.
         key: What tells this code from all others.
         source: Returns the code, where it must be compiled.
         arguments: The arguments of the compiler.
         folder: Where the libraries are.
 
     Raises:
-        RuntimeError: There is no compiler, or it refuses the code.
+        InputError: There is no compiler, the compiler refuses the code, or the folder cannot be
+            written.
     """
     parts = key, *arguments, *(str(sysconfig.get_config_var(name)) for name in MACHINE)
     name = hashlib.sha1("\n".join(parts).encode()).hexdigest()
     file = folder / f"signorini_{name}.so"
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as place:
-            code, made = Path(place, "code.c"), Path(place, "code.so")
-            code.write_text(source())
-            _compile([str(code), "-o", str(made), *arguments])
-            os.replace(made, file)
+    for first in (True, False):  # the others find the file, unless their machine is another one
+        with together(comm, "code"):
+            if (comm.rank == 0) == first and not file.exists():
+                _make(file, source(), arguments)
     return file
+
+
+def _make(file: Path, code: str, arguments: Sequence[str]) -> None:
+    """Compile a library next to its place, and put it there."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=file.parent) as place:
+            written, made = Path(place, "code.c"), Path(place, "code.so")
+            written.write_text(code)
+            _compile([str(written), "-o", str(made), *arguments])
+            os.replace(made, file)
+    except OSError as error:
+        message = f"cannot be written: {error.strerror or error}; set XDG_CACHE_HOME"
+        raise InputError(message, f"folder of compiled code {file.parent}") from None
 
 
 def _compile(arguments: Sequence[str]) -> None:
@@ -54,12 +72,12 @@ def _compile(arguments: Sequence[str]) -> None:
     include = f"-I{ffcx.codegeneration.get_include_path()}"
     # Bessel functions are in the standard of POSIX alone.
     standard = "-std=c17", "-D_XOPEN_SOURCE=700", "-fPIC", "-shared", include
-    command = [*shlex.split(f"{given} {flags}"), *standard]
+    command = [*shlex.split(f"{given} {flags}"), *standard, *arguments, "-lm"]
     try:
-        subprocess.run([*command, *arguments, "-lm"], check=True, capture_output=True, text=True)
+        subprocess.run(command, check=True, capture_output=True, text=True)
     except FileNotFoundError:
-        message = f"there is no C compiler {given!r}; install one, or name one in CC"
-        raise RuntimeError(message) from None
+        message = f"there is none of the name {given!r}; install one, or name one in CC"
+        raise InputError(message, "C compiler") from None
     except subprocess.CalledProcessError as error:
-        said = error.stderr[:ERRORS]
-        raise RuntimeError(f"the C compiler {given!r} could not compile:\n{said}") from None
+        message = f"{given!r} could not compile:\n{error.stderr[:ERRORS]}"
+        raise InputError(message, "C compiler") from None

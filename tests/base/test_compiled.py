@@ -8,6 +8,7 @@ from mpi4py import MPI
 from scipy.special import jv
 
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.errors import InputError
 
 
 def integral(n, power, factor):
@@ -112,16 +113,33 @@ def test_a_process_that_was_killed_while_it_compiled_stops_nobody(folder, monkey
     assert len(list(folder.glob("*.so"))) == 1
 
 
-def test_other_errors_of_a_compiler_are_raised(folder, monkeypatch):
+@pytest.mark.parametrize(
+    "compiler,arguments,message",
+    [
+        ("", ["-no-such-option"], "C compiler: .* could not compile"),
+        ("no-such-compiler", [], "C compiler: there is none of the name 'no-such-compiler'"),
+    ],
+)
+def test_errors_of_a_compiler_are_raised_on_all_ranks(
+    folder, monkeypatch, compiler, arguments, message
+):
+    monkeypatch.setattr(compiled, "_codes", {})
+    monkeypatch.setenv("CC", compiler)
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    options = {"cache_dir": str(folder)}
+    if arguments:
+        options["cffi_extra_compile_args"] = arguments
+    with pytest.raises(InputError, match=message):
+        compiled.form(4.0 * ufl.dx(domain), jit_options=options)
+    domain.comm.barrier()
+    assert not list(folder.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_named(monkeypatch):
     monkeypatch.setattr(compiled, "_codes", {})
     domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
-    options = {"cache_dir": str(folder), "cffi_extra_compile_args": ["-no-such-option"]}
-    with pytest.raises(RuntimeError, match=r"(?i)compil"):
-        compiled.form(4.0 * ufl.dx(domain), jit_options=options)
-    monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.raises(RuntimeError, match=r"no-such-compiler|failed on root"):
-        compiled.form(5.0 * ufl.dx(domain), jit_options={"cache_dir": str(folder)})
-    assert not list(folder.iterdir())
+    with pytest.raises(InputError, match=r"folder of compiled code /proc/here: .* XDG_CACHE_HOME"):
+        compiled.form(5.0 * ufl.dx(domain), jit_options={"cache_dir": "/proc/here"})
 
 
 def test_dolfinx_looks_up_by_itself_afterwards():
