@@ -38,7 +38,7 @@ from dolfinx_signorini.problem.assembly import Assembly
 from dolfinx_signorini.problem.checks import check_unique
 from dolfinx_signorini.problem.coarse_rules import warn_of_coarse_rule
 from dolfinx_signorini.problem.constraint import Constraint, Obstacle
-from dolfinx_signorini.problem.contact_zones import ContactZone
+from dolfinx_signorini.problem.contact_zones import ContactZone, OnContact
 from dolfinx_signorini.problem.held import check_free, warn_of_loose
 from dolfinx_signorini.problem.values import Data
 from dolfinx_signorini.solvers.cascade import check_method, checked_tolerance
@@ -59,7 +59,7 @@ Contact: TypeAlias = "BoundConstrainedProblem | ContactZone"
 _counter = itertools.count()
 
 
-class BoundConstrainedProblem:
+class BoundConstrainedProblem(OnContact):
     """What problems with obstacles on the boundary and in the domain share.
 
     Users pose a `SignoriniProblem` or an `ObstacleProblem`, and solve it:
@@ -228,11 +228,6 @@ class BoundConstrainedProblem:
         return self._constraint.obstacles
 
     @property
-    def in_domain(self) -> bool:
-        """Whether the obstacles are in the domain, and not on the boundary alone."""
-        return self._layout.in_domain
-
-    @property
     def obstacle_data(self) -> Data:
         """The obstacle as it was given: a number, an expression, a function or a callable.
 
@@ -248,15 +243,6 @@ class BoundConstrainedProblem:
         """By what `forces` are multiplied to be forces on u: -1 with an upper obstacle, else 1."""
         return self.sign
 
-    @property
-    def normal_forces(self) -> fem.Function:
-        """The size of the contact force at each contact node, a scalar function: `forces`.
-
-        Raises:
-            InputError: The problem has not been solved.
-        """
-        return self.forces
-
     def along(self, f: fem.Function) -> fem.Function:
         """Return the scalar function that the obstacles bound where f is the solution; collective.
 
@@ -269,26 +255,6 @@ class BoundConstrainedProblem:
     def lengths(self) -> fem.Function | None:
         """What divides the bounds of this scalar function; None where nothing does."""
         return None
-
-    @property
-    def contact(self) -> LocalIndices:
-        """The facets or cells with an obstacle that this rank knows."""
-        return self._constraint.zones[0].entities
-
-    @property
-    def obstacle_nodes(self) -> LocalIndices:
-        """The owned dofs with an obstacle, of vectors nodes, with or without Dirichlet data."""
-        return self._layout.obstacle_nodes
-
-    @property
-    def held_nodes(self) -> LocalIndices:
-        """The nodes with an obstacle that Dirichlet data hold, see `Layout`."""
-        return self._layout.held_nodes
-
-    @property
-    def owned_entities(self) -> LocalIndices:
-        """The owned cells with an obstacle, or the owned facets as (cell, local facet) pairs."""
-        return self._layout.owned_entities
 
     @property
     def zones(self) -> "tuple[Contact, ...]":
@@ -310,20 +276,6 @@ class BoundConstrainedProblem:
     def contact_dofs(self) -> LocalIndices:
         """The owned dofs that have an obstacle and no Dirichlet data."""
         return self._layout.free_dofs
-
-    @property
-    def fixed_dofs(self) -> LocalIndices:
-        """The owned dofs with Dirichlet data."""
-        return self._layout.fixed_dofs
-
-    @property
-    def active(self) -> LocalIndices:
-        """The owned dofs in contact: where u is equal to an obstacle.
-
-        Raises:
-            InputError: The problem has not been solved.
-        """
-        return np.sort(self.system.contact_dofs[self.system.touching_once(self._solution())])
 
     @property
     def active_sides(self) -> tuple[LocalIndices, ...]:
@@ -377,7 +329,8 @@ class BoundConstrainedProblem:
     def pressure(self) -> fem.Function:
         """The density of the contact pressure; its integral is the sum of the forces.
 
-        The pressure is a function of the space, never negative with one obstacle, and 0 away from
+        The pressure is a function of the space, or for vectors, along the direction, of the scalar
+        space of one component. The pressure is never negative with one obstacle, and 0 away from
         the contact set: with nodal elements at all dofs that are not in contact, but of degree 2
         and higher where the obstacle acts on triangles or tetrahedra, which share their forces out
         to those that they touch. In the Bernstein basis the entries of the function are
@@ -389,7 +342,7 @@ class BoundConstrainedProblem:
         Raises:
             InputError: The problem has not been solved.
         """
-        return self._layout.density(self.zones[0].forces)
+        return self._layout.density(self.zones[0].normal_forces)
 
     @property
     def forces(self) -> fem.Function:

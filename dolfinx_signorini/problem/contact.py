@@ -122,15 +122,6 @@ class ContactProblem(BoundConstrainedProblem):
         return self._layout.contact_nodes
 
     @property
-    def active(self) -> LocalIndices:
-        """The owned nodes in contact.
-
-        Raises:
-            InputError: The problem has not been solved.
-        """
-        return np.sort(self.contact_nodes[self.system.touching(self._solution())])
-
-    @property
     def gap(self) -> fem.Function:
         """The gap that is left, g - u.d, at nodes with an obstacle, a distance for |d| = 1.
 
@@ -145,18 +136,6 @@ class ContactProblem(BoundConstrainedProblem):
         left[free] = (left[free] - x.array_r[layout.contact_dofs]) * directions.shares[free]
         gaps = np.maximum(left, 0.0) * directions.lengths
         return function_with(layout.nodal, layout.obstacle_nodes, gaps, "gap")
-
-    @property
-    def pressure(self) -> fem.Function:
-        """The density of the contact pressure, never negative, and 0 away from contact.
-
-        Its integral is the sum of the normal forces; a function of the scalar space, see
-        `SignoriniProblem.pressure`.
-
-        Raises:
-            InputError: The problem has not been solved.
-        """
-        return self._layout.density(self.normal_forces)
 
     @property
     def forces(self) -> fem.Function:

@@ -1,10 +1,12 @@
-"""Contact on one part of a problem that has obstacles in the domain and on the boundary, too.
+"""Where obstacles act, and contact on one part of a problem that has obstacles on two.
 
-The pressure in the domain is a force per area in the plane, and on the boundary a force per length.
-A dof on the boundary may have obstacles of both kinds; its force is that of the tighter obstacle,
-or of the boundary where they are equal.
+Where there are obstacles in the domain and on the boundary, the pressure in the domain is a force
+per area in the plane, and on the boundary a force per length. A dof on the boundary may have
+obstacles of both kinds; its force is that of the tighter obstacle, or of the boundary where they
+are equal.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,12 +16,85 @@ from dolfinx import fem
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.problem.constraint import Obstacle, Zone
+from dolfinx_signorini.solvers.system import Layout
 
 if TYPE_CHECKING:
     from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 
-class ContactZone:
+class OnContact(ABC):
+    """Where obstacles act, and which dofs are in contact: what a problem and a part of one share.
+
+    For example, the share of the dofs of a solved problem that are in contact:
+
+        len(problem.active) / len(problem.obstacle_nodes)
+    """
+
+    @property
+    @abstractmethod
+    def _layout(self) -> Layout:
+        """The layout of the problem, or of the part."""
+
+    @property
+    @abstractmethod
+    def active_sides(self) -> tuple[LocalIndices, ...]:
+        """For each obstacle the owned dofs in contact, of vectors nodes: where u is equal to it."""
+
+    @property
+    @abstractmethod
+    def forces(self) -> fem.Function:
+        """The contact forces on the dofs."""
+
+    @property
+    def active(self) -> LocalIndices:
+        """The owned dofs in contact, of vectors nodes: where u is equal to an obstacle.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return np.unique(np.concatenate(self.active_sides)).astype(np.int32)
+
+    @property
+    def normal_forces(self) -> fem.Function:
+        """The size of the contact force at each contact node, a scalar function: `forces`.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self.forces
+
+    @property
+    def in_domain(self) -> bool:
+        """Whether the obstacles are in the domain, and not on the boundary alone."""
+        return self._layout.in_domain
+
+    @property
+    def contact(self) -> LocalIndices:
+        """The facets or cells with an obstacle that this rank knows."""
+        return self._layout.entities
+
+    @property
+    def obstacle_nodes(self) -> LocalIndices:
+        """The owned dofs with an obstacle, of vectors nodes, with or without Dirichlet data."""
+        return self._layout.obstacle_nodes
+
+    @property
+    def held_nodes(self) -> LocalIndices:
+        """The nodes with an obstacle that Dirichlet data hold, see `Layout`."""
+        return self._layout.held_nodes
+
+    @property
+    def owned_entities(self) -> LocalIndices:
+        """The owned cells with an obstacle, or the owned facets as (cell, local facet) pairs."""
+        return self._layout.owned_entities
+
+    @property
+    def fixed_dofs(self) -> LocalIndices:
+        """The owned dofs with Dirichlet data."""
+        return self._layout.fixed_dofs
+
+
+class ContactZone(OnContact):
     """The contact boundary, or the cells with an obstacle, of a problem that has both:
 
         boundary = problem.boundary
@@ -31,8 +106,6 @@ class ContactZone:
         space, u: The function space and the solution of the problem.
         sign: -1 where all obstacles of the problem are upper ones, else 1, see `forces`.
         obstacles: The obstacles of the zone.
-        contact: The facets or cells that this rank knows.
-        obstacle_nodes: The owned dofs of these facets or cells.
     """
 
     unknown = "u"
@@ -41,36 +114,13 @@ class ContactZone:
         self._problem, self._number = problem, number
         dofs, entities = problem.zone_dofs(number), zone.entities
         whole = problem.system.layout
-        self._layout = replace(whole, dim=zone.dim, entities=entities, obstacle_dofs=dofs)
+        self._own = replace(whole, dim=zone.dim, entities=entities, obstacle_dofs=dofs)
         self.space, self.u, self.sign = problem.space, problem.u, problem.sign
         self.obstacles: tuple[Obstacle, ...] = zone.obstacles
-        self.contact: LocalIndices = entities
-        self.obstacle_nodes: LocalIndices = dofs
 
     @property
-    def fixed_dofs(self) -> LocalIndices:
-        """The owned dofs with Dirichlet data."""
-        return self._problem.fixed_dofs
-
-    @property
-    def in_domain(self) -> bool:
-        """Whether the zone consists of cells."""
-        return self._layout.in_domain
-
-    @property
-    def held_nodes(self) -> LocalIndices:
-        """The dofs of the zone with Dirichlet data."""
-        return self._layout.held_nodes
-
-    @property
-    def owned_entities(self) -> LocalIndices:
-        """The owned cells, or the owned facets as (cell, local facet) pairs."""
-        return self._layout.owned_entities
-
-    @property
-    def active(self) -> LocalIndices:
-        """The owned dofs of the zone in contact with one of its obstacles."""
-        return np.unique(np.concatenate(self.active_sides)).astype(np.int32)
+    def _layout(self) -> Layout:
+        return self._own
 
     @property
     def active_sides(self) -> tuple[LocalIndices, ...]:
@@ -95,11 +145,6 @@ class ContactZone:
         found.x.array[:] *= self.sign
         found.x.scatter_forward()
         return found
-
-    @property
-    def normal_forces(self) -> fem.Function:
-        """The forces."""
-        return self.forces
 
     @property
     def force(self) -> float:
