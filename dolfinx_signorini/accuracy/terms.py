@@ -244,9 +244,12 @@ def _hardly_pressed(solved: Solved) -> LocalIndices:
     """Return the nodes that w holds with less force than what presses u_h back over its gap there.
 
     Between u_h and w such a node is nearer to being free than to being held: where contact hardly
-    presses, a trifle in the load moves the solution on the whole of the contact boundary.
+    presses, a trifle in the load moves the solution on the whole of the contact boundary. Where
+    contact alone holds the solution, the forces balance the load, and no node is left free.
     """
     system = solved.fine.system
+    if system.singular:
+        return system.layout.contact_nodes[:0]
     w, before = system.vector_of(solved.fine.u), system.vector_of(solved.prolonged)
     gaps = system.scaled_gap(before.array_r[system.contact_dofs])
     loose = system.touching_once(w) & (gaps > system.multiplier(w))
