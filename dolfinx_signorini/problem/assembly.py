@@ -104,20 +104,20 @@ class Assembly:
             self._watch_a, self._watch_L = Watch(a), Watch(L)
             self.owners: list[LocalIndices] = []
             self._replaced = False  # whether other forms are assembled than the given ones
-            self._refused = False  # whether the entries of the last system were refused
+            self._due = False, False  # whether matrix and load are to be assembled again
 
     def _look_up(self) -> None:
         """Find where the obstacles are evaluated."""
         space, dofs = self.layout.nodal, self.zone_dofs
         self._obstacles_at = [evaluator(space, g.data, dofs[k], g.name) for k, g in self._given]
 
-    def _take(self, a: ufl.Form | None, L: ufl.Form | None) -> None:
-        """Take forms, where they are given."""
-        self.assembled = a or self.assembled[0], L or self.assembled[1]
-        if a is not None:
-            self._a = compiled.form(a, "form a", **self._options)
-        if L is not None:
-            self._L = compiled.form(L, "load", **self._options)
+    def _take(self, a: ufl.Form, L: ufl.Form) -> None:
+        """Take forms, both or none of them."""
+        made = [
+            compiled.form(form, name, **self._options)
+            for form, name in ((a, "form a"), (L, "load"))
+        ]
+        (self._a, self._L), self.assembled = made, (a, L)
 
     def system(self) -> System:
         """Assemble the system.
@@ -127,35 +127,35 @@ class Assembly:
         """
         return self._assembled(None, self._bounds(), True)
 
-    def renewed(self, old: System, matrix: bool = False, load: bool = False) -> System:
+    def renewed(self, old: System, matrix: bool = False) -> System:
         """Return the system for the present data; the old one must not be used any more.
+
+        What is to be assembled is remembered until it is: data that are refused may be mended.
 
         Args:
             old: The system so far.
             matrix: Assemble matrix and load in any case, on a mesh that may have moved.
-            load: Assemble the load in any case.
 
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`. The entries of the old
                 system are lost then, and the next call assembles all of them again.
         """
         if matrix:  # the shares of the boundary and the places of the dofs are others
-            self.layout = replace(self.layout)
+            self.layout, self._due = replace(self.layout), (True, True)
             self._look_up()
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
-        changed = self._watch_a.changed(self.comm), self._watch_L.changed(self.comm)
+        changed = self._changed()
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
             self._take(*self._forms)
-            self._replaced, matrix = False, True
-        matrix = changed[0] or matrix or self._refused
-        load = changed[1] or matrix or load
+            self._replaced, changed = False, (True, True)
+        fresh = self._due[0] or changed[0]
         moved = bool((data != old.fixed_values).any())
-        if not anywhere(self.comm, load or moved):
+        if not anywhere(self.comm, fresh or self._due[1] or changed[1] or moved):
             return replace(old, obstacle=obstacle)
-        self._refused = True
-        made = self._assembled(old, (obstacle, data), matrix)
+        self._due = True, True
+        made = self._assembled(old, (obstacle, data), fresh)
         old.b.destroy()
-        self._refused = False
+        self._due = False, False
         return made
 
     def integrated(self, old: System, a: ufl.Form | None, L: ufl.Form | None) -> System:
@@ -165,12 +165,18 @@ class Assembly:
             old: The system so far.
             a, L: The forms, see `SignoriniProblem.integrate`.
         """
+        changed = self._changed()
+        # Forms that were taken for other data give way to the problem's own.
+        known = self._forms if any(changed) else self.assembled
         with self.phases("forms"):
-            self._take(a, L)
-        self._replaced = False
-        made = self.renewed(old, matrix=a is not None, load=True)
+            self._take(a or known[0], L or known[1])
         self._replaced = True
-        return made
+        self._due = self._due[0] or any(changed) or a is not None, True
+        return self.renewed(old)
+
+    def _changed(self) -> tuple[bool, bool]:
+        """Whether data of a and of L have changed since this was asked; collective."""
+        return self._watch_a.changed(self.comm), self._watch_L.changed(self.comm)
 
     def _bounds(self) -> tuple[Array, Array]:
         """Return the obstacle of each constraint and the Dirichlet data, all of them checked."""

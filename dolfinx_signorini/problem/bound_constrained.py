@@ -1,7 +1,7 @@
 """Variational inequalities with bounds, as users solve them, wherever the obstacle is."""
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -318,11 +318,22 @@ class BoundConstrainedProblem(OnContact):
         Raises:
             InputError: The problem has not been solved.
         """
-        x, layout, dofs = self._solution(), self._layout, self._layout.obstacle_dofs
-        gaps = [
-            sign * (x.array_r[dofs] - values)
-            for sign, values in zip(layout.sides, self._assembly.obstacles, strict=True)
-        ]
+        layout = self._layout
+        bounds = zip(layout.sides, self._assembly.obstacles, strict=True)
+        return self.gap_at(layout.obstacle_dofs, bounds)
+
+    def gap_at(self, dofs: LocalIndices, bounds: Iterable[tuple[float, Array]]) -> fem.Function:
+        """Return the distance from u to the nearest of some obstacles, 0 away from some dofs.
+
+        Args:
+            dofs: Owned dofs.
+            bounds: The sign of each obstacle, and its values at these dofs.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        values = self._solution().array_r[dofs]
+        gaps = [sign * (values - bound) for sign, bound in bounds]
         return function_with(self.space, dofs, np.maximum(np.min(gaps, axis=0), 0.0), "gap")
 
     @property
@@ -576,6 +587,9 @@ class BoundConstrainedProblem(OnContact):
             InputError: The forms make no sense.
         """
         system = self.system
+        forms = self.a if a is None else a, self.L if L is None else L
+        if checked_space(*forms, self.vector_valued) != self.space:
+            raise InputError("lives on another space than the problem", "form a")
         self._free_solver()
         self._free_solution()
         self._system = self._assembly.integrated(system, a, L)

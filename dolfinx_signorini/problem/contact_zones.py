@@ -14,7 +14,6 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import LocalIndices
-from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.problem.constraint import Obstacle, Zone
 from dolfinx_signorini.solvers.system import Layout
 
@@ -111,15 +110,19 @@ class ContactZone(OnContact):
     unknown = "u"
 
     def __init__(self, problem: "BoundConstrainedProblem", zone: Zone, number: int):
-        self._problem, self._number = problem, number
-        dofs, entities = problem.zone_dofs(number), zone.entities
-        whole = problem.system.layout
-        self._own = replace(whole, dim=zone.dim, entities=entities, obstacle_dofs=dofs)
+        self._problem, self._zone, self._number = problem, zone, number
+        self._whole: Layout | None = None  # the layout of the problem that `_own` is made of
         self.space, self.u, self.sign = problem.space, problem.u, problem.sign
         self.obstacles: tuple[Obstacle, ...] = zone.obstacles
 
     @property
     def _layout(self) -> Layout:
+        whole = self._problem.system.layout  # another one where the mesh has moved
+        if whole is not self._whole:
+            dim, entities = self._zone.dim, self._zone.entities
+            dofs = self._problem.zone_dofs(self._number)
+            self._own = replace(whole, dim=dim, entities=entities, obstacle_dofs=dofs)
+            self._whole = whole
         return self._own
 
     @property
@@ -130,10 +133,9 @@ class ContactZone(OnContact):
     @property
     def gap(self) -> fem.Function:
         """The distance from u to the nearest obstacle of the zone at its dofs, 0 elsewhere."""
-        dofs = self.obstacle_nodes
-        values, bounds = self.u.x.array[dofs], self._problem.obstacle_values(self._number)
-        gaps = [each.sign * (values - g) for each, g in zip(self.obstacles, bounds, strict=True)]
-        return function_with(self.space, dofs, np.maximum(np.min(gaps, axis=0), 0.0), "gap")
+        signs = [each.sign for each in self.obstacles]
+        bounds = zip(signs, self._problem.obstacle_values(self._number), strict=True)
+        return self._problem.gap_at(self.obstacle_nodes, bounds)
 
     @property
     def forces(self) -> fem.Function:

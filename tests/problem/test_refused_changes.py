@@ -1,0 +1,131 @@
+"""Changes that are refused and mended: later solves are those of a problem that is posed anew."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+from dolfinx_signorini import InputError, ObstacleProblem, SignoriniProblem
+
+
+class Membrane:
+    """A membrane with data that change, over an obstacle at its lower side."""
+
+    def __init__(self, comm, n=6):
+        self.mesh = mesh.create_unit_square(comm, n, n)
+        self.space = V = fem.functionspace(self.mesh, ("Lagrange", 1))
+        self.u, self.v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        self.k, self.f, self.g = (fem.Constant(self.mesh, value) for value in (1.0, -4.0, -0.1))
+        below, above = (
+            mesh.locate_entities_boundary(self.mesh, 1, lambda x, z=z: np.isclose(x[1], z))
+            for z in (0.0, 1.0)
+        )
+        self.below = below
+        held = fem.Function(V)
+        held.x.array[:] = 0.2
+        self.bcs = [fem.dirichletbc(held, fem.locate_dofs_topological(V, 1, above))]
+        self.a, self.L = self.energy(1.0), self.f * self.v * ufl.dx
+        self.problem = self.posed()
+
+    def energy(self, factor):
+        return factor * self.k * ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) * ufl.dx
+
+    def posed(self, a=None, L=None):
+        obstacle = self.g + 0.0 * ufl.SpatialCoordinate(self.mesh)[0]
+        forms = self.a if a is None else a, self.L if L is None else L
+        return SignoriniProblem(*forms, contact=self.below, obstacle=obstacle, bcs=self.bcs)
+
+    def check(self, **forms):
+        """Compare a solve with that of a problem that is posed anew."""
+        fresh = self.posed(**forms)
+        found, expected = self.problem.solve(rtol=1e-12), fresh.solve(rtol=1e-12)
+        assert found.x.array == pytest.approx(expected.x.array, abs=1e-9)
+        assert self.problem.force == pytest.approx(fresh.force, abs=1e-9)
+        assert len(self.problem.active) == len(fresh.active)
+        fresh.destroy()
+
+
+@pytest.fixture
+def membrane(comm):
+    made = Membrane(comm)
+    made.problem.solve(rtol=1e-12)
+    yield made
+    made.problem.destroy()
+
+
+def refuse(membrane, change):
+    """Make a change while the obstacle is none, and mend the obstacle."""
+    good, membrane.g.value = float(membrane.g.value), np.nan
+    with pytest.raises(InputError, match="obstacle"):
+        change()
+    membrane.g.value = good
+
+
+def test_a_mesh_that_has_moved_is_remembered(membrane):
+    membrane.mesh.geometry.x[:, 0] *= 2.0
+    refuse(membrane, lambda: membrane.problem.update(matrix=True))
+    membrane.check()
+
+
+def test_forms_that_were_to_be_integrated_otherwise_are_remembered(membrane):
+    other = membrane.energy(1.2)
+    refuse(membrane, lambda: membrane.problem.integrate(a=other))
+    membrane.check(a=other)
+    membrane.f.value = -6.0  # the problem's own forms again
+    membrane.check()
+
+
+@pytest.mark.parametrize("name,value", [("k", 0.5), ("f", -6.0)])
+def test_forms_of_other_data_give_way_to_those_of_the_problem(membrane, name, value):
+    membrane.problem.integrate(a=membrane.energy(1.2))
+    getattr(membrane, name).value = value
+    refuse(membrane, lambda: membrane.problem.integrate(L=membrane.L))
+    membrane.check()
+
+
+def test_forms_that_make_no_sense_are_refused_and_change_nothing(membrane, comm):
+    problem, v = membrane.problem, membrane.v
+    strange = fem.functionspace(membrane.mesh, ("Lagrange", 2))
+    w, z = ufl.TrialFunction(strange), ufl.TestFunction(strange)
+    for given in (
+        {"a": v * ufl.dx},
+        {"a": "x"},
+        {"L": z * ufl.dx},
+        {"a": w * z * ufl.dx, "L": z * ufl.dx},
+    ):
+        with pytest.raises(InputError, match=r"form a|load"):
+            problem.integrate(**given)
+        membrane.check()
+
+
+def test_a_zone_that_is_kept_sees_each_solve(comm):
+    """Gap, active set and pressure of a boundary that is kept over changes of mesh and data."""
+    domain = mesh.create_unit_square(comm, 6, 6)
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, g = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Constant(domain, -0.2)
+    below = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    problem = ObstacleProblem(
+        (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+        -3.0 * v * ufl.dx,
+        lower=-0.5,
+        contact=below,
+        obstacle=g + 0.0 * ufl.SpatialCoordinate(domain)[0],
+    )
+    kept = problem.boundary
+    tags = mesh.meshtags(domain, 1, np.sort(below), np.ones(len(below), dtype=np.int32))
+    ds = ufl.Measure("ds", domain, subdomain_data=tags)
+    with pytest.raises(InputError, match="not been solved"):
+        _ = kept.gap
+    for stretch in (1.0, 2.0):
+        domain.geometry.x[:, 0] *= stretch
+        problem.update(matrix=True)
+        problem.solve(rtol=1e-12)
+        whole = comm.allreduce(fem.assemble_scalar(fem.form(kept.pressure * ds(1))))
+        assert whole == pytest.approx(kept.force, rel=1e-9) and kept.force > 0.1
+        assert np.abs(kept.gap.x.array[kept.active]).max(initial=0.0) == 0.0
+    g.value = -0.3
+    problem.update()
+    for name in ("gap", "active", "force", "pressure"):
+        with pytest.raises(InputError, match="not been solved"):
+            getattr(kept, name)
+    problem.destroy()
