@@ -137,12 +137,10 @@ def conditions_of(problem: BoundConstrainedProblem) -> Sides:
     contact: Mask = np.zeros(len(facets), dtype=bool)
     touching = contact
     for zone in problem.zones:
-        held = everywhere(np.concatenate([zone.active, layout.held_nodes]))
-        if zone.in_domain:  # a facet is in contact if its cells are
-            given[held] = np.eye(size)
-        else:
+        # Contact in the domain ends without a singularity, on the boundary, too: slopes are equal.
+        if not zone.in_domain:
             contact = everywhere(zone.obstacle_nodes)
-            touching = held & contact
+            touching = everywhere(np.concatenate([zone.active, layout.held_nodes])) & contact
     units = np.ones((len(facets), 1))
     if isinstance(problem, ContactProblem):
         directions = problem.directions.x.array.reshape(-1, size)

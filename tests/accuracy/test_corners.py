@@ -9,6 +9,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from known import Known, power, true_error
+from mpi4py import MPI
 from scipy.optimize import brentq
 from ufl import conditional
 from ufl.domain import extract_unique_domain
@@ -344,6 +345,26 @@ def test_data_that_meet_at_a_right_angle_make_a_logarithm(comm, factor, infinite
     assert found.reached != infinite
     assert ("infinite if u ~ r^1 log r at a corner" in found.stopped) == infinite
     found.problem.destroy()
+
+
+def test_contact_in_the_domain_ends_at_a_free_side_without_a_singularity(comm):
+    """u is a parabola below the obstacle, and depends on y alone."""
+    domain = mesh.create_unit_square(comm, 16, 16)
+    V = fem.functionspace(domain, ("Lagrange", 2))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    ends = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1] * (1 - x[1]), 0.0))
+    problem = ObstacleProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        10.0 * v * ufl.dx,
+        upper=0.5,
+        bcs=[fem.dirichletbc(0.0, fem.locate_dofs_topological(V, 1, ends), V)],
+    )
+    problem.solve()
+    assert comm.allreduce(len(problem.active)) > 0
+    # At the corners of the square, between given and free sides, the exponent is 1.
+    least = comm.allreduce(float(exponents_at_corners(problem).min(initial=9.0)), op=MPI.MIN)
+    assert least == pytest.approx(1.0)
+    problem.destroy()
 
 
 LAYER = """
