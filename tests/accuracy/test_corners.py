@@ -363,7 +363,7 @@ def test_contact_in_the_domain_ends_at_a_free_side_without_a_singularity(comm):
     assert comm.allreduce(len(problem.active)) > 0
     # At the corners of the square, between given and free sides, the exponent is 1.
     least = comm.allreduce(float(exponents_at_corners(problem).min(initial=9.0)), op=MPI.MIN)
-    assert least == pytest.approx(1.0)
+    assert least == pytest.approx(1.0, abs=1e-4)
     problem.destroy()
 
 
