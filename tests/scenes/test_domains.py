@@ -74,6 +74,18 @@ def test_a_polygon_has_its_area_and_the_lengths_of_its_edges(comm):
     assert comm.allreduce(float(h.max(initial=0.0)), op=max) <= 2.0 * 0.15
 
 
+@pytest.mark.parametrize("power", [-150, -40, -3])
+def test_a_small_polygon_has_the_mesh_of_a_large_one(comm, power):
+    unit = 2.0**power
+    small = Polygon(tuple((unit * x, unit * y) for x, y in PENTAGON), 0.25 * unit).make(comm).mesh
+    large = Polygon(PENTAGON, 0.25).make(comm).mesh
+    assert small.topology.index_map(2).size_global == large.topology.index_map(2).size_global
+    assert area(small, comm) == pytest.approx(unit**2 * area(large, comm), rel=1e-12)
+    found, expected = (m.geometry.x[np.lexsort(m.geometry.x.T)] for m in (small, large))
+    if comm.size == 1:
+        assert (found == unit * expected).all()
+
+
 def test_a_fine_polygon_is_refined_from_coarse_levels_with_its_width_and_sides(comm):
     pytest.importorskip("gmsh")
     polygon = Polygon(PENTAGON, 0.025)

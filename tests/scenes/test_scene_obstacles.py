@@ -587,6 +587,28 @@ def test_a_known_solution_is_held_against_both_obstacles(parse, u, failing):
     assert all(f"exact solution: {name}" in note for name, note in zip(failing, found, strict=True))
 
 
+def test_forces_that_cancel_are_in_balance(parse):
+    """The load, and the forces of a lower and an upper obstacle, have the sum 0 each."""
+    scene = parse("""
+[domain]
+shape = "square"
+cells = 16
+[equation]
+load = "40*sin(2*pi*y)"
+[obstacle]
+lower = -0.3
+upper = 0.3
+[[dirichlet]]
+sides = ["bottom", "top"]
+value = 0
+""")
+    result = solve_scene(scene, COMM)
+    summary = summarise(result, scene_boundary(result))
+    assert np.abs(result.posed.problem.forces.x.array).max() > 0.01
+    assert summary.imbalance <= 1e-7
+    result.destroy()
+
+
 def test_the_family_of_the_trade_off_has_no_graded_meshes(parse):
     family = scene_family(parse(BALL))
     assert family.has_kind(Kind("uniform", 2)) and not family.has_kind(Kind("graded", 2))

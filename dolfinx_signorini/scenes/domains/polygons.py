@@ -15,6 +15,7 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.domains.domain import RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import with_gmsh
 from dolfinx_signorini.scenes.files.toml_table import TomlTable
+from dolfinx_signorini.solvers.residual import power_of_two
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -146,24 +147,30 @@ def _check(corners: Corners) -> None:
 
 
 def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
-    """Return a triangulation by gmsh, with the edges as sides."""
-    count = len(corners)
+    """Return a triangulation by gmsh, with the edges as sides.
+
+    The tolerances of gmsh are absolute: small polygons get no vertices inside. They are made larger
+    by a power of two, which rounds nothing.
+    """
+    count, unit = len(corners), min(power_of_two(_size(corners)), 1.0)
 
     def build(gmsh: Any) -> dict[int, str]:
         geo = gmsh.model.geo
-        points = [geo.addPoint(x, y, 0.0, width) for x, y in corners]
+        points = [geo.addPoint(x / unit, y / unit, 0.0, width / unit) for x, y in corners]
         lines = [geo.addLine(points[k], points[(k + 1) % count]) for k in range(count)]
         geo.addPlaneSurface([geo.addCurveLoop(lines)], 1)
         geo.synchronize()
         for k, line in enumerate(lines):
             gmsh.model.addPhysicalGroup(1, [line], k + 1)
         gmsh.model.addPhysicalGroup(2, [1], 1)
-        gmsh.option.setNumber("Mesh.MeshSizeMin", width)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", width)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", width / unit)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", width / unit)
         gmsh.model.mesh.generate(2)
         return {k + 1: str(k + 1) for k in range(count)}
 
-    return with_gmsh(comm, build)
+    sided = with_gmsh(comm, build)
+    sided.mesh.geometry.x[:] *= unit
+    return sided
 
 
 def _crossing(points: Array) -> tuple[int, int] | None:

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.adaptive import found_lines
@@ -58,7 +59,8 @@ class Summary:
         detachment_points: In the plane, the points where contact ends.
         uncertainties: How far off each of these points may be.
         forces: What acts on u, by name, positive upwards; of a body the components. The sum is 0.
-        imbalance: The size of the computed sum, relative to the sum of the sizes.
+        imbalance: The size of the computed sum, relative to the sizes of the forces, at all dofs
+            if these are larger.
         natural_residual: The natural residual, relative to the data.
         algebraic_share: The estimate of the algebraic over the discretisation error, where the
             solve stopped by this.
@@ -128,7 +130,7 @@ def summarise(
         detachment_points=tuple(point.position for point in points),
         uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
-        imbalance=_imbalance([np.atleast_1d(force) for force in forces.values()]),
+        imbalance=_imbalance(problem, [np.atleast_1d(force) for force in forces.values()]),
         natural_residual=result.solve.natural_residual,
         algebraic_share=result.solve.algebraic_share,
         body=body,
@@ -256,14 +258,21 @@ def _errors(u: fem.Function, exact: Reference, norms: Sequence[str]) -> dict[str
     return errors
 
 
-def _imbalance(forces: Sequence[Array]) -> float:
-    """Return the size of the sum of forces over the sum of their sizes, without their squares."""
+def _imbalance(problem: BoundConstrainedProblem, forces: Sequence[Array]) -> float:
+    """Return the size of the sum of forces over their sizes, without their squares; collective.
+
+    The parts of a force may cancel, and the sum of sizes at dofs tells what rounding is small to.
+    """
+    owned = problem.space.dofmap.index_map.size_local * problem.space.dofmap.bs
+    at_dofs = float(np.abs(problem.forces.x.array[:owned]).sum())
+    whole = problem.b.norm(PETSc.NormType.NORM_1) + problem.comm.allreduce(at_dofs)
     columns = np.array(forces)
-    largest = float(np.abs(columns).max(initial=0.0))
+    largest = max(float(np.abs(columns).max(initial=0.0)), whole)
     if largest == 0.0:
         return 0.0
     shares = columns / largest
-    return float(np.linalg.norm(shares.sum(axis=0)) / np.linalg.norm(shares, axis=1).sum())
+    sizes = max(float(np.linalg.norm(shares, axis=1).sum()), whole / largest)
+    return float(np.linalg.norm(shares.sum(axis=0)) / sizes)
 
 
 def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
