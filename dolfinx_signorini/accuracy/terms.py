@@ -241,11 +241,11 @@ def dual_solution(solved: Solved, load: ufl.Form, value: float | None = None) ->
 
 
 def _hardly_pressed(solved: Solved) -> LocalIndices:
-    """Return the nodes that w holds with less force than what presses u_h back over its gap there.
+    """Return the nodes in contact in w whose force is below the gap of u_h, scaled to a force.
 
     Between u_h and w such a node is nearer to being free than to being held: where contact hardly
-    presses, a trifle in the load moves the solution on the whole of the contact boundary. Where
-    contact alone holds the solution, the forces balance the load, and no node is left free.
+    presses, a trifle in the load moves the solution on the whole contact boundary. Where contact
+    alone holds the solution, the forces balance the load, and no node is left free.
     """
     system = solved.fine.system
     if system.singular:

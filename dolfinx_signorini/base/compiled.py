@@ -258,8 +258,11 @@ def _code(
 
 @functools.cache
 def _declared(scalar: str) -> Any:
-    """What FFCx declares for codes with a type of numbers; what they are called with is left open,
-    because the kernels are called by DOLFINx, and cffi knows no complex numbers here."""
+    """What FFCx declares for codes with a type of numbers.
+
+    DOLFINx calls the kernels, and cffi knows complex numbers in code that it compiles itself alone:
+    the types of complex arguments are left open.
+    """
     declared = cffi.FFI()
     declared.cdef(
         ffcx_jit.UFC_HEADER_DECL.format(scalar)
