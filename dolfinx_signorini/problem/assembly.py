@@ -62,6 +62,7 @@ class Assembly:
     """
 
     total_load: float
+    assembled: tuple[ufl.Form, ufl.Form]
 
     def __init__(
         self,
@@ -74,7 +75,6 @@ class Assembly:
     ):
         space = a.arguments()[0].ufl_function_space()
         self.bcs, self.comm, self._forms = list(bcs), space.mesh.comm, (a, L)
-        self.assembled = a, L
         self.phases = Phases(self.comm)
         with self.phases("forms"):
             zones = constraint.zones
@@ -113,10 +113,10 @@ class Assembly:
 
     def _take(self, a: ufl.Form, L: ufl.Form) -> None:
         """Take forms, both or none of them."""
-        made = [
-            compiled.form(form, name, **self._options)
-            for form, name in ((a, "form a"), (L, "load"))
-        ]
+        made = (
+            compiled.form(a, "form a", **self._options),
+            compiled.form(L, "load", **self._options),
+        )
         (self._a, self._L), self.assembled = made, (a, L)
 
     def system(self) -> System:
@@ -145,12 +145,13 @@ class Assembly:
             self._look_up()
         obstacle, data = self._bounds()  # first: a refusal must not use up the changes of a and L
         changed = self._changed()
+        self._due = self._due[0] or changed[0], self._due[1] or any(changed)
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
             self._take(*self._forms)
-            self._replaced, changed = False, (True, True)
-        fresh = self._due[0] or changed[0]
+            self._replaced, self._due = False, (True, True)
+        fresh, load = self._due
         moved = bool((data != old.fixed_values).any())
-        if not anywhere(self.comm, fresh or self._due[1] or changed[1] or moved):
+        if not anywhere(self.comm, load or moved):
             return replace(old, obstacle=obstacle)
         self._due = True, True
         made = self._assembled(old, (obstacle, data), fresh)
@@ -168,10 +169,10 @@ class Assembly:
         changed = self._changed()
         # Forms that were taken for other data give way to the problem's own.
         known = self._forms if any(changed) else self.assembled
+        self._due = self._due[0] or any(changed) or a is not None, True
         with self.phases("forms"):
             self._take(a or known[0], L or known[1])
         self._replaced = True
-        self._due = self._due[0] or any(changed) or a is not None, True
         return self.renewed(old)
 
     def _changed(self) -> tuple[bool, bool]:
