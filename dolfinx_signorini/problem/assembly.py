@@ -195,7 +195,7 @@ class Assembly:
         for k, (zone, each) in enumerate(self._given):
             known = self.zone_dofs[zone], self._values[k], data
             self._values[k] = checks.clamped(layout, each, *known, self._reach)
-        self.obstacles = checks.apart(layout, self._tightest())
+        self.obstacles = checks.apart(layout, self._tightest(), self._upper_name)
         return np.concatenate([found[layout.free] for found in self.obstacles]), data
 
     def _tightest(self) -> list[Array]:
@@ -215,6 +215,11 @@ class Assembly:
             bounds.append(np.clip(bound, -FAR, FAR))
             self.owners.append(owner)
         return bounds
+
+    def _upper_name(self, k: int) -> str:
+        """The name of the upper obstacle that is the tightest one at the k-th dof."""
+        zone = self.owners[-1][k] if self.owners else 0
+        return next(each.name for at, each in self._given if at == zone and each.sign < 0.0)
 
     def values_in(self, zone: int) -> list[Array]:
         """Return the values of the obstacles of a zone in the last system, at its dofs."""

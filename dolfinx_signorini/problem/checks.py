@@ -38,7 +38,9 @@ def check_finite(space: fem.FunctionSpace, dofs: LocalIndices, values: Array, na
     require(space.mesh.comm, not message, message, name)
 
 
-def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
+def apart(
+    layout: Layout, obstacles: Sequence[Array], upper_name: Callable[[int], str]
+) -> list[Array]:
     """Return obstacles with an upper one nowhere below the lower one; refuse one far below.
 
     The values at the places of the dofs decide. Values may be out of order by as much as rounding,
@@ -48,9 +50,10 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
     Args:
         layout: The dofs with an obstacle.
         obstacles: One obstacle at these dofs, or the lower and the upper one; collective.
+        upper_name: Returns the name of the upper obstacle at one of these dofs.
 
     Raises:
-        InputError: The subject is "upper".
+        InputError: The subject is the name of the upper obstacle.
     """
     if len(obstacles) < 2:
         return list(obstacles)
@@ -60,11 +63,14 @@ def apart(layout: Layout, obstacles: Sequence[Array]) -> list[Array]:
     size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)  # no dof has neither
     size = comm.allreduce(float(size), op=MPI.MAX)
     low, high = (_values_at_dofs(layout, obstacle) for obstacle in obstacles)
-    message = ""
+    refusal: tuple[str, str] | None = None
     for k in np.flatnonzero(low - high > ROUNDING * size)[:1]:
-        message = f"{high[k]:.6g} lies below the lower obstacle {low[k]:.6g}"
-        message += f" at {place(layout.space, layout.obstacle_dofs[k])}"
-    require(comm, not message, message, "upper")
+        where = place(layout.space, layout.obstacle_dofs[k])
+        message = f"{high[k]:.6g} lies below the lower obstacle {low[k]:.6g} at {where}"
+        refusal = message, upper_name(int(k))
+    for found in comm.allgather(refusal):  # on all ranks that of the first one
+        if found is not None:
+            raise InputError(*found)
     mean = 0.5 * (lower + upper)
     return [np.minimum(lower, mean), np.maximum(upper, mean)]
 

@@ -491,6 +491,22 @@ def test_a_lower_obstacle_above_the_upper_one(between):
     problem.destroy()
 
 
+def test_an_upper_obstacle_on_the_boundary_below_one_in_the_domain_is_named(comm):
+    domain = dolfinx.mesh.create_unit_square(comm, 4, 4)
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    below = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    with pytest.raises(InputError, match=r"obstacle: -0.25 lies below the lower obstacle -0.2 at"):
+        ObstacleProblem(
+            (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+            1.0 * v * ufl.dx,
+            lower=-0.2,
+            contact=below,
+            obstacle=-0.25,
+            bound="upper",
+        )
+
+
 def test_a_lower_obstacle_above_the_upper_one_after_a_change(between):
     floor = fem.Constant(between.parts.mesh, 0.0)
     problem = between.problem(lower=0.0 * between.parts.x[0] + floor)
