@@ -105,21 +105,21 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     count by what their ends have in common. A dual solution weighs them by the forces that hold it.
     """
     norm, zone = solved.target.norm, solved.fine.zones[0]  # cells come first
-    if not zone.in_domain or (dual is None and norm is not None and norm.boundary):
+    if not zone.in_domain:
         return np.zeros((2, solved.count))
     cells, dofs, touching = contact_on_entities(zone)
     ends = touching.any(axis=1) & ~touching.all(axis=1)
     across = zone.gap.x.array[dofs[ends]].max(axis=1, initial=0.0)
     off = across / (4.0 * zone.space.element.basix_element.degree)
-    alone = dual is None and norm is not None and math.isinf(norm.p) and not norm.derivatives
-    off *= 1.0 if alone else _in_common(solved, cells, touching)
+    if norm is None or norm.derivatives or not math.isinf(norm.p):
+        off *= _in_common(solved, cells, touching)
     parts = np.zeros(len(solved.parents))
     if dual is not None:
         around = summed(zone.space.dofmap.index_map, dofs[ends])
         sizes = np.abs(dual.forces.x.array) / np.maximum(around, 1.0)
         parts[cells[ends]] = off * (sizes[dofs[ends]] * touching[ends]).sum(axis=1)
         return solved.on_parents(np.array([parts, parts]))
-    assert norm is not None
+    assert norm is not None  # a functional has a dual solution
     domain = zone.space.mesh
     dim, sizes = domain.topology.dim, volumes(domain)[cells[ends]]
     inside = 0.0 if math.isinf(norm.p) else 1.0 / norm.p

@@ -78,7 +78,7 @@ def form_on(
     """
     domain = spaces[0].mesh
     key = item.signature(), "without a mesh"
-    code = _once(domain.comm, key, lambda: fem.compile_form(domain.comm, item))
+    code = once(domain.comm, key, lambda: fem.compile_form(domain.comm, item))
     return fem.create_form(code, list(spaces), domain, subdomains, {}, {})
 
 
@@ -209,7 +209,7 @@ def _remembered(
 
         compute = ffcx.naming.compute_signature
         signature = item.signature() if isinstance(item, ufl.Form) else compute([item], "")
-        return _once(comm, (str(signature), repr((given, options))), found)
+        return once(comm, (str(signature), repr((given, options))), found)
 
     with _replaced(jit, "ffcx_jit", remember):
         yield
@@ -226,7 +226,8 @@ def _replaced(module: Any, name: str, function: Callable[..., Any]) -> Iterator[
         setattr(module, name, before)
 
 
-def _once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> Any:
+def once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> Any:
+    """Return what is known by a key, and look it up where a rank does not know it; collective."""
     known = key in _codes
     if comm.size > 1:  # to look a code up is collective
         known = comm.allreduce(known, op=MPI.LAND)

@@ -15,6 +15,7 @@ from dolfinx import jit
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.base.compiled import once
 from dolfinx_signorini.base.libraries import library
 
 INT = "int64_t" if np.dtype(PETSc.IntType).itemsize == 8 else "int32_t"
@@ -188,9 +189,14 @@ def load(comm: MPI.Comm) -> Path:
     Raises:
         InputError: The loops could not be compiled.
     """
-    options = jit.get_options()
-    arguments = [*options["cffi_extra_compile_args"], "-O3"]
-    return library(comm, SOURCE, lambda: SOURCE, arguments, options["cache_dir"])
+
+    def look_up() -> Path:
+        options = jit.get_options()
+        arguments = [*options["cffi_extra_compile_args"], "-O3"]
+        return library(comm, SOURCE, lambda: SOURCE, arguments, options["cache_dir"])
+
+    file: Path = once(comm, (SOURCE, "loops"), look_up)
+    return file
 
 
 @functools.cache
