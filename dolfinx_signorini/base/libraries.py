@@ -21,7 +21,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError, together
 
 # What belongs to the machine and the compiler: libraries of others are not loaded.
-MACHINE = "SOABI", "CC", "CFLAGS"
+MACHINE = "SOABI", "CC"
 ERRORS = 2000  # characters of what a compiler says
 
 
@@ -68,11 +68,10 @@ def _make(file: Path, code: str, arguments: Sequence[str]) -> None:
 def _compile(arguments: Sequence[str]) -> None:
     """Call the compiler of the environment, or the one that Python was compiled with."""
     given = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
-    flags = f"{sysconfig.get_config_var('CFLAGS') or ''} {os.environ.get('CFLAGS', '')}"
     include = f"-I{ffcx.codegeneration.get_include_path()}"
     # Bessel functions are in the standard of POSIX alone.
     standard = "-std=c17", "-D_XOPEN_SOURCE=700", "-fPIC", "-shared", include
-    command = [*shlex.split(f"{given} {flags}"), *standard, *arguments, "-lm"]
+    command = [*shlex.split(given), *standard, *arguments, "-lm"]
     try:
         subprocess.run(command, check=True, capture_output=True, text=True)
     except FileNotFoundError:

@@ -28,7 +28,7 @@ def test_tao_takes_no_step_on_what_is_accepted(record):
 @pytest.mark.parametrize(
     "ranks,every",
     [
-        (3, 10),
+        (2, 10),
         pytest.param(2, 2, marks=pytest.mark.slow),
         pytest.param(3, 2, marks=pytest.mark.slow),
     ],
