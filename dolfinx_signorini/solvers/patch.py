@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
-from dolfinx_signorini.base.petsc import destroy
+from dolfinx_signorini.base.petsc import destroy, without_nodes
 from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.system import System
 
@@ -122,12 +122,12 @@ def solve_small(
 
     Returns:
         The last active set, 1 at lower and -1 at upper bounds that are active, else 0, and the last
-        values.
+        values; those of the start where a linear solve fails.
     """
     diagonal = A.getDiagonal().array_r.copy()
     unit = power_of_two(diagonal.max())  # held rows are no outliers of the matrix
-    sides = _sides(start <= lower, start >= upper)
-    held = A.duplicate()
+    first = sides = _sides(start <= lower, start >= upper)
+    held = without_nodes(A.duplicate())
     correction, rhs = A.createVecs()
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setType("cg")
@@ -149,6 +149,9 @@ def solve_small(
         rhs.scale(1.0 / size)
         ksp.setOperators(held)
         ksp.solve(rhs, correction)
+        if not ksp.is_converged:
+            sides, x = first, start
+            break
         correction.array_w[:] = np.where(active, shift, size * correction.array_r)
         A.mult(correction, rhs)
         x += correction.array_r

@@ -15,6 +15,7 @@ from cases import (
     worst,
 )
 from dolfinx import fem, mesh
+from mpi4py import MPI
 
 from dolfinx_signorini import InputError, NotConvergedError, SignoriniProblem
 
@@ -244,3 +245,31 @@ def test_a_loose_tolerance(method, record):
     digits = attained(Case(square()), method, rtol=0.5)
     attained_text = f"residual {result.natural_residual:.1e}, {digits:.1f} digits"
     record("tolerances", f"rtol 0.5, {method}", "50 digits, N = 4", attained_text)
+
+
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
+def test_the_unit_of_the_form_in_degree_3(kind):
+    """Two materials: contact sets that are corrected around their ends do not feel the unit."""
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 8, 8, getattr(mesh.CellType, kind))
+    space = fem.functionspace(domain, ("Lagrange", 3))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    stiff = fem.Function(fem.functionspace(domain, ("DG", 0)))
+    stiff.interpolate(lambda x: np.where(x[0] < 0.5, 101.0, 1.0))
+    floor = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    top = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
+    bc = fem.dirichletbc(0.0, fem.locate_dofs_topological(space, 1, top), space)
+    forces = []
+    for unit in (1.0, 1e-14, 1e-16, 1e-30):
+        factor = fem.Constant(domain, unit)
+        problem = SignoriniProblem(
+            factor * stiff * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            -2.0 * factor * v * ufl.dx,
+            contact=floor,
+            obstacle=-0.1,
+            bcs=[bc],
+        )
+        problem.solve()
+        forces.append(problem.force / unit)
+        problem.destroy()
+    assert forces == pytest.approx([forces[0]] * 4, rel=1e-5)
+    assert forces[0] > 0.1

@@ -19,6 +19,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
+from dolfinx_signorini.base.petsc import NO_NODES
 from dolfinx_signorini.base.tolerances import SIX_DIGITS, TINY
 from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
@@ -201,7 +202,10 @@ class IterativeSolver(LinearSolver):
 
     def _set_up(self, system: System, held: Mask) -> None:
         """Set the preconditioner up, whose parts read their options each time they are made."""
-        with options_set(self._prefix, self._options, self._defaults) as unread:
+        with (
+            options_set("", {}, {NO_NODES: None}),
+            options_set(self._prefix, self._options, self._defaults) as unread,
+        ):
             self._make_preconditioner(system, held)
         if self.setups == 1:
             known = {*self._options, *self._defaults}

@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
-from dolfinx_signorini.base.petsc import destroy
+from dolfinx_signorini.base.petsc import destroy, without_nodes
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.residual import power_of_two
@@ -141,7 +141,7 @@ class LinearSolver(ABC):
     def _hold(self, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
-            self._matrix = self.A.copy()
+            self._matrix = without_nodes(self.A.copy())
         rows = Rows(self.A)
         if rows.alone:
             held = np.zeros(self.A.getLocalSize()[0], dtype=bool)

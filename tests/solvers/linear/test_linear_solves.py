@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini.problem.contact import ContactProblem
+from dolfinx_signorini.problem.elasticity import elasticity
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.direct import DirectSolver
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
@@ -154,3 +156,42 @@ def test_every_set_up_reads_the_options(options, caplog):
     problem.destroy()
     assert counts[0] == counts[1] != counts[2] == counts[3]
     assert caplog.messages == []
+
+
+@pytest.mark.parametrize("dimension,degree,vectors", [(2, 3, False), (2, 3, True), (3, 1, True)])
+def test_iterations_do_not_feel_the_unit_of_the_form(dimension, degree, vectors):
+    """PETSc's sweeps over nodes of several dofs take entries below 2e-14 for zeros."""
+    cells = [(17, 17), (4, 4, 4)][dimension - 2]
+    create = [mesh.create_unit_square, mesh.create_unit_cube][dimension - 2]
+    domain = create(COMM, *cells)
+    shape = ((dimension,),) if vectors else ()
+    space = fem.functionspace(domain, ("Lagrange", degree, *shape))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    last = dimension - 1
+    below = mesh.locate_entities_boundary(domain, last, lambda x: np.isclose(x[last], 0.0))
+    above = mesh.locate_entities_boundary(domain, last, lambda x: np.isclose(x[last], 1.0))
+    held = fem.locate_dofs_topological(space, last, above)
+    counts = []
+    for unit in (1.0, 2.0**-50, 2.0**-100):
+        young = fem.Constant(domain, unit)
+        if vectors:
+            a = elasticity(u, v, young=young, poisson=0.3)
+            L = ufl.inner(young * ufl.as_vector([0.0] * last + [-1.0]), v) * ufl.dx
+            bc = fem.dirichletbc(np.zeros(dimension), held, space)
+            problem = ContactProblem(a, L, contact=below, gap=0.1, bcs=[bc])
+        else:
+            a = young * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+            bc = fem.dirichletbc(0.0, held, space)
+            problem = SignoriniProblem(
+                a, -young * v * ufl.dx, contact=below, obstacle=-0.1, bcs=[bc]
+            )
+        system = problem.system
+        solver, x = IterativeSolver(system), system.start()
+        solver.solve(
+            system, x, np.zeros(len(system.contact_dofs), dtype=bool), 1e-9 * system.b.norm()
+        )
+        counts.append(solver.iterations)
+        for item in (solver, x):
+            item.destroy()
+        problem.destroy()
+    assert counts[0] < 40 and counts == [counts[0]] * 3
