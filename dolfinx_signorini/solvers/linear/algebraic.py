@@ -26,6 +26,7 @@ HYPRE: dict[str, Any] = CLASSICAL | {
     "pc_hypre_boomeramg_agg_nl": 1,
     "pc_hypre_boomeramg_agg_num_paths": 2,
 }
+LEAST_PIVOT = float(np.finfo(np.float64).tiny)  # the unit of the form is free; PETSc's is 2e-14
 # PETSc's own algebraic multigrid, for a PETSc without hypre. The unit of the form is free: norms of
 # size 1e200 have no squares, so that eigenvalues are estimated by CG, and pivots may be tiny. The
 # interpolation is made anew for each set of held dofs.
@@ -33,7 +34,7 @@ GAMG: dict[str, Any] = {
     "pc_type": "gamg",
     "pc_gamg_esteig_ksp_type": "cg",
     "pc_gamg_reuse_interpolation": False,
-    "mg_coarse_sub_pc_factor_zeropivot": float(np.finfo(np.float64).tiny),
+    "mg_coarse_sub_pc_factor_zeropivot": LEAST_PIVOT,
 }
 # For bodies that bend, whose rigid motions GAMG keeps on all levels, with and without hypre. In
 # `benchmarks/elastic_amg.py` (a plate with a hole and a cube of gmsh, half of the contact held) CG

@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.solvers.linear.algebraic import LEAST_PIVOT
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
 from dolfinx_signorini.solvers.linear.options import options_set
 from dolfinx_signorini.solvers.linear.rows import Rows
@@ -26,8 +27,8 @@ from dolfinx_signorini.solvers.system import System
 DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
 # On the coarsest level: one cycle of BoomerAMG may be far from a solution on flat cells. The matrix
 # of some hundred nodes fits on every rank.
-CHOLESKY = {"pc_type": "cholesky"}
-REDUNDANT_CHOLESKY = {"pc_type": "redundant", "redundant_pc_type": "cholesky"}
+CHOLESKY = {"pc_type": "cholesky", "pc_factor_zeropivot": LEAST_PIVOT}
+REDUNDANT_CHOLESKY = {"pc_type": "redundant"} | {f"redundant_{k}": v for k, v in CHOLESKY.items()}
 # On each coarser mesh, of a solve that begins there. In `full_multigrid`, which has one more on the
 # finest mesh, a solve takes as long or longer with one more or less (benchmarks/obstacle.py), and
 # room that is left to coarse levels, and not used up by the sweep before, saves a set-up in space.
