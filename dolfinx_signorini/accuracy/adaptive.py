@@ -291,7 +291,7 @@ def found_lines(found: AdaptiveSolution) -> list[tuple[str, str]]:
         ("came out", f"error about {found.estimate:.2e} (estimated)"),
         ("because", found.stopped),
     ]
-    for name, distance in found.polygonal.items():
-        text = f"side {name} as its facets are; a smooth curve is up to about {distance:.0e} away"
-        rows.append(("domain", text))
+    if found.polygonal:
+        sides = ", ".join(f"{name} {distance:.0e}" for name, distance in found.polygonal.items())
+        rows.append(("domain", f"that of the facets; smooth curves are so far away: {sides}"))
     return rows

@@ -47,14 +47,14 @@ def balanced(refinement: Refinement) -> Shared:
     fine, parent = refinement.sided.mesh, parent_mesh(refinement.sided.mesh)
     comm, count = fine.comm, len(refinement.parents)
     assert parent is not None
-    index_map = parent.mesh.topology.index_map(fine.topology.dim)
+    index_map = parent.sided.mesh.topology.index_map(fine.topology.dim)
     numbers = index_map.local_range[0] + refinement.parents.astype(np.int64)
     parents = Lookup(comm, index_map.size_local, numbers)
     mean = comm.allreduce(count) / comm.size
     if highest(comm, np.array([float(count)])) <= UNEVEN * math.ceil(mean):
         return Shared(refinement.sided, parents)
     new, cells = _shared_anew(fine)
-    remember_parent(new, Parent(parent.mesh, None, _carried_ends(fine, parent, new, cells)))
+    remember_parent(new, Parent(parent.sided, None, _carried_ends(fine, parent, new, cells)))
     sides = _carried_sides(refinement.sided, new, cells)
     regions = _carried_regions(refinement.sided, cells)
     return Shared(SidedMesh(new, sides, regions), parents.through(cells))

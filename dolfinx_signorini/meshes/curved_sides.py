@@ -20,6 +20,7 @@ from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, 
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
+from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -233,7 +234,8 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
     """Return the sides whose facets bend like those of a smooth curve; the call is collective.
 
     At both ends (on two edges, in space) such a facet and a neighbour of the facet turn by a small
-    angle. Edges of polygons do so only where an edge is a single facet.
+    angle. Edges of polygons do so only where an edge is a single facet. The facets of a mesh that
+    has been refined are parts of those of its parent: the meshes before are looked at, too.
 
     Args:
         sided: The mesh.
@@ -243,6 +245,15 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
         By the name of each side, "all" for the boundary without a name, about how far from the
         facets a smooth curve through their vertices is.
     """
+    found = _arcs_of(sided, known)
+    while (parent := parent_mesh(sided.mesh)) is not None:
+        sided = parent.sided
+        found = _arcs_of(sided, known) | found
+    return found
+
+
+def _arcs_of(sided: SidedMesh, known: frozenset[str]) -> dict[str, float]:
+    """As `arcs`, of the facets of one mesh."""
     domain, comm = sided.mesh, sided.mesh.comm
     facets = boundary_facets(domain)
     combinations, numbers = sided.combinations(facets)

@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Indices, LocalIndices
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 
 
 @dataclass(frozen=True)
@@ -15,13 +16,13 @@ class Parent:
     """The mesh that a refined mesh comes from.
 
     Attributes:
-        mesh: The parent mesh.
+        sided: The parent mesh.
         cells: The parent cells of the owned cells of the refined mesh; None where the cells have
             been shared anew, and parent cells may be on other ranks.
         ends: What `ends_of_edges` returns, where the cells have been shared anew.
     """
 
-    mesh: mesh.Mesh
+    sided: SidedMesh
     cells: LocalIndices | None
     ends: Indices | None = None
 
@@ -54,7 +55,7 @@ def ends_of_edges(fine: mesh.Mesh, parent: Parent) -> Indices:
     if parent.ends is not None:
         return parent.ends
     assert parent.cells is not None
-    coarse, dim = parent.mesh.geometry, fine.topology.dim
+    coarse, dim = parent.sided.mesh.geometry, fine.topology.dim
     cells, x = fine.geometry.dofmap[: len(parent.cells)], fine.geometry.x[:, :dim]
     one = np.zeros(len(x), dtype=np.int32)  # of the cells of each node
     one[cells.ravel()] = np.repeat(np.arange(len(cells), dtype=np.int32), cells.shape[1])

@@ -91,7 +91,7 @@ def refined(
             edges = np.union1d(edges, _longest_edges(domain, halved)).astype(np.int32)
     topology.create_connectivity(tdim, tdim - 1)
     fine, parents, facets = compat.refine(domain, edges)
-    remember_parent(fine, Parent(domain, parents))
+    remember_parent(fine, Parent(sided, parents))
     regions = {
         name: np.flatnonzero(np.isin(parents, inside)).astype(np.int32)
         for name, inside in sided.regions.items()

@@ -58,7 +58,7 @@ class Carrier:
             marked = np.zeros(len(pairs[0][1].x.array), dtype=bool)
             marked[dofs] = True
             cells, parent = cells_with_dofs(self._target, marked), parent_mesh(self._target.mesh)
-            parents = parent.cells if parent and parent.mesh is self._source.mesh else None
+            parents = parent.cells if parent and parent.sided.mesh is self._source.mesh else None
             if parents is not None:
                 cells = covering_cells(self._target, marked, cells[cells < len(parents)])
                 prolong_on_cells(pairs, parents, cells)

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import basix.ufl
@@ -20,6 +21,7 @@ from dolfinx_signorini import (
     gmsh_projection,
     solve_adaptively,
 )
+from dolfinx_signorini.accuracy.adaptive import found_lines
 from dolfinx_signorini.accuracy.cells import total, volumes
 from dolfinx_signorini.accuracy.marking import Marks
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
@@ -197,6 +199,8 @@ def test_a_polygon_without_a_geometry_is_said_to_be_the_domain(comm, caplog):
     )
     if comm.rank == 0:
         assert "'hole': the polygon is taken as the domain" in caplog.text
+    several = replace(found, polygonal={**found.polygonal, "rim": 0.25})
+    assert all(part in dict(found_lines(several))["domain"] for part in ("hole", "rim 2e-01"))
     found.problem.destroy()
     meant = solve_adaptively(
         poser("contact"), sided, norm=mean, accuracy=1e-2, geometry={"hole": None}
@@ -223,24 +227,25 @@ def test_divisions_follow_the_circle_and_keep_cells_upright(comm, deep):
 
 
 @pytest.mark.parametrize("count", [5, 8, 40])
-@pytest.mark.parametrize("rounds", [0, 1])
+@pytest.mark.parametrize("rounds", [0, 1, 3])
 def test_arcs_are_told_from_polygons(comm, count, rounds):
-    """Where edges are divided, a polygon has facets in one line, and is a polygon."""
-    sided = polygon(comm, count)
-    for _ in range(rounds):
-        sided = refined(sided).sided
-    found = arcs(sided)
-    if rounds:
-        assert not found
-    else:
-        assert found == pytest.approx({"all": 1.0 - math.cos(math.pi / count)}, rel=0.1)
-        assert not arcs(sided, frozenset({"all"}))
+    """Where edges have several facets from the first mesh on, a polygon is meant."""
+    away = pytest.approx({"all": 1.0 - math.cos(math.pi / count)}, rel=0.1)
+    curve, meant = polygon(comm, count), polygon(comm, count, facets=2)
+    for k in range(rounds):
+        cells = None if k == 0 else np.arange(k, dtype=np.int32)  # everywhere, and then in places
+        curve, meant = (refined(sided, cells).sided for sided in (curve, meant))
+    assert arcs(curve) == away and not arcs(meant)
+    assert not arcs(curve, frozenset({"all"}))
 
 
-def polygon(comm, count):
-    """A regular polygon in the unit circle."""
-    angles = 2.0 * math.pi * np.arange(count) / count
-    return fan(comm, np.stack((np.cos(angles), np.sin(angles)), axis=1))
+def polygon(comm, count, facets=1):
+    """A regular polygon in the unit circle, whose edges have so many facets."""
+    angles = 2.0 * math.pi * np.arange(count + 1) / count
+    corners = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    shares = np.arange(facets)[:, None, None] / facets
+    points = (1.0 - shares) * corners[:-1] + shares * corners[1:]
+    return fan(comm, np.swapaxes(points, 0, 1).reshape(-1, 2))
 
 
 def fan(comm, corners):

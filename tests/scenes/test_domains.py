@@ -93,7 +93,7 @@ def test_a_fine_polygon_is_refined_from_coarse_levels_with_its_width_and_sides(c
     assert fine == polygon and coarse.width == 0.05
     sided = coarse.make(comm)
     finer = fine.make_after(coarse, sided)
-    assert parent_mesh(finer.mesh).mesh is sided.mesh
+    assert parent_mesh(finer.mesh).sided is sided
     counts = [m.topology.index_map(2).size_global for m in (sided.mesh, finer.mesh)]
     assert counts[1] == 4 * counts[0]
     lengths = [math.dist(a, b) for a, b in zip(PENTAGON, (*PENTAGON[1:], PENTAGON[0]), strict=True)]

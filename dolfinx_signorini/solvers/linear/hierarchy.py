@@ -86,10 +86,10 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     domain, nodes = space.mesh, nodes_of(space)
     made: list[PETSc.Mat] = []
     while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
-        if _size(parent.mesh) > REFINEMENT[domain.topology.dim] * _size(domain):
+        if _size(parent.sided.mesh) > REFINEMENT[domain.topology.dim] * _size(domain):
             return _merged(made)
         made.append(refinement_prolongation(domain, nodes, parent))
-        domain = parent.mesh
+        domain = parent.sided.mesh
         nodes = np.arange(domain.geometry.index_map().size_local, dtype=np.int32)
     made = _merged(made)
     if domain.topology.cell_name() not in LATTICES:
@@ -107,7 +107,7 @@ def refinement_prolongation(fine: mesh.Mesh, nodes: LocalIndices, parent: Parent
         nodes: The owned nodes of the refined mesh in the order of the rows.
         parent: The parent mesh.
     """
-    owned = parent.mesh.geometry.index_map().size_local
+    owned = parent.sided.mesh.geometry.index_map().size_local
     return edge_prolongation(fine.comm, ends_of_edges(fine, parent)[:, nodes], owned)
 
 
