@@ -150,8 +150,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 @contextmanager
 def _stoppable() -> Iterator[None]:
     """Raise a KeyboardInterrupt where a signal stops the block, so that unfinished files go."""
+    stopped: list[int] = []
 
     def stop(number: int, frame: Any) -> NoReturn:
+        stopped.append(number)
         for each in before:  # a shell may send a signal twice: nothing disturbs the cleaning up
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt(number)
@@ -163,6 +165,10 @@ def _stoppable() -> Iterator[None]:
         for number in before:
             signal.signal(number, stop)
         yield
+    except Exception as error:
+        if stopped:  # in a function that PETSc calls, which tells of an error of its own
+            raise KeyboardInterrupt(*stopped) from error
+        raise
     finally:
         for number, old in before.items():
             signal.signal(number, old)

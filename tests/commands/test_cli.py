@@ -19,6 +19,7 @@ from dolfinx_signorini import __version__
 from dolfinx_signorini.commands import main as cli
 from dolfinx_signorini.commands import reproduce
 from dolfinx_signorini.pictures.picture import picture_files
+from dolfinx_signorini.solvers.linear.projected import Projected
 
 TABLES = ("table1.csv", "table2.csv")
 # A job of its own inside of one that mpirun started: mpirun does not nest.
@@ -344,6 +345,23 @@ def test_a_run_that_is_stopped_leaves_nothing(tmp_path, number):
     process, told = solve_until(number, tmp_path)
     assert process.returncode == 128 + number
     assert "Traceback" not in told
+    assert not (tmp_path / "out").exists()
+
+
+@alone
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_what_petsc_calls_stops_the_run(tmp_path, monkeypatch, capsys, number):
+    """PETSc makes an error of its own out of the interrupt."""
+
+    def interrupted(*_):
+        os.kill(os.getpid(), number)
+        time.sleep(1.0)
+
+    monkeypatch.setattr(Projected, "apply", interrupted)
+    (tmp_path / "slow.toml").write_text(SLOW)
+    arguments = ["--set", "domain.cells=80", "--out", str(tmp_path / "out")]
+    assert cli.main(["solve", str(tmp_path / "slow.toml"), *arguments]) == 128 + number
+    assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
