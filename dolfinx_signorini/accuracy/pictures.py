@@ -50,6 +50,7 @@ def _draw_mesh(figure: Figure, axis: Axes, polygons: np.ndarray, cells: np.ndarr
     if len(cells) <= MAX_LINES:
         axis.triplot(*points.T, triangles, color="black", linewidth=0.15)
     axis.set_aspect("equal")
+    axis.locator_params(axis="x", nbins=5)
     axis.set_xlabel("$x$")
     axis.set_ylabel("$y$")
     axis.set_title(f"{len(cells)} cells")

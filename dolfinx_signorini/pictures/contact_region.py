@@ -94,7 +94,7 @@ def draw_region(
         label = f"end of contact with the {name} obstacle"
         lines.append(Line2D([], [], color=colour, linewidth=2.0, label=label))
     if lines:
-        figure.legend(handles=lines, loc="outside lower center", ncols=4, frameon=False)
+        figure.legend_below(lines)
     return figure
 
 

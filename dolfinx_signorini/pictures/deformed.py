@@ -161,7 +161,7 @@ def _draw_in_plane(
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)
     figure.set_figheight(fitting_height(*(high - low + 2.0 * margin)))
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    figure.legend_below()
     return figure
 
 

@@ -163,6 +163,20 @@ class Picture(Figure):
             each.grid(alpha=0.3)
         return list(axes.flat)
 
+    def legend_below(self, handles: Sequence[Any] | None = None) -> None:
+        """Write a legend below all axes, in as many columns as the width has room for.
+
+        Args:
+            handles: What is named; by default all that has a label.
+        """
+        named = {} if handles is None else {"handles": handles}
+        for columns in (4, 3, 2, 1):
+            style = {"loc": "outside lower center", "ncols": columns, "frameon": False}
+            legend = self.legend(**named, **style)
+            if columns == 1 or legend.get_window_extent().width <= self.bbox.width:
+                return
+            legend.remove()
+
     def save(self, path: Path) -> None:
         """Write the picture as PNG and as SVG.
 

@@ -96,7 +96,7 @@ def draw_solution(
             zorder=4,
             label="detachment point",
         )
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    figure.legend_below()
     return figure
 
 
@@ -138,7 +138,8 @@ def draw_plane(
         parts: The ends of the facets of each part.
         styles, title: See `draw_solution`.
     """
-    figure = Picture(figsize=(7.6, fitting_height(*np.ptp(field.points, axis=0))))
+    height = fitting_height(*np.ptp(field.points, axis=0))
+    figure = Picture(figsize=(7.6, height), layout="compressed")  # axes of a fixed shape
     axes: Any = figure.add_subplot()
     drawn = add_triangles(axes, field.points, field.triangles, field.values, cmap=COLOUR_MAP)
     beside = axes.inset_axes([1.03, 0.0, 0.035, 1.0])  # as high as the domain

@@ -1,6 +1,7 @@
 """Scenes with obstacles in the domain: exact solutions, KKT conditions, regions, and refusals."""
 
 import csv
+import io
 import json
 
 import dolfinx
@@ -9,6 +10,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.io import XDMFFile
+from matplotlib.image import imread
 from mpi4py import MPI
 
 from dolfinx_signorini import InputError, ObstacleProblem, box_mesh
@@ -21,7 +23,7 @@ from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import fields_of, masks
-from dolfinx_signorini.scenes.output.pictures import scene_boundary
+from dolfinx_signorini.scenes.output.pictures import draw_scene, scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
@@ -714,4 +716,30 @@ def test_regions_stay_where_the_diffusion_jumps(folder):
     sided = result.posed.sided
     assert result.found.steps[-1].unknowns > result.found.steps[0].unknowns
     assert area(sided.mesh, sided.cells(("left",))) == pytest.approx(0.5)
+    result.destroy()
+
+
+TWO = """
+[domain]
+shape = "square"
+cells = 20
+[equation]
+load = "30*sin(2*pi*x)*cos(pi*y/2)"
+[obstacle]
+lower = -0.2
+upper = 0.2
+[[dirichlet]]
+sides = ["left", "right"]
+value = 0
+"""
+SIDES = '[contact]\nsides = "bottom"\nobstacle = -0.3\n'
+
+
+@pytest.mark.parametrize("text", [TWO, TWO.replace("upper = 0.2\n", "") + SIDES])
+def test_no_label_of_a_picture_is_cut_off(text, parse):
+    result = solve_scene(parse(text), COMM)
+    for name, picture in draw_scene(result, scene_boundary(result)).items():
+        drawn = imread(io.BytesIO(picture.png()))[:, :, :3].min(axis=2)
+        border = np.concatenate((drawn[[0, -1]].ravel(), drawn[:, [0, -1]].ravel()))
+        assert border.min() == 1.0, name
     result.destroy()
