@@ -25,6 +25,7 @@ from dolfinx_signorini.accuracy.targets import size
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
+from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
@@ -32,7 +33,7 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
-from dolfinx_signorini.solvers.cascade import Cascade
+from dolfinx_signorini.solvers.cascade import Cascade, returned_problem
 from dolfinx_signorini.solvers.stop import SHARE
 
 PATIENCE = 4  # steps in which the estimate does not fall
@@ -57,6 +58,7 @@ def posed(pose: Pose, sided: SidedMesh) -> BoundConstrainedProblem:
     """
     with together(sided.mesh.comm, "pose"):
         problem = pose(sided)
+        check(pose=(problem, returned_problem))
     if isinstance(problem, BoundConstrainedProblem) and problem.space.mesh is not sided.mesh:
         raise InputError("poses the problem on another mesh than that of its argument", "pose")
     return problem

@@ -20,6 +20,7 @@ from dolfinx_signorini.meshes.elements import (
     values_at_control_points,
 )
 from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
     facet_cells,
     owned_cells,
     owned_facets,
@@ -222,18 +223,21 @@ def gather_contact_boundary(
     Args:
         problem: The problem; the call is collective.
         sides: Facets of the mesh by the name of their side, for pictures.
+
+    Raises:
+        InputError: The sides have other facets than those of the mesh.
     """
     space = problem.space
     domain = space.mesh
     facets = owned_facets(domain, problem.contact)
     pairs = facet_cells(domain, facets)
     named: Indices = np.full(len(facets), -1)
-    for number, part in enumerate((sides or {}).values()):
+    sides = SidedMesh(domain, sides or {}).sides
+    for number, part in enumerate(sides.values()):
         named[np.isin(facets, part)] = number
     pieces, owners = facet_pieces(space, pairs)
     found = _gathered(problem, np.unique(facet_dofs(space, pairs)), pieces, named[owners])
-    names = tuple(sides or ())
-    return None if found is None else _sorted(ContactBoundary, problem, names, *found)
+    return None if found is None else _sorted(ContactBoundary, problem, tuple(sides), *found)
 
 
 def known_pressure(

@@ -15,6 +15,7 @@ from matplotlib.tri import Triangulation
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.kinds import check, instance, optional
 from dolfinx_signorini.base.records import on_first
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
 
@@ -49,6 +50,7 @@ def saved(comm: MPI.Comm, figure: "Picture | None", path: Path | str | None) -> 
     Raises:
         InputError: The file cannot be written, or its suffix is unknown; raised on all ranks.
     """
+    check(path=(path, optional(instance((str, Path), "a path"))))
     if path is None:
         return figure
 

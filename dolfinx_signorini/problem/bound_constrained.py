@@ -20,6 +20,7 @@ from dolfinx_signorini.base.kinds import (
     TEXT,
     by_text,
     check,
+    indices,
     instance,
     integer,
     optional,
@@ -425,6 +426,9 @@ class BoundConstrainedProblem(OnContact):
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.system.touching_once(self._solution())
         if released is not None:
+            touching = self._layout.contact_nodes[held]
+            known = not indices(released) and np.isin(released, touching).all()
+            require(self.comm, known, "must be owned dofs in contact", "released")
             held = held & ~np.isin(self._layout.contact_nodes, released)
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)

@@ -133,7 +133,7 @@ class Cascade(Generic[Level, Problem]):
             NotConvergedError: The solve failed.
         """
         posed = self._make_problem(level, self.problem)
-        check(make_problem=(posed, _problem))
+        check(make_problem=(posed, returned_problem))
         if self.problem is not None:
             self.coarse = self.problem.contact_state()
             self.problem.destroy()
@@ -144,8 +144,8 @@ class Cascade(Generic[Level, Problem]):
         return posed
 
 
-def _problem(value: Any) -> str:
-    """The kind of problems."""
+def returned_problem(value: Any) -> str:
+    """The kind of what functions return that pose a problem."""
     known = hasattr(value, "contact_state")
     return "" if known else f"must return a problem, not {type(value).__name__}"
 

@@ -172,7 +172,7 @@ def test_triangles_have_the_colours_of_their_values_and_are_no_objects(monkeypat
         raise AssertionError("an object of each triangle")
 
     monkeypatch.setattr(TriMesh, "convert_mesh_to_paths", objects)
-    picture = Picture(figsize=(2.0, 2.0), dpi=50)
+    picture = Picture(figsize=(2.0, 2.0), dpi=50, layout="none")
     axes = picture.add_axes((0.0, 0.0, 1.0, 1.0))
     points = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])

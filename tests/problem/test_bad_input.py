@@ -320,6 +320,31 @@ def test_what_is_out_of_scope_is_told_where_to_go(parts):
         assert use in (ROOT / page).read_text()
 
 
+@pytest.mark.parametrize("released", [[10**7], [-1], [0.5], "a", "free"])
+def test_dofs_that_are_not_in_contact_cannot_be_released(parts, released):
+    problem = parts.problem()
+    problem.solve()
+    free = np.setdiff1d(problem.contact_dofs, problem.active)[:1]
+    if COMM.allreduce(len(free)) == 0:
+        free = np.array([10**7])
+    with pytest.raises(InputError) as error:
+        problem.solve_linearised(parts.L, released=free if released == "free" else released)
+    assert error.value.subject == "released"
+    problem.destroy()
+
+
+@pytest.mark.parametrize("subject, given", [("path", 3), ("path", b"a.png"), ("path", True),
+                                            ("sides", {"a": [10**6]}), ("sides", {"a": [-1]}),
+                                            ("sides", {3: []})])  # fmt: skip
+def test_arguments_of_a_plot(parts, subject, given):
+    problem = parts.problem()
+    problem.solve()
+    with pytest.raises(InputError) as error:
+        problem.plot(**{subject: given})
+    assert error.value.subject == subject
+    problem.destroy()
+
+
 def test_loads_of_the_linearised_problem(parts):
     problem = parts.problem()
     problem.solve()

@@ -217,7 +217,7 @@ def time_line(phases: Mapping[str, float]) -> tuple[str, str]:
 
 def listing(rows: Iterable[tuple[str, str]]) -> str:
     """Return pairs of name and text as lines for a terminal."""
-    return "".join(f"  {name:<25}{text}\n" for name, text in rows)
+    return "".join(f"  {name:<24} {text}\n" for name, text in rows)
 
 
 def _place(point: Sequence[float], uncertainty: float) -> str:
