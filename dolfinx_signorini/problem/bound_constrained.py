@@ -428,7 +428,7 @@ class BoundConstrainedProblem(OnContact):
         if released is not None:
             touching = self._layout.contact_nodes[held]
             known = not indices(released) and np.isin(released, touching).all()
-            require(self.comm, known, "must be owned dofs in contact", "released")
+            require(self.comm, bool(known), "must be owned dofs in contact", "released")
             held = held & ~np.isin(self._layout.contact_nodes, released)
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)

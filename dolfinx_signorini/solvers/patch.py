@@ -149,7 +149,7 @@ def solve_small(
         rhs.scale(1.0 / size)
         ksp.setOperators(held)
         ksp.solve(rhs, correction)
-        if not ksp.is_converged:
+        if not np.isfinite(correction.array_r).all():
             sides, x = first, start
             break
         correction.array_w[:] = np.where(active, shift, size * correction.array_r)
