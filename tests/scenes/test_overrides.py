@@ -87,6 +87,15 @@ def test_an_error_of_the_problem_names_the_option():
         raise InputError("no solution", "load")
 
 
+def test_an_error_of_a_table_names_the_options_in_the_table():
+    changed = scene("equation.reaction=2", "domain.cells=4")
+    with (
+        pytest.raises(InputError, match=r"equation with --set equation\.reaction: not definite$"),
+        naming_the_file(Path("scene.toml"), changed),
+    ):
+        raise InputError("not definite", "form a")
+
+
 def test_a_mesh_that_will_be_adapted_needs_no_width():
     text = TEXT.replace("cells = 8\n", "")
     with pytest.raises(InputError, match="'cells' is missing"):

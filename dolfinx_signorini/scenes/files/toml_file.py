@@ -57,11 +57,11 @@ class TomlFile:
         return data
 
     def error(self, key: Key, message: str) -> InputError:
-        """Return an error whose subject is file, line and key.
+        """Return an error whose subject is file, line and key, and what overrides parts of the key.
 
         The line is that of the key or, without one, of the table around it.
         """
-        name = ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
+        name = _name(key)
         if any(key[: len(path)] == path for path in self.overridden):
             return InputError(message, f"--set {name}")
         lines = self.lines()
@@ -69,7 +69,9 @@ class TomlFile:
         while position and position not in lines:
             position = position[:-1]
         line = f", line {lines[position]}" if position else ""
-        return InputError(message, f"{self.name}{line}{': ' + name if name else ''}")
+        inside = [_name(path) for path in self.overridden if name and path[: len(key)] == key]
+        given = f" with --set {', '.join(sorted(inside))}" if inside else ""
+        return InputError(message, f"{self.name}{line}{': ' + name if name else ''}{given}")
 
     def lines(self) -> dict[Key, int]:
         """Return the line, from 1, of each key and header."""
@@ -88,6 +90,10 @@ class TomlFile:
             elif assignment:
                 found.setdefault((*table, *_parts(assignment[1])), count)
         return found
+
+
+def _name(key: Key) -> str:
+    return ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
 
 
 def _parts(name: str) -> Key:
