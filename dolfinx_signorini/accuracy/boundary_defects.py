@@ -123,7 +123,7 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
         return np.zeros((2, solved.count))
     space = problem.system.layout.nodal
     result = np.zeros((2, len(owned_cells(space.mesh))))
-    lifted = product(stiffness(problem), dual.z)
+    lifted = lifting_forces(problem, dual.z)
     gap = problem.gap.x.array
     for distances in distances_from_data(problem):
         pairs, off, along = distances.pairs, distances.off, distances.along
@@ -190,10 +190,15 @@ def _gaps_in_contact(zone: Contact) -> tuple[LocalIndices, Array]:
     return np.concatenate(nodes), np.concatenate(gaps)
 
 
-def stiffness(problem: BoundConstrainedProblem) -> fem.Function:
-    """Return the force at each dof that moves this dof alone by 1; the call is collective."""
+def lifting_forces(problem: BoundConstrainedProblem, z: fem.Function) -> fem.Function:
+    """Return the force at each dof that moves this dof alone by z; the call is collective.
+
+    The matrix has dofs of vectors in the directions of the contact nodes.
+    """
     result, diagonal = fem.Function(problem.space), problem.A.getDiagonal()
-    result.x.array[: len(diagonal.array_r)] = diagonal.array_r
+    layout, owned = problem.system.layout, len(diagonal.array_r)
+    forces = diagonal.array_r * layout.turned(z.x.array[:owned])
+    result.x.array[:owned] = layout.turned_back(forces)
     result.x.scatter_forward()
     diagonal.destroy()
     return result

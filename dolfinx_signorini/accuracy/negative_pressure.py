@@ -34,7 +34,7 @@ from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere, marked
+from dolfinx_signorini.base.ranks import anywhere, highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.points import Points
@@ -87,16 +87,21 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
 def _compliance(solved: Solved) -> float:
     """How far a crack opens, over what one opens that a scalar with the diffusion 1 has.
 
-    In a body this is (1 - nu)/mu; taken is 1/mu if the volume does not change, and less otherwise.
+    This is one over the diffusion, as the difference of the solutions has it in the mean. In a body
+    it is (1 - nu)/mu; taken is 1/mu if the volume does not change, and less otherwise.
     """
-    e = solved.error
-    if e.function_space.dofmap.bs == 1:
-        return 1.0
-    strain, owned = ufl.sym(ufl.grad(e)), solved.fine.system.A.getLocalSize()[0]
-    size = float(fem.assemble_scalar(compiled.form(ufl.inner(strain, strain) * ufl.dx)))
-    energy = float(solved.acting(e).x.array[:owned] @ e.x.array[:owned])
-    size, energy = solved.fine.comm.allreduce(np.array([size, energy]))
-    return 2.0 * size / energy if energy > 0.0 else 1.0
+    comm, e = solved.fine.comm, fem.Function(solved.fine.space)
+    vectors, owned = e.function_space.dofmap.bs > 1, solved.fine.system.A.getLocalSize()[0]
+    slopes = ufl.sym(ufl.grad(e)) if vectors else ufl.grad(e)
+    for known in (solved.error, solved.fine.u):  # the solutions may be equal
+        largest = highest(comm, np.abs(known.x.array))
+        e.x.array[:] = known.x.array / (largest or 1.0)  # squares stay in the range of numbers
+        size = float(fem.assemble_scalar(compiled.form(ufl.inner(slopes, slopes) * ufl.dx)))
+        energy = float(solved.acting(e).x.array[:owned] @ e.x.array[:owned])
+        size, energy = comm.allreduce(np.array([size, energy]))
+        if energy > 0.0:
+            return (2.0 if vectors else 1.0) * size / energy
+    return 0.0
 
 
 def pressure_density(zone: Contact) -> fem.Function:

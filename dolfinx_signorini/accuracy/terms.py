@@ -108,7 +108,7 @@ class Solved:
         """The size of the quantity that is meant for derivatives of size 1; 1 for the solution."""
         if self.target.of is None:
             return 1.0
-        plain = size(self.error, replace(self.target, of=None))
+        plain = size(self.error, replace(self.target, of=ufl.grad))
         return self.distance / plain if plain > 0.0 else 1.0
 
     @functools.cached_property
@@ -119,9 +119,17 @@ class Solved:
 
     @functools.cached_property
     def algebraic_residual(self) -> fem.Function:
-        """R_w(v) = L(v) - a(w, v) for each basis function v on the divided mesh."""
+        """R_w(v) = L(v) + F_w(v) - a(w, v) for each basis function v on the divided mesh."""
         loads = assembled(self.fine.assembled_forms[1], self.fine.space)
+        loads.x.array[:] += self.contact_forces.x.array
         return difference(loads, self.acting(self.fine.u))
+
+    @functools.cached_property
+    def contact_forces(self) -> fem.Function:
+        """F_w(v), the contact forces on w, for each basis function v on the divided mesh."""
+        forces = fem.Function(self.fine.space)
+        forces.x.array[:] = self.fine.sense * self.fine.forces.x.array
+        return forces
 
     @functools.cached_property
     def quadrature_defect(self) -> fem.Function:
@@ -252,7 +260,7 @@ def _hardly_pressed(solved: Solved) -> LocalIndices:
         return system.layout.contact_nodes[:0]
     w, before = system.vector_of(solved.fine.u), system.vector_of(solved.prolonged)
     gaps = system.scaled_gap(before.array_r[system.contact_dofs])
-    loose = system.touching_once(w) & (gaps > system.multiplier(w))
+    loose = solved.fine.touching & (gaps > system.multiplier(w))
     destroy(w, before)
     return system.layout.contact_nodes[loose]
 
@@ -275,9 +283,7 @@ def held(solved: Solved, dual: Dual) -> Array:
 
 def caught(solved: Solved, dual: Dual) -> Array:
     """Return F_w(z) on each cell: dofs that w has caught, and hardly presses."""
-    forces = fem.Function(solved.fine.space)
-    forces.x.array[:] = solved.fine.sense * solved.fine.forces.x.array
-    return solved.on_cells(product(forces, dual.z))
+    return solved.on_cells(product(solved.contact_forces, dual.z))
 
 
 TERMS = (residuals, released, held, caught)

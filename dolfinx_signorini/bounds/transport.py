@@ -96,6 +96,7 @@ def _solution(matrix: sp.csr_matrix, right: Array) -> Array:
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.getPC().setType(PETSc.PC.Type.GAMG)
     ksp.setOperators(A)
+    ksp.setTolerances(atol=0.0)
     ksp.solve(b, x)
     found = x.array.copy() if ksp.is_converged else 0.0 * right
     destroy(A, b, x, ksp)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, places
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
@@ -288,7 +288,7 @@ def _sorted(
     sides: Indices,
 ) -> Kind:
     """Number the points by their place, so that the number of ranks does not show."""
-    order = np.lexsort(np.round(points, 12).T[::-1])
+    order = np.lexsort(places(points).T[::-1])
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     pieces = np.sort(place[pieces], axis=1)

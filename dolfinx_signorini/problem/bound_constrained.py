@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled, kernels
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.costs import Cost, costs_of
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, require
 from dolfinx_signorini.base.kinds import (
@@ -289,6 +289,15 @@ class BoundConstrainedProblem(OnContact):
         """
         return tuple(active for zone in range(len(self.zones)) for active in self.active_in(zone))
 
+    @property
+    def touching(self) -> Mask:
+        """Whether each constraint holds u; where both obstacles of a dof do, the first one alone.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        return self.system.touching_once(self._solution())
+
     def active_in(self, number: int) -> tuple[LocalIndices, ...]:
         """For each obstacle of a zone the owned dofs in contact whose tightest obstacle is of it.
 
@@ -424,7 +433,7 @@ class BoundConstrainedProblem(OnContact):
         else:
             checked_space(self.a, load, self.vector_valued)
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
-        system, held = self.system, self.system.touching_once(self._solution())
+        system, held = self.system, self.touching
         if released is not None:
             touching = self._layout.contact_nodes[held]
             known = not indices(released) and np.isin(released, touching).all()

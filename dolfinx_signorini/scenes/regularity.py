@@ -10,7 +10,7 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.interfaces.integrability import DISTANCES, power_of
@@ -54,7 +54,8 @@ class Corner:
 
 def point_text(point: Sequence[float]) -> str:
     """Return the coordinates of a point in words."""
-    return f"({', '.join(f'{round(c, 12) + 0.0:.4g}' for c in point)})"
+    size = max(map(abs, point))
+    return f"({', '.join(f'{c if abs(c) > ROUNDING * size else 0.0:.4g}' for c in point)})"
 
 
 def singular_corners(

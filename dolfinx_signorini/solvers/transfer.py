@@ -5,10 +5,11 @@ mesh knows its parent cells. On other meshes DOLFINx searches for the cells arou
 few cells that together have the dofs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -19,9 +20,10 @@ from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import prolong_on_cells
-from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells, longest_side
 from dolfinx_signorini.solvers.linear.hierarchy import is_straight, nodes_of
 from dolfinx_signorini.solvers.linear.lattice import find_lattice, surrounding
+from dolfinx_signorini.solvers.residual import power_of_two
 
 Pairs = Sequence[tuple[fem.Function, fem.Function]]
 
@@ -90,8 +92,12 @@ def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:
         cells: Cells of the target mesh.
     """
     source, target = (function.function_space for function in pairs[0])
-    data = None
-    if source.mesh is not target.mesh:
+    if source.mesh is target.mesh:
+        for old, new in pairs:
+            new.interpolate(old, cells0=cells, cells1=cells)
+            new.x.scatter_forward()
+        return
+    with _of_size_one(source.mesh, target.mesh):
         # Boxes around cells that are padded by more than the cells are large cover many of them: so
         # points are looked for inside of the coarse mesh first.
         for padding in (SOLVED, PADDING):
@@ -100,12 +106,25 @@ def interpolate_between(pairs: Pairs, cells: LocalIndices) -> None:
             outside = bool((owners_of_points(data) < 0).any())
             if not anywhere(source.mesh.comm, outside):
                 break
-    for old, new in pairs:
-        if data is None:
-            new.interpolate(old, cells0=cells, cells1=cells)
-        else:
+        for old, new in pairs:
             new.interpolate_nonmatching(old, cells, data)
-        new.x.scatter_forward()
+            new.x.scatter_forward()
+
+
+@contextmanager
+def _of_size_one(*meshes: mesh.Mesh) -> Iterator[None]:
+    """Give meshes a unit of length in which the first one has about the size 1; collective.
+
+    DOLFINx finds no nearest points of cells whose coordinates are large numbers.
+    """
+    unit = power_of_two(longest_side(meshes[0].comm, meshes[0].geometry.x))
+    for each in meshes:
+        each.geometry.x[:] /= unit
+    try:
+        yield
+    finally:
+        for each in meshes:
+            each.geometry.x[:] *= unit
 
 
 def _coarse_size(space: fem.FunctionSpace) -> float:

@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.accuracy.adaptive import found_lines
 from dolfinx_signorini.accuracy.corners import places_below
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, places
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
@@ -277,8 +277,8 @@ def _imbalance(problem: BoundConstrainedProblem, forces: Sequence[Array]) -> flo
 
 def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
     """Return points in the order of their coordinates, whatever the error of the solve."""
-    size = max((abs(c) for point in points for c in point.position), default=1.0)
-    return sorted(points, key=lambda point: [round(c / size, ALIKE) for c in point.position])
+    keys = places([point.position for point in points], ALIKE)
+    return [points[k] for k in np.lexsort(keys.T[::-1])]
 
 
 def forces_on(posed: PosedScene) -> dict[str, Force]:

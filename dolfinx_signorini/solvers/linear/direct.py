@@ -11,10 +11,13 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.linear.solver import Check, LinearSolver, has_few_dofs, set_residual
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
+
+NO_PIVOT = 100.0 * PRECISION  # of the size of the matrix: as PETSc has it for matrices of size 1
 
 
 class DirectSolver(LinearSolver):
@@ -85,6 +88,7 @@ class DirectSolver(LinearSolver):
         if known and self._assembled == system.assembled:
             return True
         entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
+        self._ksp.getPC().setFactorPivot(NO_PIVOT * entry)  # in the unit of the form
         self._ksp.setOperators(self._hold(system.contact_dofs[held], entry))
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled
