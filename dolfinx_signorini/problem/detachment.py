@@ -10,7 +10,6 @@ Cambridge (1985), Section 5.1, for the same of elastic bodies without friction.
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,11 +33,10 @@ SIGNIFICANT, AWAY = 0.02, 0.1
 NEAR = 0.05  # of the size of the domain; at least 4 facets
 # From so far at the most the gap is extrapolated: of the size of the domain, and in edges.
 WINDOW, EDGES = 0.125, 16.0
-# The degrees of the polynomials that extrapolate, the middle one believed, and how many times the
-# difference of those from a window and from half of it the position may be off. On 144 ends of
-# contact under random waves with h from 1/12 to 1/63, degree 1 to 3 and both bases, one is farther
-# off than this says, where nothing was extrapolated, by 1.04 times; with one window alone two are,
-# by 2.7 times, for uncertainties of the same size.
+# The degrees of the polynomials that extrapolate, the middle one believed, and how many times their
+# difference the position may be off. On 542 ends of contact with h from 1/12 to 1/100, elements of
+# degree 1 to 3, the position is right to 0.04 edges in the median (with degrees 1 to 3: to 0.23),
+# and 9 times farther off than this says, by 0.07 edges at most where something was extrapolated.
 DEGREES, SAFETY = (2, 3, 4), 4.0
 ALIKE = 2  # digits of strengths and lengths: what differs by less has the order of the places
 
@@ -162,16 +160,13 @@ def _extrapolated(
     behind = (s > length) & (s <= max(WINDOW * size, EDGES * length))
     s, root = s[behind], np.cbrt(np.maximum(gap[first[behind]], 0.0)) ** 2
     count = len(s) if (root > 0.0).all() else int(np.argmin(root > 0.0))  # up to the next contact
-    windows: list[Array] = []  # the zeros from each window, half as long as the one before
-    while count >= 2 * len(DEGREES):
-        windows.append(np.array([_zero(s[:count], root[:count], degree) for degree in DEGREES]))
-        count = int(np.searchsorted(s, 0.5 * s[count - 1], side="right"))
     best, shift = length, 0.0
-    for zeros, shorter in pairwise([*windows, np.empty(0)]):
-        every = np.concatenate((zeros, shorter))
-        spread = float(np.ptp(every)) if np.isfinite(every).all() else np.inf
-        if SAFETY * spread < best and np.abs(zeros).max() <= length:
-            best, shift = SAFETY * spread, float(zeros[len(DEGREES) // 2])
+    while count >= 2 * len(DEGREES):
+        zeros = [_zero(s[:count], root[:count], degree) for degree in DEGREES]
+        spread = max(zeros) - min(zeros)
+        if SAFETY * spread < best and max(map(abs, zeros)) <= length:
+            best, shift = SAFETY * spread, zeros[len(DEGREES) // 2]
+        count = int(np.searchsorted(s, 0.5 * s[count - 1], side="right"))
     position = point.position + shift * tangent
     uncertainty = max(best, ROUNDING * size)
     return DetachmentPoint(tuple(map(float, position)), uncertainty, point.strength)

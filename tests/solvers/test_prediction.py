@@ -115,3 +115,24 @@ def test_a_refined_mesh_knows_the_cells_around_points(kind, make, monkeypatch):
     for dofs in (owned[::4], owned[:0]):
         Carrier(source, target)([(old, new)], dofs)
         assert new.x.array[dofs] == pytest.approx(exact.x.array[dofs], abs=1e-11)
+
+
+@pytest.mark.parametrize("length", [1e6, 1e9])
+def test_points_are_found_in_cells_of_any_size(length):
+    def distorted(n, seed):
+        domain = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, n, n)
+        x, rng = domain.geometry.x, np.random.default_rng(seed)
+        inner = np.minimum(x[:, :2], 1.0 - x[:, :2]).min(axis=1) > 1e-9
+        x[inner, :2] += rng.uniform(-0.3, 0.3, (inner.sum(), 2)) / n
+        x[:, :2] *= length
+        return fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
+
+    for seed in range(20):
+        old, new = distorted(4, seed), distorted(9, seed + 100)
+        old.interpolate(lambda x: x[0] + 2.0 * x[1])
+        cells = np.arange(162, dtype=np.int32)
+        before = new.function_space.mesh.geometry.x.copy()
+        interpolate_between([(old, new)], cells)
+        x = new.function_space.tabulate_dof_coordinates()
+        assert new.x.array == pytest.approx(x[:, 0] + 2.0 * x[:, 1], abs=1e-9 * length)
+        assert (new.function_space.mesh.geometry.x == before).all()
