@@ -7,7 +7,7 @@ from typing import Any
 
 from dolfinx_signorini.accuracy.estimates import Reader
 from dolfinx_signorini.accuracy.first_mesh import Resolved, first_mesh
-from dolfinx_signorini.accuracy.loop import REACHED, Loop, Pose, posed
+from dolfinx_signorini.accuracy.loop import REACHED, Loop, posed
 from dolfinx_signorini.accuracy.problem_data import (
     STIFFNESS,
     coefficients_of,
@@ -15,7 +15,7 @@ from dolfinx_signorini.accuracy.problem_data import (
     integrate_piecewise,
     unknown_between_nodes,
 )
-from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Request, Step
+from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Pose, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError

@@ -20,7 +20,7 @@ from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Reader
 from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
-from dolfinx_signorini.accuracy.steps import Request, Result, Step
+from dolfinx_signorini.accuracy.steps import Pose, Request, Result, Step
 from dolfinx_signorini.accuracy.targets import size
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base import tolerances
@@ -29,7 +29,7 @@ from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.meshes.curved_sides import CurvedSides
+from dolfinx_signorini.meshes.curved_sides import CurvedSides, TurnedOverError
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
 from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
@@ -38,9 +38,8 @@ from dolfinx_signorini.solvers.stop import SHARE
 
 PATIENCE = 4  # steps in which the estimate does not fall
 # Why a loop ended, in its first words.
-REACHED, ROUNDED = "the accuracy is reached", "rounding"
+REACHED, ROUNDED, CURVES = "the accuracy is reached", "rounding", "geometry"
 
-Pose = Callable[[SidedMesh], BoundConstrainedProblem]
 
 # How many vertices, edges, facets and cells of a divided mesh lie in a vertex, an edge, a facet and
 # a cell of the mesh before.
@@ -134,18 +133,27 @@ class Loop:
             self._solve(self.sided)
             self._require_room()
             self._begin()
-            while True:
-                self._estimate(self._solve_divided())
-                if self._takes_another_degree():
-                    self.division = refined(self.sided)  # with the vertices before they were moved
-                    self._solve(self.sided)
-                    self._begin()
-                    continue
-                divided = self._next_mesh()
-                if divided is None:
-                    break
-                self._solve(divided.sided)
+            try:
+                self._go_on()
+            except TurnedOverError as error:
+                if not self.steps:
+                    raise
+                self.stopped = f"{CURVES} {error.message}"
             self._solve_best_again()
+
+    def _go_on(self) -> None:
+        """Estimate, mark, refine and solve until the loop ends."""
+        while True:
+            self._estimate(self._solve_divided())
+            if self._takes_another_degree():
+                self.division = refined(self.sided)  # with the vertices before they were moved
+                self._solve(self.sided)
+                self._begin()
+                continue
+            divided = self._next_mesh()
+            if divided is None:
+                return
+            self._solve(divided.sided)
 
     def _solve_divided(self) -> Solved:
         """Solve on the mesh with every cell divided: from zero, so that no error is in both."""
@@ -188,17 +196,18 @@ class Loop:
         self._note(estimator.estimate)
 
     def _solve_best_again(self) -> None:
-        """Solve from the best result again if rounding has spoilt the results since."""
-        if not self.stopped.startswith(ROUNDED) or self.last is self.best:
+        """Solve from the best result again if the results since are spoilt, or not complete."""
+        spoilt, best = self.stopped.startswith((ROUNDED, CURVES)), self.best.division.sided
+        if not spoilt or self.problem.space.mesh is best.mesh:
             return
-        self.last, self.keywords = self.best, dict(self.best.keywords)
+        self.last, self.pose, self.keywords = self.best, self.best.pose, dict(self.best.keywords)
 
         def start(problem: BoundConstrainedProblem) -> fem.Function:
             found = fem.Function(problem.space)
             found.x.array[:] = self.best.values
             return found
 
-        self._solve(self.best.division.sided, start)
+        self._solve(best, start)
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         self._tell(replace(self.best.step, seconds=seconds))
 
@@ -250,7 +259,7 @@ class Loop:
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
         values, remaining = self.problem.u.x.array.copy(), self.estimator.prediction.remaining
-        self.last = Result(step, self.division, values, remaining, self.keywords)
+        self.last = Result(step, self.division, values, remaining, self.keywords, self.pose)
         if not self.steps or estimate < self.best.step.estimate:
             self.best = self.last
         self._tell(step)

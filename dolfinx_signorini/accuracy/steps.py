@@ -1,12 +1,16 @@
 """The request to the adaptive loop, and the result of each of its steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.refinement import Refinement
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+
+Pose = Callable[[SidedMesh], BoundConstrainedProblem]
 
 MAX_UNKNOWNS = 1_000_000  # by default: 1 to 11 GB, see `expectations.BYTES`
 
@@ -39,7 +43,7 @@ def step_line(step: Step) -> str:
 class Result:
     """What a step of the loop came to:
 
-        result = Result(step, division, values, remaining, keywords={})
+        result = Result(step, division, values, remaining, keywords={}, pose=pose)
 
     Attributes:
         step: The step.
@@ -47,6 +51,7 @@ class Result:
         values: The dofs of this solution on this rank, ghosts included.
         remaining: What each owned cell of the mesh leaves in the error of this solution.
         keywords: The keywords of the solve.
+        pose: What posed the problem.
     """
 
     step: Step
@@ -54,6 +59,7 @@ class Result:
     values: Array
     remaining: Array
     keywords: Mapping[str, Any]
+    pose: Pose
 
 
 @dataclass(frozen=True)

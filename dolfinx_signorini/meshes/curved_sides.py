@@ -15,9 +15,9 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
-from dolfinx_signorini.base.errors import InputError, require
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
-from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.ranks import anywhere, highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.parents import parent_mesh
@@ -43,6 +43,22 @@ FLAT, SHARP = SOLVED**0.5, math.tau / 4.5
 
 # Of a facet: its vertices are that far from the curve at most, which the facet stands for.
 ASIDE = 0.1
+
+
+class TurnedOverError(InputError):
+    """Vertices that are moved onto a curve would turn cells over.
+
+    The adaptive loop ends with what it has, if a step is done:
+
+        try:
+            curves.fit(sided)
+        except TurnedOverError as error:
+            print(error.message)
+    """
+
+    def __init__(self) -> None:
+        message = "moves vertices so far that cells turn over: begin with a finer mesh"
+        super().__init__(message, "geometry")
 
 
 class CurvedSides:
@@ -103,17 +119,20 @@ class CurvedSides:
             Whether a vertex has moved by more than rounding.
 
         Raises:
-            InputError: A projection fails, or moves vertices so far that cells turn over.
+            InputError: A projection fails.
+            TurnedOverError: A projection moves vertices so far that cells turn over; the mesh
+                stays as it was.
         """
         if not self.projections:
             return False
         domain, comm = sided.mesh, sided.mesh.comm
         x, before = self.placed(sided), determinants(cell_edges(domain, owned_cells(domain)))
         moved = highest(comm, np.abs(x - domain.geometry.x)) > ROUNDING * _size(sided)
-        domain.geometry.x[:] = x
+        placed, domain.geometry.x[:] = domain.geometry.x.copy(), x
         after = determinants(cell_edges(domain, owned_cells(domain)))
-        message = "moves vertices so far that cells turn over: begin with a finer mesh"
-        require(comm, bool((after * before > 0.0).all()), message, "geometry")
+        if anywhere(comm, after * before <= 0.0):
+            domain.geometry.x[:] = placed
+            raise TurnedOverError
         return moved
 
     def placed(self, sided: SidedMesh) -> Array:

@@ -28,7 +28,7 @@ from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.meshes.curved_sides import CurvedSides, arcs
+from dolfinx_signorini.meshes.curved_sides import CurvedSides, TurnedOverError, arcs
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -207,6 +207,35 @@ def test_a_polygon_without_a_geometry_is_said_to_be_the_domain(comm, caplog):
     )
     assert meant.stopped == "the accuracy is reached" and not meant.polygonal
     meant.problem.destroy()
+
+
+@pytest.mark.parametrize("whole", [2, 3, 4])
+def test_a_loop_whose_curves_turn_cells_over_keeps_what_it_has(comm, monkeypatch, whole):
+    fit, calls = CurvedSides.fit, []
+
+    def failing(self, sided):
+        calls.append(sided)
+        if len(calls) > whole:
+            raise TurnedOverError
+        return fit(self, sided)
+
+    monkeypatch.setattr(CurvedSides, "fit", failing)
+    found = solve_adaptively(
+        poser("contact"), plate(comm), norm=mean, accuracy=1e-6, geometry={"hole": onto_hole}
+    )
+    assert not found.reached and found.stopped.startswith("geometry moves vertices so far")
+    assert len(found.steps) > 1 and found.estimate == min(step.estimate for step in found.steps)
+    assert found.problem.space.mesh is found.sided.mesh
+    assert true_error(found, mean) <= found.estimate
+    found.problem.destroy()
+
+
+def test_a_mesh_whose_cells_would_turn_over_stays_as_it_was(comm):
+    sided = plate(comm)
+    before = sided.mesh.geometry.x.copy()
+    with pytest.raises(TurnedOverError):
+        CurvedSides({"hole": lambda x: 20.0 * x}).fit(sided)
+    assert (sided.mesh.geometry.x == before).all()
 
 
 @pytest.mark.parametrize("deep", [1, 6])
