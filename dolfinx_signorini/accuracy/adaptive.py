@@ -15,6 +15,7 @@ from dolfinx_signorini.accuracy.problem_data import (
     integrate_piecewise,
     unknown_between_nodes,
 )
+from dolfinx_signorini.accuracy.quadrature_errors import missed_of_functional
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Pose, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
@@ -44,6 +45,10 @@ POLYGON = "the polygon is taken as the domain"
 BENDS = (
     "side %r: %s, and a smooth curve is up to about %.0e away; `geometry`, or [domain.curves] in a "
     "scene file, tells the curve"
+)
+ROUGH = (
+    "norm: a finer quadrature rule changes the functional of this solution by {:.0e}, more than "
+    "its error does; give the integral a higher quadrature_degree, or a weight that jumps on facets"
 )
 
 
@@ -142,7 +147,9 @@ def solve_adaptively(
             the first step is done with the lowest degree, and tells which degree takes least time.
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
         norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution,
-            given as a function that returns the UFL form of its argument.
+            given as a function that returns the UFL form of its argument. The estimate is the error
+            of the solution in the functional; `notes` tell where the functional's own quadrature
+            rule leaves more.
         of: What of the solution the L^p norm is of, a function that returns a UFL expression,
             linear in the first derivatives of its argument: the stress, or for the energy norm
             `weighted_strain`. By default the norm is that of the solution.
@@ -226,6 +233,12 @@ def adapt(
         log.warning(BENDS, name, POLYGON, distance)
     loop = Loop(poses, first.sided, request, on_step, began, read, fit, curves)
     loop.run()
+    notes = [*first.notes, *loop.notes]
+    functional, estimate = request.target.functional, loop.steps[-1].estimate
+    missed = 0.0 if functional is None else missed_of_functional(functional, loop.problem.u)
+    if missed > max(estimate, request.accuracy or 0.0):
+        notes.append(ROUGH.format(missed))
+        log.warning("%s", notes[-1])
     return AdaptiveSolution(
         problem=loop.problem,
         sided=loop.last.division.sided,
@@ -234,7 +247,7 @@ def adapt(
         steps=tuple(loop.steps),
         cells=loop.last.remaining[loop.last.division.parents],
         polygonal=polygonal,
-        notes=(*first.notes, *loop.notes),
+        notes=tuple(notes),
     )
 
 

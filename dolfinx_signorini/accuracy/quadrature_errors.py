@@ -17,6 +17,8 @@ from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import MAX_DEGREE
+from dolfinx_signorini.accuracy.targets import Functional
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.data.reading import lowered
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -36,6 +38,15 @@ def missed_by_quadrature(a: ufl.Form, L: ufl.Form, w: fem.Function) -> list[ufl.
     """
     forms = [ufl.Form(list(_raised(form, w))) for form in (L, -ufl.action(a, w))]
     return [form for form in forms if not form.empty()]
+
+
+def missed_of_functional(functional: Functional, u: fem.Function) -> float:
+    """Return by how much a rule of a higher degree changes the functional of u; collective."""
+    raised = ufl.Form(list(_raised(functional(u), u)))
+    if raised.empty():
+        return 0.0
+    value = fem.assemble_scalar(compiled.form(raised, "norm"))
+    return abs(float(u.function_space.mesh.comm.allreduce(value)))
 
 
 def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:

@@ -6,7 +6,13 @@ import ufl
 from dolfinx import fem, mesh
 from scipy.integrate import quad
 
-from dolfinx_signorini import SidedMesh, SignoriniProblem, bernstein_space, solve_adaptively
+from dolfinx_signorini import (
+    SidedMesh,
+    SignoriniProblem,
+    bernstein_space,
+    dirichlet,
+    solve_adaptively,
+)
 
 
 def known(x, point):
@@ -77,4 +83,55 @@ def test_the_accuracy_is_met(comm, measure, point, degree, n, accuracy):
     value = comm.allreduce(fem.assemble_scalar(fem.form(found.problem.u * measure)))
     exact = integral(point) if measure is ufl.dx else boundary_integral(point)
     assert found.reached and abs(value - exact) <= found.estimate <= accuracy
+    found.problem.destroy()
+
+
+def weighted(weight, degree=None):
+    """An integral of u with a weight."""
+    metadata = {} if degree is None else {"quadrature_degree": degree}
+    return lambda u: (
+        weight(ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u)))
+        * u
+        * ufl.dx(metadata=metadata)
+    )
+
+
+def spike(x):
+    return ufl.exp(-((x[0] - 0.37) ** 2 + (x[1] - 0.23) ** 2) / 1e-4) / (np.pi * 1e-4)
+
+
+CUTS = {
+    "jump": (weighted(lambda x: ufl.conditional(x[0] < 0.313, 1.0, 0.0)), True),
+    "jump on a line of the mesh": (
+        weighted(lambda x: ufl.conditional(x[0] < 0.25, 1.0, 0.0)),
+        False,
+    ),
+    "spike": (weighted(spike), True),
+    "spike, fine rule": (weighted(spike, 60), False),
+    "smooth": (weighted(lambda x: ufl.exp(x[0])), False),
+}
+
+
+@pytest.mark.parametrize("name", CUTS)
+def test_a_weight_that_the_rule_misses_is_told(comm, name):
+    """u = 1/2 - y + y^2/2 is in the space: all that is wrong is the integral of the weight."""
+    functional, told = CUTS[name]
+    domain = mesh.create_unit_square(comm, 8, 8)
+    below, above = (
+        mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for y in (0.0, 1.0)
+    )
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+        top = dirichlet(space, sided.sides["top"], 0.0)
+        floor = sided.sides["floor"]
+        return SignoriniProblem(a, -1.0 * v * ufl.dx, contact=floor, obstacle=0.5, bcs=[top])
+
+    sided = SidedMesh(domain, {"floor": below, "top": above})
+    found = solve_adaptively(pose, sided, norm=functional, accuracy=1e-5)
+    assert found.reached
+    assert any("quadrature rule changes the functional" in note for note in found.notes) == told
     found.problem.destroy()
