@@ -15,7 +15,6 @@ from dolfinx_signorini.accuracy.problem_data import (
     integrate_piecewise,
     unknown_between_nodes,
 )
-from dolfinx_signorini.accuracy.quadrature_errors import missed_of_functional
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Pose, Request, Step
 from dolfinx_signorini.accuracy.targets import Functional, target
 from dolfinx_signorini.base.arrays import Array
@@ -45,10 +44,6 @@ POLYGON = "the polygon is taken as the domain"
 BENDS = (
     "side %r: %s, and a smooth curve is up to about %.0e away; `geometry`, or [domain.curves] in a "
     "scene file, tells the curve"
-)
-ROUGH = (
-    "norm: a finer quadrature rule changes the functional of this solution by {:.0e}, more than "
-    "its error does; give the integral a higher quadrature_degree, or a weight that jumps on facets"
 )
 
 
@@ -233,12 +228,6 @@ def adapt(
         log.warning(BENDS, name, POLYGON, distance)
     loop = Loop(poses, first.sided, request, on_step, began, read, fit, curves)
     loop.run()
-    notes = [*first.notes, *loop.notes]
-    functional, estimate = request.target.functional, loop.steps[-1].estimate
-    missed = 0.0 if functional is None else missed_of_functional(functional, loop.problem.u)
-    if missed > max(estimate, request.accuracy or 0.0):
-        notes.append(ROUGH.format(missed))
-        log.warning("%s", notes[-1])
     return AdaptiveSolution(
         problem=loop.problem,
         sided=loop.last.division.sided,
@@ -247,7 +236,7 @@ def adapt(
         steps=tuple(loop.steps),
         cells=loop.last.remaining[loop.last.division.parents],
         polygonal=polygonal,
-        notes=tuple(notes),
+        notes=(*first.notes, *loop.notes),
     )
 
 

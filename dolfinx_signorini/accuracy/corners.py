@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from dolfinx import common, mesh
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask, places
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask, by_place
 from dolfinx_signorini.base.ranks import largest, marked, summed
 from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.data.principal_part import PrincipalPart, mixing, principal_part
@@ -113,9 +113,8 @@ def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[A
     middles = mesh.compute_midpoints(domain, dim, chosen.astype(np.int32))
     own = [(point, float(exponents[k])) for k, point in zip(chosen, middles, strict=True)]
     found = [each for parts in domain.comm.allgather(own) for each in parts]
-    keys = places([point for point, _ in found])
     exponents = np.round([exponent for _, exponent in found], 6)
-    return [found[k] for k in np.lexsort((*keys.T[::-1], exponents))]
+    return [found[k] for k in by_place([point for point, _ in found], exponents)]
 
 
 def _of_problem(problem: BoundConstrainedProblem, logarithms: bool = False) -> Array:

@@ -20,6 +20,7 @@ from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Reader
 from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
+from dolfinx_signorini.accuracy.quadrature_errors import missed_of_functional
 from dolfinx_signorini.accuracy.steps import Pose, Request, Result, Step
 from dolfinx_signorini.accuracy.targets import size
 from dolfinx_signorini.accuracy.terms import Solution, Solved
@@ -39,7 +40,10 @@ from dolfinx_signorini.solvers.stop import SHARE
 PATIENCE = 4  # steps in which the estimate does not fall
 # Why a loop ended, in its first words.
 REACHED, ROUNDED, CURVES = "the accuracy is reached", "rounding", "geometry"
-
+ROUGH = (
+    "norm: a finer quadrature rule changes the functional of this solution by {:.0e}, more than "
+    "its error does; give the integral a higher quadrature_degree, or a weight that jumps on facets"
+)
 
 # How many vertices, edges, facets and cells of a divided mesh lie in a vertex, an edge, a facet and
 # a cell of the mesh before.
@@ -140,6 +144,7 @@ class Loop:
                     raise
                 self.stopped = f"{CURVES} {error.message}"
             self._solve_best_again()
+            self._check_functional()
 
     def _go_on(self) -> None:
         """Estimate, mark, refine and solve until the loop ends."""
@@ -190,9 +195,7 @@ class Loop:
         if moved:
             self._solve(self.division.sided)
             estimator.add_polygon(moved, replace(solved, fine=self.problem))
-        if estimator.doubt and estimator.doubt not in self.notes:
-            log.warning("%s", estimator.doubt)
-            self.notes.append(estimator.doubt)
+        self._doubt(estimator.doubt)
         self._note(estimator.estimate)
 
     def _solve_best_again(self) -> None:
@@ -210,6 +213,19 @@ class Loop:
         self._solve(best, start)
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         self._tell(replace(self.best.step, seconds=seconds))
+
+    def _check_functional(self) -> None:
+        """Tell where the functional's own rule leaves more than the error of the solution."""
+        functional, accuracy = self.request.target.functional, self.request.accuracy or 0.0
+        missed = 0.0 if functional is None else missed_of_functional(functional, self.problem.u)
+        if missed > max(self.steps[-1].estimate, accuracy):
+            self._doubt(ROUGH.format(missed))
+
+    def _doubt(self, text: str) -> None:
+        """Tell what the estimate does not know, once."""
+        if text and text not in self.notes:
+            log.warning("%s", text)
+            self.notes.append(text)
 
     def _require_room(self) -> None:
         needed = _unknowns(self.sided, self.problem.space)

@@ -243,8 +243,7 @@ def _factor(
     # On cells next to the point the rule for the root of the distance on facets.
     rules = (CELL_RULE, FACET_RULE)
     form = sum(weights * dx(k, metadata=rule.metadata) for k, rule in enumerate(rules, 1))
-    value = problem.comm.allreduce(float(fem.assemble_scalar(compiled.form(form))))
-    return float(value + mean * _whole(k, inner, outer)) / (k * math.pi)
+    return float(compiled.integral(form) + mean * _whole(k, inner, outer)) / (k * math.pi)
 
 
 def _cells(
@@ -265,8 +264,7 @@ def _mean(problem: SignoriniProblem, source: Expr, cells: npt.NDArray[np.int32])
     domain = problem.space.mesh
     dx = ufl.Measure("dx", domain, subdomain_data=[(1, cells)], metadata=CELL_RULE.metadata)
     one = fem.Constant(domain, np.float64(1.0))
-    values = [fem.assemble_scalar(compiled.form(v * dx(1))) for v in (source, one)]
-    total, area = (problem.comm.allreduce(float(value)) for value in values)
+    total, area = (compiled.integral(v * dx(1)) for v in (source, one))
     return fem.Constant(domain, np.float64(total / area))
 
 

@@ -15,15 +15,21 @@ PLACES = 9  # digits of a place in a box that are not rounding
 BLOCK = 131_072  # rows of an array that are worked on at a time: little memory for NumPy
 
 
-def places(points: Sequence[Sequence[float]] | Array, digits: int = PLACES) -> Array:
-    """Return rounded places of points in the box around them, which no unit and no rank decides.
+def by_place(
+    points: Sequence[Sequence[float]] | Array,
+    first: Sequence[float] | Array | None = None,
+    digits: int = PLACES,
+) -> Indices:
+    """Return the order of points by their coordinates, which no rounding and no rank decides.
 
     Args:
         points: Coordinates, shape (points, dimension).
-        digits: The digits that are kept.
+        first: Values that count before the coordinates.
+        digits: The digits of places in the box around the points that count.
     """
     x = np.asarray(points, dtype=np.float64)
     if not len(x):
-        return np.zeros((0, 1))
+        return np.empty(0, dtype=np.int64)
     low, high = x.min(axis=0), x.max(axis=0)
-    return np.asarray(np.round((x - low) / (float((high - low).max()) or 1.0), digits) + 0.0)
+    keys = np.round((x - low) / (float((high - low).max()) or 1.0), digits)
+    return np.lexsort((*keys.T[::-1], *(() if first is None else (first,))))

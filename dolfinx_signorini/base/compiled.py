@@ -60,6 +60,19 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
         return fem.form(_with_constant(item), **options)
 
 
+def integral(item: ufl.Form, subject: str = "") -> float:
+    """Return the value of a form without arguments, the sum of all ranks; collective.
+
+    Args:
+        item: The form; 0 is the value of one without integrals.
+        subject: What a form that users gave is called in messages.
+    """
+    if item.empty():
+        return 0.0
+    made = form(item, subject)
+    return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
+
+
 def form_on(
     item: ufl.Form,
     spaces: Sequence[fem.FunctionSpace],

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, places
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, by_place
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.boundary_edges import edge_chains
@@ -288,12 +288,12 @@ def _sorted(
     sides: Indices,
 ) -> Kind:
     """Number the points by their place, so that the number of ranks does not show."""
-    order = np.lexsort(places(points).T[::-1])
+    order = by_place(points)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     pieces = np.sort(place[pieces], axis=1)
-    by_place = np.lexsort(pieces.T[::-1])
-    pieces, sides = pieces[by_place], sides[by_place]
+    in_order = np.lexsort(pieces.T[::-1])
+    pieces, sides = pieces[in_order], sides[in_order]
     points, values = points[order], values[order]
     size, gap = float(np.abs(values[:, 0]).max(initial=0.0)), values[:, 1]
     widths = np.linalg.norm(points[pieces[:, 1]] - points[pieces[:, 0]], axis=1)

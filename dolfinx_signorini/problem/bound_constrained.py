@@ -435,10 +435,10 @@ class BoundConstrainedProblem(OnContact):
         rtol = checked_tolerance(rtol, DEFAULT_RTOL)
         system, held = self.system, self.touching
         if released is not None:
-            touching = self._layout.contact_nodes[held]
-            known = not indices(released) and np.isin(released, touching).all()
-            require(self.comm, bool(known), "must be owned dofs in contact", "released")
-            held = held & ~np.isin(self._layout.contact_nodes, released)
+            nodes = self._layout.contact_nodes
+            known = not indices(released) and bool(np.isin(released, nodes[held]).all())
+            require(self.comm, known, "must be owned dofs in contact", "released")
+            held = held & ~np.isin(nodes, released)
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)
         if isinstance(load, fem.Function):

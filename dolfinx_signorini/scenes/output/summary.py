@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.accuracy.adaptive import found_lines
 from dolfinx_signorini.accuracy.corners import places_below
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, places
+from dolfinx_signorini.base.arrays import Array, by_place
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
@@ -277,8 +277,7 @@ def _imbalance(problem: BoundConstrainedProblem, forces: Sequence[Array]) -> flo
 
 def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
     """Return points in the order of their coordinates, whatever the error of the solve."""
-    keys = places([point.position for point in points], ALIKE)
-    return [points[k] for k in np.lexsort(keys.T[::-1])]
+    return [points[k] for k in by_place([point.position for point in points], digits=ALIKE)]
 
 
 def forces_on(posed: PosedScene) -> dict[str, Force]:
@@ -291,9 +290,7 @@ def forces_on(posed: PosedScene) -> dict[str, Force]:
 
     def integral(integrand: Expr, measure: CellMeasure) -> Array:
         parts = [integrand[i] for i in range(size)] if integrand.ufl_shape else [integrand]
-        forms = [part * measure for part in parts]
-        own = [fem.assemble_scalar(compiled.form(f)) if not f.empty() else 0.0 for f in forms]
-        return np.asarray(problem.comm.allreduce(np.array(own)))
+        return np.array([compiled.integral(part * measure) for part in parts])
 
     forces: dict[str, Any] = {name: integral(*term) for name, term in posed.sources.items()}
     for name, (c, measure) in posed.reactions.items():

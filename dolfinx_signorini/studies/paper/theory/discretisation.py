@@ -110,7 +110,7 @@ class Discretisation(SignoriniProblem):
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
-        return integral(ufl.action(ufl.action(self.forms[0], w), v))
+        return compiled.integral(ufl.action(ufl.action(self.forms[0], w), v))
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""
@@ -203,12 +203,6 @@ def integrated(
     dx = ufl.Measure(measure, domain, subdomain_data=parts)
     far, close = dx(1, metadata=far_rule.metadata), dx(2, metadata=near_rule.metadata)
     return integrand * far + integrand * close
-
-
-def integral(form: ufl.Form) -> float:
-    """Return the value of a form without arguments, the same on all ranks."""
-    made = compiled.form(form)
-    return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
 
 
 def near_cells(domain: mesh.Mesh, points: tuple[Point, ...]) -> LocalIndices:

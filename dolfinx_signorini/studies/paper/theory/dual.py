@@ -16,6 +16,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.terms import difference
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -29,7 +30,6 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     THEORY_RTOL,
     Discretisation,
     cell_size,
-    integral,
 )
 from dolfinx_signorini.studies.paper.theory.errors import expression_norms, second_seminorms
 
@@ -117,7 +117,7 @@ class _Dual:
         self.u_h, self.dx = transfer(coarse.u_h, fine.space), ufl.dx(metadata=PAPER_RULE.metadata)
         part = ufl.max_value(sign * (fine.exact.u - self.u_h), 0.0)
         # By the same points as the load: error_norms turns the rule on half of the cells.
-        self.error = integral(part**4 * self.dx) ** 0.25
+        self.error = compiled.integral(part**4 * self.dx) ** 0.25
         self.load = -((part / fem.Constant(fine.space.mesh, np.float64(self.error))) ** 3)
         middle = fine.curve.s + 0.5 * fine.curve.widths
         fine_cells = cells[np.searchsorted(coarse.curve.s, middle, side="right") - 1]
@@ -143,12 +143,12 @@ class _Dual:
         test.x.array[:] = sign * test.x.array + bumps.x.array
         values = fine.curve.values(test)
         # The load on w less that on the interpolant of w.
-        rest = -sign * integral(self.load * (fine.exact.u - interpolated) * self.dx)
+        rest = -sign * compiled.integral(self.load * (fine.exact.u - interpolated) * self.dx)
         return DualChain(
             error=self.error,
             duality=duality,
             bumps=fine.product(z, bumps),
-            bump_load=-integral(self.load * bumps * self.dx),
+            bump_load=-compiled.integral(self.load * bumps * self.dx),
             remainder=rest + sign * (fine.exact_product(z) - fine.product(z, interpolated)),
             interpolation=duality - orthogonality,
             sign=orthogonality,

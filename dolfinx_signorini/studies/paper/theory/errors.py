@@ -18,6 +18,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.terms import assembled, difference
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -27,7 +28,6 @@ from dolfinx_signorini.studies.paper.theory.discretisation import (
     FINE_RULE,
     Discretisation,
     cell_size,
-    integral,
 )
 from dolfinx_signorini.studies.paper.theory.one_sided import edge_data, solve_linear_program
 
@@ -140,6 +140,6 @@ def second_seminorms(function: fem.Function, exponents: tuple[float, ...]) -> di
     result = {}
     for p in exponents:
         power = fem.Constant(domain, np.float64(p))
-        total = integral(edge ** (1.0 - power) * ufl.max_value(jump, 1e-30) ** power * dS)
+        total = compiled.integral(edge ** (1.0 - power) * ufl.max_value(jump, 1e-30) ** power * dS)
         result[f"{p:g}"] = total ** (1.0 / p)
     return result
