@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined, total
 from dolfinx_signorini.accuracy.contact_ends import (
@@ -48,7 +47,7 @@ from dolfinx_signorini.meshes.elements import (
     nodal_space,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
     facet_cells,
@@ -60,7 +59,7 @@ from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
-from dolfinx_signorini.problem.values import Data, called_at, evaluator
+from dolfinx_signorini.problem.values import datum, evaluator
 from dolfinx_signorini.solvers.result import SolveResult
 
 # For each problem the last result, and how far the solution is from its data between the nodes.
@@ -222,7 +221,7 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
             continue
         entities, _, touching = contact_on_entities(zone, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
-        bound, lengths = _values(obstacle.data, points, {}), problem.lengths
+        bound, lengths = datum(points.domain, obstacle.data)(points), problem.lengths
         if lengths is not None:
             bound = bound / points.values(lengths)[0]
         off = bound - points.values(problem.along(problem.u))[0]
@@ -247,14 +246,15 @@ def _varying_obstacles(
 
 def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
     domain, lattice = problem.space.mesh, facet_lattice(problem.space)
-    boundary, formulas = boundary_facets(domain), dict[Expr, FormulaAtPoints]()
+    boundary = boundary_facets(domain)
     for known in map(data_of_condition, problem.bcs):
         if known is None or isinstance(known.value, int | float | np.number):
             continue
         facets = np.intersect1d(known.facets, boundary).astype(np.int32)
         points = Points(domain, facet_cells(domain, facets), lattice)
         component, held = partial(_component, known.component), np.ones(len(facets), dtype=bool)
-        off = _values(known.value, points, formulas) - points.values(problem.u)[known.component]
+        value = datum(domain, known.value)(points)
+        off = value - points.values(problem.u)[known.component]
         off = np.where(np.isfinite(off), off, 0.0)
         yield Distances(points.places, off, held, False, component)
 
@@ -317,15 +317,3 @@ def _norms(values: Array, volume: Array, p: float) -> Array:
     shares = np.abs(values) / np.where(largest > 0.0, largest, 1.0)[:, None]
     means = (shares**p).mean(axis=1) if values.shape[1] else np.zeros(len(values))
     return np.asarray(largest * (means * volume) ** (1.0 / p))
-
-
-def _values(data: Data, points: Points, formulas: dict[Expr, FormulaAtPoints]) -> Array:
-    """Data at points, shape (facets, points); the formulas are those that have been made so far."""
-    if isinstance(data, fem.Function):
-        return points.values(data)[0]
-    if isinstance(data, Expr):
-        if data not in formulas:
-            formulas[data] = FormulaAtPoints(points.domain, [data])
-        return formulas[data](points)[0]
-    assert callable(data)
-    return called_at(data, points)

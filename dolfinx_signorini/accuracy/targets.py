@@ -16,11 +16,11 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.data.formula_values import components
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 from dolfinx_signorini.norms.orders import Numbers, singular_order
 from dolfinx_signorini.norms.pointwise import Quantity, quantity_of, returned
-from dolfinx_signorini.norms.references import components
 
 Functional = Callable[[Expr], ufl.Form]
 

@@ -11,7 +11,7 @@ from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
-from dolfinx_signorini.bounds.frames import Frames, datum, on_frames
+from dolfinx_signorini.bounds.frames import Frames, on_frames
 from dolfinx_signorini.bounds.reference_flux import PARTS
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
@@ -27,7 +27,7 @@ from dolfinx_signorini.meshes.polynomials import (
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_vertices
 from dolfinx_signorini.problem.assembly import dofs_on_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-from dolfinx_signorini.problem.values import Data
+from dolfinx_signorini.problem.values import Data, datum
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,13 @@ from dolfinx_signorini.bounds.cell_scales import (
     stacked,
 )
 from dolfinx_signorini.bounds.condensation import CellData
-from dolfinx_signorini.bounds.frames import Frames, datum
+from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import barycentric, largest, polynomials, rule
+from dolfinx_signorini.problem.values import datum
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
 # and the highest degree of a rule.

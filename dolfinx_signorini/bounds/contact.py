@@ -11,11 +11,11 @@ from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
 from dolfinx_signorini.bounds.condensation import CLOSED
 from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of, tiny_of
-from dolfinx_signorini.bounds.frames import datum
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.polynomials import polynomials, rule
 from dolfinx_signorini.problem.assembly import dofs_on_entities
+from dolfinx_signorini.problem.values import datum
 
 
 def contact_of(solved: Solved, kinds: Indices) -> tuple[Feasible, Pressing | None]:

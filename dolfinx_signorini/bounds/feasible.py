@@ -22,14 +22,14 @@ from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN
 from dolfinx_signorini.bounds.cones import Cones, cones_on, fitted, lattice
-from dolfinx_signorini.bounds.frames import Frames, cells_around, datum, on_frames
+from dolfinx_signorini.bounds.frames import Frames, cells_around, on_frames
 from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.elements import is_bernstein, lagrange_space
 from dolfinx_signorini.meshes.polynomials import lowest, others, rule
 from dolfinx_signorini.problem.assembly import dofs_on_entities, dofs_on_facets
-from dolfinx_signorini.problem.values import Data, evaluator
+from dolfinx_signorini.problem.values import Data, datum, evaluator
 
 OBSTACLE = "the obstacle is known at points of {} only"
 BEYOND = "an obstacle may be beyond Dirichlet data, or beyond the other obstacle, between nodes"

@@ -6,25 +6,19 @@ numbers of the vertices are. So they share what depends on their shape.
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from dolfinx import la, mesh
 from mpi4py import MPI
-from ufl import Coefficient, FacetNormal, SpatialCoordinate, as_vector
-from ufl.algorithms.analysis import extract_type
-from ufl.classes import GeometricQuantity
-from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
-from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import barycentric, polynomials
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
-from dolfinx_signorini.problem.values import Data, called_at
 
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
@@ -191,36 +185,6 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     index_map = frames.domain.topology.index_map(frames.dimension - 1)
     return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
-
-
-def datum(domain: mesh.Mesh, item: Data) -> Callable[[Points], Array]:
-    """Return a function with the values of a datum at points of cells or of facets.
-
-    The values have the shape (places, points), or (1, 1) for a number; making the function is
-    collective.
-
-    Args:
-        domain: The mesh.
-        item: A number, a scalar UFL expression or a callable of the coordinates, whose values are
-            asked for by collective calls.
-    """
-    x = SpatialCoordinate(domain)
-    if isinstance(item, int | float | np.number):
-        value = np.full((1, 1), float(item))
-        return lambda points: value
-    if callable(item) and not isinstance(item, Expr):
-        return functools.partial(called_at, item)
-    if extract_type(item, (Coefficient, GeometricQuantity)) <= {x, FacetNormal(domain)}:
-        formula = FormulaAtPoints(domain, [item])
-        return lambda points: formula(points)[0]
-
-    def compiled_at(points: Points) -> Array:
-        # The coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
-        expression = compiled.expression(as_vector([item, x[0]]), points.at, domain.comm)
-        values = compat.evaluate(expression, domain, points.places)
-        return np.array(values.reshape(len(points.places), len(points.at), 2)[:, :, 0])
-
-    return compiled_at
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

@@ -39,7 +39,8 @@ def enclosed_on_boxes(formula: Formula, low: Array, high: Array) -> Array:
 
 def enclosed_everywhere(root: Node) -> Interval:
     """Return an enclosure of all values of a tree, one interval."""
-    line = np.full((1, 3), np.inf)
+    places = [node.value for node in nodes(root) if node.op == "coordinate"]
+    line = np.full((1, 1 + int(max(places, default=0.0))), np.inf)
     return _values(Formula("", root), -line, line)
 
 

@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.arithmetic import Number
-from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, Operation
+from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, VALUES_ALONE, Operation
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS = {"pi": math.pi}
@@ -109,7 +109,7 @@ class Node(Number):
     @property
     def operation(self) -> Operation:
         """What is known of the operation."""
-        return OPERATIONS[self.op]
+        return OPERATIONS.get(self.op) or VALUES_ALONE[self.op]
 
     @property
     def operands(self) -> tuple["Node", ...]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import ufl
+from scipy import special
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.data.discs import COSH, COSINE, SINE, SINH, exponential, logarithm, root
@@ -266,3 +267,8 @@ OPERATIONS = {
 }
 COMPARISONS = ("<", "<=", ">", ">=")
 FUNCTIONS = {op: known for op, known in OPERATIONS.items() if not known.syntax}
+# Functions whose values alone are known: of formulas with them nothing is enclosed or derived.
+VALUES_ALONE = {
+    name: Operation(getattr(special, name), lambda *_: None)
+    for name in ("erf", "jv", "yv", "iv", "kv")
+}

@@ -11,6 +11,7 @@ not. So distances are recognised here.
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import reduce
 from typing import Any
 
@@ -20,6 +21,7 @@ from dolfinx import fem
 from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
+from ufl.corealg.traversal import unique_post_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
@@ -44,6 +46,14 @@ def _class_of(op: str) -> Any:
 
 # Distances have no node of their own, and UFL has differences as sums.
 CLASSES = {_class_of(op): op for op in OPERATIONS if op not in ("hypot", "-", "negative")}
+# Functions of UFL by their names in SciPy.
+SPECIAL = {
+    classes.Erf: "erf",
+    classes.BesselJ: "jv",
+    classes.BesselY: "yv",
+    classes.BesselI: "iv",
+    classes.BesselK: "kv",
+}
 TRANSPARENT = (classes.Variable, classes.Conj, classes.Real)
 
 
@@ -90,11 +100,35 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
     return Formula(shortened(str(expression))[1:-1], root)
 
 
-class _Reader:
-    """The nodes of the components of expressions, each of them once; for terminals see `read`."""
+def roots(vector: Expr, terminals: Terminals) -> list[Node]:
+    """Return the components of a lowered vector as trees whose common parts are the same nodes.
 
-    def __init__(self, terminals: Terminals):
-        self.terminals = terminals
+    The trees are for values alone: functions of which nothing else is known may be in them. For the
+    terminals see `read`.
+
+    Raises:
+        Unreadable: A part is not readable.
+    """
+    reader = _Reader(terminals, values_alone=True)
+    # From the leaves on: a sum of a thousand terms is deeper than calls in Python may be.
+    for part in unique_post_traversal(vector):
+        if isinstance(part, classes.MultiIndex | classes.Condition) or part.ufl_free_indices:
+            continue
+        for component in np.ndindex(part.ufl_shape):
+            with suppress(Unreadable):
+                reader.node(part, component, {})
+    return [reader.node(vector, (k,), {}) for k in range(len(vector))]
+
+
+class _Reader:
+    """The nodes of the components of expressions, each of them once; for terminals see `read`.
+
+    Where values alone are asked for, numbers need not be finite.
+    """
+
+    def __init__(self, terminals: Terminals, values_alone: bool = False):
+        self.terminals, self.values_alone = terminals, values_alone
+        self.fold = number(0.0).root.made if values_alone else folded
         self.known: dict[tuple[int, Component, Component], Node] = {}
 
     def node(self, expression: Expr, component: Component, indices: dict[int, int]) -> Node:
@@ -111,7 +145,7 @@ class _Reader:
             return known if isinstance(known, Node) else number(float(known)).root
         operands = e.ufl_operands
         if isinstance(e, classes.Terminal):
-            return _terminal(e, component)
+            return _terminal(e, component, not self.values_alone)
         if isinstance(e, TRANSPARENT):
             return self.node(operands[0], component, indices)
         if isinstance(e, classes.Indexed):
@@ -138,10 +172,13 @@ class _Reader:
         if op in ("+", "/"):
             return reduce(OPERATIONS[op].value, arguments)
         if op in ("^", "sqrt"):
-            return _power(arguments[0], arguments[1] if arguments[1:] else number(0.5).root)
+            exponent = arguments[1] if op == "^" else number(0.5).root
+            return self._power(arguments[0], exponent)
+        if self.values_alone and type(e) in SPECIAL:
+            return Node(SPECIAL[type(e)], tuple(arguments))
         if op not in FUNCTIONS:
-            raise Unreadable
-        return folded(op, *arguments)
+            raise Unreadable(e)
+        return self.fold(op, *arguments)
 
     def _choice(self, condition: Expr, a: Node, b: Node) -> Node:
         """Return a where a condition holds, and b elsewhere."""
@@ -159,12 +196,21 @@ class _Reader:
             return Node("where", (below, Node("where", (above, a, b)), b))
         return Node("where", (Node(CLASSES[type(condition)], (left, right)), a, b))
 
+    def _power(self, base: Node, exponent: Node) -> Node:
+        if exponent.op != "number":
+            return self.fold("exp", exponent * self.fold("log", base))
+        squares = _squares(base) if exponent.value % 1.0 else []
+        if len(squares) > 1:  # the distance is smooth where its square is, and its zeros are known
+            distance = reduce(lambda a, b: Node("hypot", (a, b)), squares)
+            return distance ** (2.0 * exponent.value)
+        return self.fold("sqrt", base) if exponent.value == 0.5 else base**exponent.value
+
 
 def _value(index: Any, indices: dict[int, int]) -> int:
     return int(index) if isinstance(index, classes.FixedIndex) else indices[index.count()]
 
 
-def _terminal(e: Expr, component: Component) -> Node:
+def _terminal(e: Expr, component: Component, finite: bool) -> Node:
     if isinstance(e, classes.SpatialCoordinate):
         return Node("coordinate", value=component[0])
     if isinstance(e, fem.Constant):
@@ -174,20 +220,10 @@ def _terminal(e: Expr, component: Component) -> Node:
     elif isinstance(e, classes.Zero | classes.Identity):
         value = complex(isinstance(e, classes.Identity) and component[0] == component[1])
     else:
-        raise Unreadable
-    if value.imag or not math.isfinite(value.real):
-        raise Unreadable
+        raise Unreadable(e)
+    if value.imag or (finite and not math.isfinite(value.real)):
+        raise Unreadable(e)
     return number(value.real).root
-
-
-def _power(base: Node, exponent: Node) -> Node:
-    if exponent.op != "number":
-        return folded("exp", exponent * folded("log", base))
-    squares = _squares(base) if exponent.value % 1.0 else []
-    if len(squares) > 1:  # the distance is smooth where its square is, and its zeros are known
-        distance = reduce(lambda a, b: Node("hypot", (a, b)), squares)
-        return distance ** (2.0 * exponent.value)
-    return folded("sqrt", base) if exponent.value == 0.5 else base**exponent.value
 
 
 def _product(a: Node, b: Node) -> Node:

@@ -1,9 +1,8 @@
-"""Values at any points of cells and facets: coordinates, discrete functions, UFL expressions.
+"""Coordinates and discrete functions at any points of cells and facets.
 
 A compiled expression of DOLFINx has its points built in. Here the points are data, the same ones
-for all cells or other ones for each cell, so that one compilation serves every quadrature rule,
-every lattice and every search on any kind of cell: coordinates and discrete functions are
-tabulated, and only the formula that combines them is compiled.
+for all cells or other ones for each cell: quadrature rules, lattices and searches on any kind of
+cell tabulate what they need.
 """
 
 import functools
@@ -14,26 +13,15 @@ import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
-from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import Conditional, GeometricQuantity
-from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED, UNIT
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.sided_meshes import facet_vertices
 
-# Of the way to the middle of a cell, and of the largest value in a cell: what moves so far inwards
-# changes the square root of the distance from a vertex by much less.
-INWARD, JUMP = SOLVED, SOLVED ** (1.0 / 3.0)
-SLOTS, POINTS_PER_SLOT = 4096, 4  # the points of one call of a compiled formula
+INWARD = SOLVED  # of the way to the middle of a cell
 
 
 class Points:
@@ -183,102 +171,6 @@ class Points:
         return [function.x.array[dofmap.bs * dofs + i] for i in range(dofmap.bs)]
 
 
-class FormulaAtPoints:
-    """UFL expressions whose points are data:
-
-        formula = FormulaAtPoints(domain, [exact.u, *exact.grad])
-        u, *gradient = formula(Points(domain, cells, lattice))
-
-    Args:
-        domain: The mesh of the expressions; the call is collective.
-        expressions: Scalar expressions of the coordinates, of constants, of the normals of facets
-            and of Lagrange functions with their first derivatives.
-
-    Raises:
-        InputError: An expression depends on something else, for example on the size of cells.
-    """
-
-    def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr]):
-        self.count, dim = len(expressions), domain.geometry.dim
-        formula = apply_derivatives(apply_algebra_lowering(ufl.as_vector(list(expressions))))
-        self._jumps = bool(extract_type(formula, Conditional))
-        space, at = _slots()
-        self._x = [fem.Function(space) for _ in range(dim)]
-        replaced: dict[Any, Any] = {ufl.SpatialCoordinate(domain): ufl.as_vector(self._x)}
-        self._normal = []
-        for normal in extract_type(formula, ufl.FacetNormal):
-            self._normal = [fem.Function(space) for _ in range(dim)]
-            replaced[normal] = ufl.as_vector(self._normal)
-        for constant in extract_constants(formula):
-            replaced[constant] = fem.Constant(space.mesh, constant.value)
-        self._inputs = []  # of each discrete function: components, and their derivatives
-        for function in extract_coefficients(formula):
-            shape = function.ufl_shape
-            values, slopes = (
-                [fem.Function(space) for _ in range(int(np.prod(size, dtype=int)))]
-                for size in (shape, (*shape, dim))
-            )
-            replaced[function] = _as_tensor(values, shape)
-            replaced[ufl.grad(function)] = _as_tensor(slopes, (*shape, dim))
-            self._inputs.append((function, values, slopes))
-        formula = ufl.replace(formula, replaced)
-        for rest in extract_type(formula, GeometricQuantity):
-            raise InputError(f"must depend on coordinates and functions only, not on {rest}", "u")
-        # The last component is a coordinate, so that no formula is without data.
-        components = [*(formula[i] for i in range(self.count)), self._x[0]]
-        self._compiled = compiled.expression(ufl.as_vector(components), at, domain.comm)
-
-    def __call__(self, points: Points) -> list[Array]:
-        """Return the values of each expression at the points, each of shape (n, m).
-
-        On a facet where an expression jumps these are the values from inside of each cell.
-        """
-        values = self._at(points, points.x)
-        if not (self._jumps and points.at_ends):
-            return values
-        for at, within in zip(values, self._at(points, points.inside), strict=True):
-            size = np.abs(within).max(axis=1, initial=0.0, keepdims=True)
-            with np.errstate(invalid="ignore"):
-                other = (np.abs(at - within) > JUMP * size) & np.isfinite(at)
-            at[other] = within[other]
-        return values
-
-    def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
-        """The values at points for other coordinates that are nearly the same."""
-        data = list(zip(self._x, x, strict=True))
-        if self._normal:
-            data += zip(self._normal, points.normals, strict=True)
-        for function, values, slopes in self._inputs:
-            gradients = [part for component in points.gradients(function) for part in component]
-            data += zip([*values, *slopes], [*points.values(function), *gradients], strict=True)
-        return list(self._evaluated(data).reshape(self.count, *points.x[0].shape))
-
-    def _evaluated(self, data: list[tuple[fem.Function, Array]]) -> Array:
-        """The values for the data in the slots, shape (expressions, points)."""
-        flat = [(f.x.array, np.ravel(array)) for f, array in data]
-        mesh_of_slots = self._x[0].function_space.mesh
-        result = np.empty((self.count, flat[0][1].size))
-        for start in range(0, result.shape[1], SLOTS * POINTS_PER_SLOT):
-            stop = min(start + SLOTS * POINTS_PER_SLOT, result.shape[1])
-            for place, array in flat:
-                place[: stop - start] = array[start:stop]
-            used = np.arange(-((start - stop) // POINTS_PER_SLOT), dtype=np.int32)
-            found = compat.evaluate(self._compiled, mesh_of_slots, used)
-            result[:, start:stop] = found.reshape(-1, self.count + 1)[: stop - start, :-1].T
-        return result
-
-
-@functools.cache
-def _slots() -> tuple[fem.FunctionSpace, Array]:
-    """Places for the data of a formula, which are numbered in order, and their points."""
-    line = mesh.create_interval(MPI.COMM_SELF, SLOTS, [0.0, 1.0])
-    at: Array = np.linspace(0.0, 1.0, POINTS_PER_SLOT, dtype=np.float64)[:, None]
-    scalar = basix.ufl.quadrature_element("interval", points=at, weights=np.ones(len(at)))
-    space = fem.functionspace(line, scalar)
-    assert (np.diff(space.dofmap.list.ravel()) == 1).all()
-    return space, at
-
-
 def basix_element(function: fem.Function, subject: str = "") -> Any:
     """Return the scalar element of a function.
 
@@ -309,10 +201,15 @@ def _reference_facets(domain: mesh.Mesh) -> tuple[Array, Array]:
 
 
 def _tabulated(element: Any, derivatives: int, reference: Array) -> list[Array]:
-    """The values of the basis (then each first derivative) at points: (m, dofs) or (n, m, dofs)."""
+    """The values of the basis (then each first derivative) at points: (m, dofs) or (n, m, dofs).
+
+    What differs from 0 or 1 by rounding is 0 or 1, so that a node has its own coordinates.
+    """
     flat = np.ascontiguousarray(reference.reshape(-1, reference.shape[-1]))
     some = flat if len(flat) else np.zeros((1, flat.shape[1]))  # Basix takes no empty array
     tables = element.tabulate(derivatives, some)[:, : len(flat), :, 0]
+    whole = np.rint(tables)
+    tables = np.where(np.abs(tables - whole) < UNIT, whole, tables)
     return [table.reshape(*reference.shape[:-1], tables.shape[2]) for table in tables]
 
 
@@ -337,9 +234,3 @@ def _size(columns: Array) -> Array:
     if columns.shape[-1] == columns.shape[-2]:
         return np.asarray(np.abs(np.linalg.det(columns)))
     return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))
-
-
-def _as_tensor(functions: Sequence[fem.Function], shape: tuple[int, ...]) -> Expr:
-    if not shape:
-        return functions[0]
-    return ufl.as_tensor(np.array(functions, dtype=object).reshape(shape).tolist())

@@ -18,12 +18,12 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import MESH, check, on_mesh, optional
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     SAMPLE,
@@ -232,11 +232,10 @@ def _on_facets(
         facets is none.
     """
     points, comm = _facet_points(domain), domain.comm
-    expression = compiled.expression(ufl.as_vector(values), points, comm)
+    formula = values_at(domain, values)
 
     def at_points(pairs: LocalIndices) -> Array:
-        found = compat.evaluate(expression, domain, pairs)
-        return found.reshape(-1, len(points), len(values))
+        return np.stack(formula(Points(domain, pairs, points)), axis=2)
 
     found = at_points(facet_cells(domain, owned_facets(domain, facets)))
     # Where r = 0 the gradient of r^a comes out as 0/0; the flux is 0 there for a > 1.

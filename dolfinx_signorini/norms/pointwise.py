@@ -8,14 +8,14 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError, together
-from dolfinx_signorini.meshes.points import FormulaAtPoints, Points, basix_element
-from dolfinx_signorini.norms.references import Reference, components, derivatives_of, gradient_of
+from dolfinx_signorini.data.formula_values import FormulaAtPoints
+from dolfinx_signorini.data.reading import lowered
+from dolfinx_signorini.meshes.points import Points, basix_element
+from dolfinx_signorini.norms.references import Reference, derivatives_of, gradient_of
 
 CELLS = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
 
@@ -31,7 +31,7 @@ class ErrorAtPoints:
         e, dx, dy = error(Points(domain, cells, lattice))
 
     The error of a vector is the Euclidean length of the error, and so is each of its derivatives.
-    The construction compiles the exact solution, unless that is a discrete function; collective.
+    The construction is collective.
 
     Args:
         u_h: The discrete solution, a function in a Lagrange space of scalars or vectors.
@@ -59,12 +59,12 @@ class ErrorAtPoints:
     ):
         self.domain, self.degree = u_h.function_space.mesh, _degree(u_h)
         self._u_h, self._derivatives, self._of = u_h, derivatives, of
-        self._parts = len(components(u_h))
+        self._parts = int(np.prod(u_h.ufl_shape))
         self._quantity: FormulaAtPoints | None = None
         if of is not None:
             quantity = quantity_of(of, u_h)
-            self._parts = len(components(quantity))
-            self._quantity = FormulaAtPoints(self.domain, components(quantity))
+            self._parts = int(np.prod(quantity.ufl_shape))
+            self._quantity = FormulaAtPoints(self.domain, [quantity])
         self._discrete: fem.Function | None = None
         self._formula: FormulaAtPoints | None = None
         if exact is None:
@@ -76,15 +76,13 @@ class ErrorAtPoints:
             raise InputError(f"has the shape {shape}, and u_h {u_h.ufl_shape}", "exact")
         if of is not None:
             known = {u_h: ufl.as_ufl(exact.u), ufl.grad(u_h): gradient_of(exact)}
-            self._formula = FormulaAtPoints(self.domain, components(ufl.replace(quantity, known)))
+            self._formula = FormulaAtPoints(self.domain, [ufl.replace(quantity, known)])
         elif isinstance(exact.u, fem.Function) and tuple(exact.grad) == derivatives_of(exact.u):
             self._discrete = exact.u
             self.degree = max(self.degree, _degree(exact.u))
         else:
             tensors = [exact.u, *(exact.grad if derivatives else ())]
-            self._formula = FormulaAtPoints(
-                self.domain, [p for t in tensors for p in components(t)]
-            )
+            self._formula = FormulaAtPoints(self.domain, tensors)
         cells = self.domain.topology.index_map(self.domain.topology.dim)
         self._support = np.zeros(cells.size_local + cells.num_ghosts, dtype=bool)
         self._support[exact.support_cells()] = True
@@ -131,7 +129,7 @@ def quantity_of(of: Quantity, u: Expr) -> Expr:
         InputError: The call fails, or returns no expression.
     """
     found = returned(of, u, Expr, "the quantity is no expression", "an expression", "of")
-    return apply_derivatives(apply_algebra_lowering(found))
+    return lowered(found)
 
 
 def returned(

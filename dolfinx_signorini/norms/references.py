@@ -12,7 +12,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
@@ -26,7 +26,9 @@ from dolfinx_signorini.base.kinds import (
     optional,
     sequence,
 )
+from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE, LARGEST_DEGREE
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
 
 PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
@@ -88,14 +90,16 @@ def interpolant(
     """Return the interpolant of an expression.
 
     Args:
-        space: The space to interpolate into.
+        space: A space of Lagrange elements.
         expression: A UFL expression on the mesh of the space.
         cells: The cells of this rank to interpolate on; dofs of no such cell are 0. None for all.
     """
-    function = fem.Function(space)
-    points = compat.interpolation_points(space.element)
-    values = compiled.expression(expression, points, space.mesh.comm)
-    function.interpolate(values, cells0=cells)
+    function, nodes = fem.Function(space), compat.interpolation_points(space.element)
+    if cells is None:
+        cells = np.arange(len(space.dofmap.list), dtype=np.int32)
+    points = Points(space.mesh, cells, nodes)
+    values = values_at(space.mesh, [expression], inside=False)(points)
+    function.interpolate(lambda _: np.stack(values).reshape(len(values), -1), cells0=cells)
     function.x.scatter_forward()
     return function
 
@@ -161,22 +165,17 @@ def derivatives_of(u: Expr) -> tuple[Expr, ...]:
 
 def gradient_of(reference: Reference) -> Expr:
     """Return the gradient of a reference, for vectors with a row for each component."""
-    slopes, count = reference.grad, len(components(reference.u))
-    if not _shape(reference.u):
+    slopes, shape = reference.grad, _shape(reference.u)
+    if not shape:
         return ufl.as_vector(slopes)
-    return ufl.as_matrix([[slope[k] for slope in slopes] for k in range(count)])
-
-
-def components(u: Expr) -> tuple[Expr, ...]:
-    """Return the components of a tensor of any rank, row by row; a scalar has one."""
-    return tuple(u[index] if index else u for index in np.ndindex(_shape(u)))
+    return ufl.as_matrix([[slope[k] for slope in slopes] for k in range(*shape)])
 
 
 def _along_axes(gradient: Expr) -> tuple[Expr, ...]:
     """The columns of a gradient, or the entries of that of a scalar."""
     *shape, dim = gradient.ufl_shape
     if not shape:
-        return components(gradient)
+        return tuple(gradient)
     rows = range(shape[0])
     return tuple(ufl.as_vector([gradient[k, i] for k in rows]) for i in range(dim))
 

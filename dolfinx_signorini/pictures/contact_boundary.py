@@ -11,7 +11,6 @@ from dolfinx import fem
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, by_place
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
-from dolfinx_signorini.meshes.boundary_edges import edge_chains
 from dolfinx_signorini.meshes.elements import (
     determined,
     facet_dofs,
@@ -26,6 +25,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_facets,
     simplex_sizes,
 )
+from dolfinx_signorini.norms.boundary_edges import edge_chains
 from dolfinx_signorini.pictures.triangles import gathered
 
 # Of the largest |u|, times (h / L)^{3/2} with the mesh width h and the size L of the boundary: a

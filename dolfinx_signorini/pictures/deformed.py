@@ -11,15 +11,15 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.data.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
 from dolfinx_signorini.meshes.elements import (
     facet_dofs,
     facet_pieces,
     values_at_control_points,
-)
-from dolfinx_signorini.meshes.node_values import (
-    node_averages,
-    values_in_cells,
-    vectors_at_nodes,
 )
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, owned_facets
 from dolfinx_signorini.pictures.contact_boundary import (

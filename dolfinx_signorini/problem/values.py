@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 from ufl.algorithms import extract_coefficients
 from ufl.classes import (
@@ -19,10 +19,11 @@ from ufl.classes import (
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
-from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.ranks import marked
+from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
     control_points,
@@ -41,8 +42,8 @@ def evaluator(
     """Return a function that evaluates data at dofs, each time with the present values.
 
     In the Bernstein basis the values of the dofs are the coefficients of the interpolant of the
-    data at the control points. A UFL expression is compiled once, and evaluated on few cells that
-    together have all of the dofs.
+    data at the control points. A UFL expression is evaluated on few cells that together have all of
+    the dofs.
 
     Args:
         space: A scalar Lagrange space.
@@ -69,11 +70,11 @@ def evaluator(
     if callable(value) and not isinstance(value, Expr):
         x = control_points(space, cells)[dofs].T
         return lambda: called(space.mesh.comm, value, x, name)
-    points = compat.interpolation_points(space.element)
-    expression = compiled.expression(value, points, space.mesh.comm)
+    points = Points(space.mesh, cells, compat.interpolation_points(space.element))
+    values = values_at(space.mesh, [value], inside=False)
 
     def evaluate() -> Array:
-        g.interpolate(expression, cells0=cells)
+        (g.x.array[space.dofmap.list[cells]],) = values(points)
         return g.x.array[dofs].copy()
 
     return evaluate
@@ -118,11 +119,29 @@ def _coefficients(
     return evaluate
 
 
-def called_at(value: Callable[[Array], Any], points: Points) -> Array:
-    """Return the values of a callable, see `called`, of shape (places, points); collective."""
-    shape, x = points.x[0].shape, np.zeros((3, points.x[0].size))
-    x[: len(points.x)] = [coordinate.ravel() for coordinate in points.x]
-    return called(points.domain.comm, value, x).reshape(shape)
+def datum(domain: mesh.Mesh, value: Data) -> Callable[[Points], Array]:
+    """Return a function with the values of data at points of cells or of facets.
+
+    The values have the shape (places, points), or (1, 1) for a number.
+
+    Args:
+        domain: The mesh.
+        value: The data, see `evaluator`. The values of a callable, and of a UFL expression that is
+            no formula, are asked for by collective calls.
+    """
+    if isinstance(value, int | float | np.number):
+        number = np.full((1, 1), float(value))
+        return lambda points: number
+    if isinstance(value, Expr):
+        formula = values_at(domain, [value])
+        return lambda points: formula(points)[0]
+
+    def called_at(points: Points) -> Array:
+        shape, x = points.x[0].shape, np.zeros((3, points.x[0].size))
+        x[: len(points.x)] = [coordinate.ravel() for coordinate in points.x]
+        return called(domain.comm, value, x).reshape(shape)
+
+    return called_at
 
 
 def called(

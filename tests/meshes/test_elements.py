@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space, boundary_facets
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.formula_values import FormulaAtPoints
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
@@ -21,7 +22,7 @@ from dolfinx_signorini.meshes.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.points import FormulaAtPoints, Points
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_cells, owned_cells
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.meshes.boundary_edges import closed_curves
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.norms.boundary_edges import closed_curves
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.fractional import fractional_norm
 from dolfinx_signorini.norms.references import Reference

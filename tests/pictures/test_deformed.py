@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, TriMesh
 from mpi4py import MPI
 
 from dolfinx_signorini import ContactProblem, InputError, elasticity, von_mises
-from dolfinx_signorini.meshes.node_values import node_averages, values_in_cells
+from dolfinx_signorini.data.node_values import node_averages, values_in_cells
 from dolfinx_signorini.pictures.deformed import DRAWN, SEEN, scale_for
 
 COMM = MPI.COMM_WORLD

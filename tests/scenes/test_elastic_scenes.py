@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import ContactProblem, InputError, bernstein_space, elasticity, von_mises
 from dolfinx_signorini.commands.main import main
-from dolfinx_signorini.meshes.node_values import values_in_cells
+from dolfinx_signorini.data.node_values import values_in_cells
 from dolfinx_signorini.scenes import load_scene, pose, solve_scene
 from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import fields_of

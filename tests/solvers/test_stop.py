@@ -9,10 +9,11 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_signorini.data.formula_values import components
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.norms.error_norms import error_norms
-from dolfinx_signorini.norms.references import Reference, components
+from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear.algebraic import DEFAULT_OPTIONS
 from dolfinx_signorini.solvers.stop import SHARE, Stop

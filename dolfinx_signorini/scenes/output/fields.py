@@ -16,16 +16,16 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import largest, marked
 from dolfinx_signorini.base.records import on_first
+from dolfinx_signorini.data.node_values import (
+    node_averages,
+    values_in_cells,
+    vectors_at_nodes,
+)
 from dolfinx_signorini.meshes.elements import (
     determined,
     lagrange_space,
     nodal_space,
     values_at_control_points,
-)
-from dolfinx_signorini.meshes.node_values import (
-    node_averages,
-    values_in_cells,
-    vectors_at_nodes,
 )
 from dolfinx_signorini.pictures.contact_boundary import known_pressure
 from dolfinx_signorini.scenes.output.folder import reserve

@@ -20,7 +20,7 @@ from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.data.interfaces.rules import CellMeasure
-from dolfinx_signorini.meshes.node_values import values_in_cells, vectors_at_nodes
+from dolfinx_signorini.data.node_values import values_in_cells, vectors_at_nodes
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary

@@ -17,7 +17,7 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
-from dolfinx_signorini.meshes.boundary_edges import BoundaryEdges
+from dolfinx_signorini.norms.boundary_edges import BoundaryEdges
 
 
 class BoundaryCurve:

@@ -6,13 +6,13 @@ algorithms on the curves are plain NumPy.
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.formula_values import values_at
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, facet_vertices
 
 
@@ -62,16 +62,14 @@ class BoundaryEdges:
         """Evaluate expressions at points of every edge.
 
         Args:
-            expressions: UFL expressions.
+            expressions: UFL expressions of any shape.
             points: Positions along an edge from 0 to 1, ascending and symmetric about 1/2.
 
         Returns:
-            Shape (edges, points, expressions), from the first to the second end of each edge.
+            Shape (edges, points, components), from the first to the second end of each edge.
         """
-        at = np.asarray(points)[:, None]
-        expression = compiled.expression(ufl.as_vector(expressions), at, self.domain.comm)
-        values = compat.evaluate(expression, self.domain, self.facets)
-        return self.gathered(values.reshape(-1, len(points), len(expressions)))
+        at = Points(self.domain, self.facets, np.asarray(points)[:, None])
+        return self.gathered(np.stack(values_at(self.domain, expressions)(at), axis=2))
 
     def gathered(self, local: npt.NDArray) -> npt.NDArray:
         """Return values at the boundary facets of this rank for the edges of all ranks."""

@@ -9,25 +9,22 @@ import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.elements import (
     component_arrays,
     control_lattice,
     values_at_control_points,
 )
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import owned_cells, simplex_sizes
-
-# How far inside of a cell a node is taken, of the way to its middle. FFCx takes a value of a basis
-# function that is nearer than 1e-6 to 0 or 1 for this number, which puts a nearer point on a side.
-INSIDE = 1e-5
 
 
 def values_in_cells(space: fem.FunctionSpace, expression: Expr) -> Array:
     """Return the values of an expression at the nodes of each owned cell, as seen from the cell.
 
-    Data that jump where cells meet have the value of the cell: nodes are taken a little inside.
+    Data that jump where cells meet have the value of the cell.
 
     Args:
         space: A scalar space of continuous elements, whose nodes are taken; the call is collective.
@@ -36,12 +33,9 @@ def values_in_cells(space: fem.FunctionSpace, expression: Expr) -> Array:
     Returns:
         Shape (cells, nodes of a cell, components).
     """
-    domain, points = space.mesh, control_lattice(space)
-    inside = points + INSIDE * (points.mean(axis=0) - points)
-    cells, at_nodes = owned_cells(domain), compiled.expression(expression, inside, domain.comm)
-    values = compat.evaluate(at_nodes, domain, cells)
-    size = int(np.prod(expression.ufl_shape))
-    return values.reshape(len(cells), len(points), size)
+    domain = space.mesh
+    at_nodes = Points(domain, owned_cells(domain), control_lattice(space))
+    return np.stack(values_at(domain, [expression])(at_nodes), axis=2)
 
 
 def vectors_at_nodes(space: fem.FunctionSpace, u: fem.Function) -> Array:

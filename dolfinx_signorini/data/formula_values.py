@@ -1,0 +1,141 @@
+"""Values of UFL expressions at any points of cells and facets.
+
+The expressions are read as formulas, in which the components of discrete functions and of their
+derivatives are more coordinates, and NumPy evaluates the formulas: nothing is compiled, and the
+points are data, the same ones for all cells or other ones for each cell.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import mesh
+from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
+from ufl.classes import Conditional, Grad
+from ufl.core.expr import Expr
+
+from dolfinx_signorini.base import compat, compiled
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.formulas import Node, together
+from dolfinx_signorini.data.reading import Unreadable, lowered, roots
+from dolfinx_signorini.meshes.points import Points
+
+# Of the largest value in a cell: a point that moves inwards as `Points.inside` has it changes the
+# square root of the distance from a vertex by much less.
+JUMP = SOLVED ** (1.0 / 3.0)
+BLOCK = 16_384  # points at a time, whose values stay in the cache of a processor
+
+
+class FormulaAtPoints:
+    """UFL expressions whose points are data:
+
+        formula = FormulaAtPoints(domain, [exact.u, *exact.grad])
+        u, *gradient = formula(Points(domain, cells, lattice))
+
+    Args:
+        domain: The mesh of the expressions.
+        expressions: Expressions of any shape, whose components are evaluated in turn, row by row:
+            of the coordinates, of constants, of the normals of facets and of Lagrange functions
+            with their first derivatives.
+        inside: Whether on a facet where an expression jumps the values are those from inside of
+            each cell; otherwise they are the values at the point itself.
+
+    Raises:
+        InputError: An expression depends on something else, for example on the size of cells.
+    """
+
+    def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr], inside: bool = True):
+        self._vector = lowered(ufl.as_vector([part for e in expressions for part in components(e)]))
+        self._jumps = inside and bool(extract_type(self._vector, Conditional))
+        self._constants = extract_constants(self._vector)
+        self._functions = extract_coefficients(self._vector)
+        self._places: dict[Expr, Any] = {}
+        self._columns = domain.geometry.dim
+        self._normals = list(extract_type(self._vector, ufl.FacetNormal))
+        slopes = extract_type(self._vector, Grad)
+        self._slopes = [each for each in map(ufl.grad, self._functions) if each in slopes]
+        for part in self._normals + self._functions + self._slopes:
+            self._place(part)
+        try:
+            self._roots = self._read()
+        except Unreadable as rest:
+            message = f"must depend on coordinates and functions only, not on {rest}"
+            raise InputError(message, "u") from None
+
+    def _place(self, part: Expr) -> None:
+        """Let the components of a part of the expressions be the next coordinates."""
+        size = int(np.prod(part.ufl_shape))
+        every = range(self._columns, self._columns + size)
+        nodes = [Node("coordinate", value=k) for k in every]
+        self._places[part] = np.array(nodes, dtype=object).reshape(part.ufl_shape)
+        self._columns += size
+
+    def _read(self) -> list[Node]:
+        """Return the components as formulas, in which constants have their present values."""
+        self._values_of_constants = self._present()
+        return roots(self._vector, self._places)
+
+    def _present(self) -> list[bytes]:
+        return [np.asarray(constant.value).tobytes() for constant in self._constants]
+
+    def __call__(self, points: Points) -> list[Array]:
+        """Return the values of each component at the points, each of shape (n, m)."""
+        if self._values_of_constants != self._present():
+            self._roots = self._read()
+        values = self._at(points, points.x)
+        if not (self._jumps and points.at_ends):
+            return values
+        for at, within in zip(values, self._at(points, points.inside), strict=True):
+            size = np.abs(within).max(axis=1, initial=0.0, keepdims=True)
+            with np.errstate(invalid="ignore"):
+                other = (np.abs(at - within) > JUMP * size) & np.isfinite(at)
+            at[other] = within[other]
+        return values
+
+    def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
+        """The values at points for other coordinates that are nearly the same."""
+        data = [*x, *(points.normals if self._normals else [])]
+        for function in self._functions:
+            data += points.values(function)
+        for slope in self._slopes:
+            (function,) = slope.ufl_operands
+            data += [part for component in points.gradients(function) for part in component]
+        columns = [np.ravel(column) for column in data]
+        result = np.empty((len(self._roots), columns[0].size))
+        for start in range(0, result.shape[1], BLOCK):
+            part = np.stack([column[start : start + BLOCK] for column in columns])
+            result[:, start : start + BLOCK] = together(self._roots, part.T)
+        return list(result.reshape(len(result), *x[0].shape))
+
+
+def values_at(
+    domain: mesh.Mesh, expressions: Sequence[Expr], inside: bool = True
+) -> Callable[[Points], list[Array]]:
+    """Return a function with the values of any expressions, see `FormulaAtPoints`.
+
+    Of what is no formula, such as the size of cells, DOLFINx compiles the values at points that are
+    the same in each place; the call of the function is collective.
+    """
+    try:
+        return FormulaAtPoints(domain, expressions, inside)
+    except InputError:
+        pass
+    # A coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
+    every = [*expressions, ufl.SpatialCoordinate(domain)[0]]
+    vector = ufl.as_vector([part for e in every for part in components(e)])
+
+    def compiled_at(points: Points) -> list[Array]:
+        expression = compiled.expression(vector, points.at, domain.comm)
+        found = compat.evaluate(expression, domain, points.places)
+        shape = len(points.places), len(points.at), len(vector)
+        return list(np.moveaxis(found.reshape(shape), 2, 0)[:-1].copy())
+
+    return compiled_at
+
+
+def components(u: Expr) -> list[Expr]:
+    """Return the components of a tensor of any rank, row by row; a scalar has one."""
+    return [u[index] if index else u for index in np.ndindex(getattr(u, "ufl_shape", ()))]
