@@ -63,7 +63,7 @@ def run_tests(copy: Path, tests: Sequence[str], limit: float) -> str:
         tests: Files of tests; none for the default suite.
         limit: The seconds after which an endless loop is taken for a failure.
     """
-    options = ["-x", "-q", "-rfE", "--tb=no", "-p", "no:cacheprovider"]
+    options = ["-x", "-q", "-rfE", "--tb=no", "-p", "no:cacheprovider", "--complete"]
     # Two errors of the same size in the same second look alike to a cache of compiled files.
     environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     process = subprocess.Popen(

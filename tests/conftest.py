@@ -26,6 +26,7 @@ from dolfinx_signorini.scenes.files.reading import parse_scene
 Array = npt.NDArray[np.float64]
 
 RANKS = MPI.COMM_WORLD.Dup()  # for what the tests themselves tell each other
+SETS = 6  # sets of parameters of a test in a run of the suite on one rank
 PATIENCE = 120_000  # looks at the other ranks, a millisecond apart
 DEMOS = Path(__file__).parents[1] / "demos" / "scenes"
 
@@ -77,36 +78,45 @@ def _is_pure(item: pytest.Item) -> bool:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add an option that runs everything on several ranks, too."""
-    text = "on several ranks all tests that have a communicator, with all parameters"
+    """Add options that run more than some sets of parameters of each test."""
+    text = "all tests with all sets of parameters, on several ranks those that have a communicator"
     parser.addoption("--complete", action="store_true", help=text)
+    text = "what a run on one rank leaves out"
+    parser.addoption("--others", action="store_true", help=text)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out on several ranks what one rank shows as well.
+    """Leave out, without `--complete`, what other runs show nearly as well.
 
-    Tests without a communicator are left out. How ranks work together depends little on parameters,
-    so that without `--complete` few of them are run.
+    On one rank a test runs with some of its sets of parameters, from the first to the last. On
+    several ranks tests without a communicator are left out, and how ranks work together depends
+    little on parameters.
     """
-    if RANKS.size == 1:
-        return
     tests: dict[str, list[pytest.Item]] = {}
     for item in items:
-        if not _is_pure(item):
+        if RANKS.size == 1 or not _is_pure(item):
             tests.setdefault(item.nodeid.split("[")[0], []).append(item)
     chosen = list(tests.values())
     if not config.getoption("--complete"):
         chosen = _dealt_out(chosen)
     kept = {item for same in chosen for item in same}
+    if config.getoption("--others"):
+        kept = set(items) - kept
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = [item for item in items if item in kept]
 
 
 def _dealt_out(tests: list[list[pytest.Item]]) -> list[list[pytest.Item]]:
-    """Give each test one run on several ranks: every third test on three, the others on two."""
+    """Give each test some of its runs: one on several ranks, every third test on three."""
+    if RANKS.size == 1:
+        return [items if len(items) <= SETS else _spread(items) for items in tests]
     if RANKS.size == 2:
         return [items[:1] for k, items in enumerate(tests) if k % 3]
     return [items[len(items) // 2 :][:1] for items in tests[::3]]
+
+
+def _spread(items: list[pytest.Item]) -> list[pytest.Item]:
+    return [items[k * (len(items) - 1) // (SETS - 1)] for k in range(SETS)]
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,6 @@
 """The report page of the extremes: every test records its rows, a command writes them down.
 
-python3 -m pytest tests/extremes -m '' --extremes-report docs/measurements/extremes.md
+python3 -m pytest tests/extremes -m '' --complete --extremes-report docs/measurements/extremes.md
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-COMMAND = "python3 -m pytest tests/extremes -m '' --extremes-report docs/measurements/extremes.md"
+COMMAND = "python3 -m pytest tests/extremes -m '' --complete --extremes-report docs/measurements/extremes.md"
 
 TOPICS = {
     "levels": "The levels of multigrid",
