@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-COMMAND = "python3 -m pytest tests/extremes -m '' --complete --extremes-report docs/measurements/extremes.md"
+PAGE = "docs/measurements/extremes.md"
+COMMAND = f"python3 -m pytest tests/extremes -m '' --complete --extremes-report {PAGE}"
 
 TOPICS = {
     "levels": "The levels of multigrid",
