@@ -134,7 +134,7 @@ def _no_mesh(*_: object) -> None:
 def _codes_once() -> Iterator[None]:
     """Remember the codes of forms that tests make with DOLFINx alone, which lists the folder of all
     codes for each form."""
-    with compiled._remembered():
+    with compiled.remembered():
         yield
 
 

@@ -1,4 +1,4 @@
-"""Forms and expressions whose compiled code is looked up once in a process.
+"""Forms whose compiled code is looked up once in a process.
 
 DOLFINx looks up the code of each new form in a folder that holds all code compiled so far: the
 folder is listed, and the code loaded, again each time. On a mesh of some thousand cells this takes
@@ -30,10 +30,9 @@ from ufl.classes import BesselFunction, Power, RealValue
 from ufl.core.expr import Expr
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
-from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini.base import compat
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.libraries import library
 
@@ -56,7 +55,7 @@ def form(item: ufl.Form, subject: str = "", **options: Any) -> fem.Form:
     """
     if subject:
         _check_subdomains(item, subject)
-    with _remembered(subject, lambda _: _without_numbers(item)):
+    with remembered(subject, lambda _: _without_numbers(item)):
         return fem.form(_with_constant(item), **options)
 
 
@@ -93,18 +92,6 @@ def form_on(
     key = item.signature(), "without a mesh"
     code = once(domain.comm, key, lambda: fem.compile_form(domain.comm, item))
     return fem.create_form(code, list(spaces), domain, subdomains, {}, {})
-
-
-def expression(item: Expr, points: Array, comm: MPI.Comm) -> fem.Expression:
-    """Return a compiled expression, as `dolfinx.fem.Expression` does; the call is collective.
-
-    Args:
-        item: The expression.
-        points: The points in the reference cell or facet, shape (points, dimension).
-        comm: The communicator of the mesh.
-    """
-    with _remembered():
-        return fem.Expression(_without_numbers(item), points, comm=comm)
 
 
 def check_linear(item: ufl.Form, subject: str) -> None:
@@ -169,29 +156,24 @@ def _with_constant(item: ufl.Form) -> ufl.Form:
     return made
 
 
-def _constant(item: Any, numbers: Sequence[float]) -> fem.Constant:
-    return fem.Constant(_domain(item), np.array(numbers, dtype=default_scalar_type))
+def _constant(item: ufl.Form, numbers: Sequence[float]) -> fem.Constant:
+    return fem.Constant(item.ufl_domain(), np.array(numbers, dtype=default_scalar_type))
 
 
-def _domain(item: Any) -> Any:
-    return item.ufl_domain() if isinstance(item, ufl.Form) else extract_unique_domain(item)
-
-
-def _numbers(item: Any) -> list[float]:
-    """The numbers of a form or an expression that belong to no code; none without a domain."""
-    integrals = item.integrals() if isinstance(item, ufl.Form) else []
-    integrands = [integral.integrand() for integral in integrals] or [item]
+def _numbers(item: ufl.Form) -> list[float]:
+    """The numbers of a form that do not belong to its code."""
+    integrands = [integral.integrand() for integral in item.integrals()]
     places: dict[float, int] = {}
     for node in (node for integrand in integrands for node in unique_pre_traversal(integrand)):
         code = {Power: 1}.get(type(node), 0 if isinstance(node, BesselFunction) else None)
         for k, operand in enumerate(node.ufl_operands):
             if k != code and isinstance(operand, RealValue):
                 places.setdefault(float(operand), len(places))
-    return [] if _domain(item) is None else list(places)
+    return list(places)
 
 
-def _without_numbers(item: Any) -> Any:
-    """Return a form or an expression whose numbers are components of one constant.
+def _without_numbers(item: ufl.Form) -> ufl.Form:
+    """Return a form whose numbers are components of one constant.
 
     One constant, because UFL sorts operands: components by their place, constants by a name that
     depends on what the process has made before.
@@ -204,7 +186,7 @@ def _without_numbers(item: Any) -> Any:
 
 
 @contextmanager
-def _remembered(
+def remembered(
     subject: str = "", coded: Callable[[Any], Any] = lambda item: item
 ) -> Iterator[None]:
     """Let DOLFINx find the codes that this module has seen.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import mesh
+from dolfinx import fem, mesh
 from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
 from ufl.classes import Conditional, Grad
 from ufl.core.expr import Expr
@@ -128,7 +128,8 @@ def values_at(
     vector = ufl.as_vector([part for e in every for part in components(e)])
 
     def compiled_at(points: Points) -> list[Array]:
-        expression = compiled.expression(vector, points.at, domain.comm)
+        with compiled.remembered():
+            expression = fem.Expression(vector, points.at, comm=domain.comm)
         found = compat.evaluate(expression, domain, points.places)
         shape = len(points.places), len(points.at), len(vector)
         return list(np.moveaxis(found.reshape(shape), 2, 0)[:-1].copy())

@@ -82,7 +82,8 @@ def test_expressions_are_looked_up_once_and_keep_their_data(looked_up):
     for factor in (2.0, 5.0):
         domain = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
         x, c = ufl.SpatialCoordinate(domain), fem.Constant(domain, factor)
-        made = compiled.expression(c * x[0] + factor * x[1], points, domain.comm)
+        with compiled.remembered():
+            made = fem.Expression(c * x[0] + c * x[1], points, comm=domain.comm)
         cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
         corners = domain.geometry.x[domain.geometry.dofmap[cells]]
         places = np.einsum("pv,cvd->cpd", [[1.0, 0.0, 0.0], [0.25, 0.25, 0.5]], corners)
