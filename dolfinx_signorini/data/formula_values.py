@@ -12,14 +12,14 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
-from ufl.classes import Conditional, Grad
+from ufl.classes import Grad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.data.formulas import Node, together
+from dolfinx_signorini.data.formulas import Node, nodes, together
 from dolfinx_signorini.data.reading import Unreadable, lowered, roots
 from dolfinx_signorini.meshes.points import Points
 
@@ -49,7 +49,7 @@ class FormulaAtPoints:
 
     def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr], inside: bool = True):
         self._vector = lowered(ufl.as_vector([part for e in expressions for part in components(e)]))
-        self._jumps = inside and bool(extract_type(self._vector, Conditional))
+        self._inside = inside
         self._constants = extract_constants(self._vector)
         self._functions = extract_coefficients(self._vector)
         self._places: dict[Expr, Any] = {}
@@ -76,7 +76,10 @@ class FormulaAtPoints:
     def _read(self) -> list[Node]:
         """Return the components as formulas, in which constants have their present values."""
         self._values_of_constants = self._present()
-        return roots(self._vector, self._places)
+        found = roots(self._vector, self._places)
+        parts = [node.operation for root in found for node in nodes(root) if node.args]
+        self._jumps = self._inside and any(part.breaks for part in parts)
+        return found
 
     def _present(self) -> list[bytes]:
         return [np.asarray(constant.value).tobytes() for constant in self._constants]

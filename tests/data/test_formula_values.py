@@ -92,15 +92,17 @@ def test_a_series_has_a_thousand_terms(domain):
     assert slope == pytest.approx(sum(terms))
 
 
-def test_where_data_jump_a_cell_has_its_own_value(domain):
+@pytest.mark.parametrize("sign", [True, False])
+def test_where_data_jump_a_cell_has_its_own_value(domain, sign):
     x = ufl.SpatialCoordinate(domain)
-    item = ufl.conditional(ufl.lt(x[0], 0.5), 1.0, 2.0)
+    item = 1.5 + 0.5 * ufl.sign(x[0] - 0.5) if sign else ufl.conditional(x[0] < 0.5, 1.0, 2.0)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     points = Points(domain, owned_cells(domain), corners)
     (own,), (there,) = (FormulaAtPoints(domain, [item], k)(points) for k in (True, False))
     right = np.stack(points.x)[0].mean(axis=1) > 0.5
     assert (own == np.where(right, 2.0, 1.0)[:, None]).all()
-    assert (there == np.where(points.x[0] < 0.5, 1.0, 2.0)).all()
+    on_line = 1.5 if sign else 2.0
+    assert (there == np.select([points.x[0] < 0.5, points.x[0] > 0.5], [1.0, 2.0], on_line)).all()
 
 
 def test_what_is_no_formula_is_compiled_or_refused(domain):
