@@ -39,14 +39,12 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
     table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
     quantity = None if of is None else ErrorAtPoints(f, None, False, of)
     found = []
-    owned, step = owned_cells(domain), max(1, BLOCK // len(points))
-    for start in range(0, max(len(owned), 1), step):
-        cells = owned[start : start + step]
+    for cells in _blocks(domain, len(points)):
         edges = cell_edges(domain, cells)
         if quantity is not None:
             sizes = quantity(Points(domain, cells, points))
         else:
-            dofs = space.dofmap.list[start : start + len(cells)]
+            dofs = space.dofmap.list[cells]
             maps = inverses(edges) if gradient else None
             values = [part[dofs] for part in component_arrays(f)]
             parts = [_at_points(each, table, maps) for each in values]
@@ -54,6 +52,51 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
         sizes = [np.abs(size, out=size) for size in sizes]
         found.append(norms_of_sizes(sizes, weights, edges, norm.p))
     return np.concatenate(found)
+
+
+def powers_tested(f: fem.Function, p: float) -> fem.Function:
+    """Return the integral of |f|^(p-2) f times each basis function, up to a common factor.
+
+    This is the derivative of the L^p norm of the domain at f; the call is collective.
+
+    Args:
+        f: A function of a Lagrange space on straight-sided triangles or tetrahedra.
+        p: The exponent, from 1 on.
+    """
+    space, domain = f.function_space, f.function_space.mesh
+    element, parts = space.element.basix_element, component_arrays(f)
+    points, weights = rule_of_powers(element, p).points(element.cell_type)
+    table = element.tabulate(0, points)[0, :, :, 0]
+    blocks = _blocks(domain, len(points))
+
+    def values_in(cells: LocalIndices) -> list[Array]:
+        return [np.asarray(part[space.dofmap.list[cells]] @ table.T) for part in parts]
+
+    sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in blocks]
+    largest = highest(domain.comm, np.array(sizes)) or 1.0  # the others to high powers are nothing
+    found = []
+    for cells in blocks:
+        values: list[Array] = [each / largest for each in values_in(cells)]
+        size: Array = np.abs(length(values))
+        units = [over(each, size) for each in values]
+        factors = weights * over(power(size.copy(), p), size)
+        scales = np.abs(determinants(cell_edges(domain, cells)))[:, None]
+        found.append([scales * ((factors * unit) @ table) for unit in units])
+    tested, dofs = fem.Function(space), space.dofmap.list[: len(owned_cells(domain))]
+    for result, shares in zip(component_arrays(tested), zip(*found, strict=True), strict=True):
+        result[:] = summed(space.dofmap.index_map, dofs, np.concatenate(shares))
+    return tested
+
+
+def over(values: Array, sizes: Array) -> Array:
+    """Return values over sizes, and 0 where the size is 0."""
+    return np.divide(values, sizes, out=np.zeros_like(values), where=sizes > 0.0)
+
+
+def _blocks(domain: mesh.Mesh, points: int) -> list[LocalIndices]:
+    """The owned cells in blocks, for so many points in each cell; at least one block."""
+    owned = owned_cells(domain)
+    return np.array_split(owned, 1 + len(owned) * points // BLOCK)
 
 
 def _at_points(values: Array, table: Array, maps: Array | None) -> list[Array]:

@@ -14,8 +14,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import basix
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -26,7 +24,7 @@ from dolfinx_signorini.accuracy.boundary_defects import (
     data_defects,
     forces_over_gaps,
 )
-from dolfinx_signorini.accuracy.cells import collected, joined, rule_of_powers, total
+from dolfinx_signorini.accuracy.cells import collected, joined, over, powers_tested, total
 from dolfinx_signorini.accuracy.contact_ends import unknown_ends
 from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
@@ -37,6 +35,7 @@ from dolfinx_signorini.accuracy.terms import (
     Solved,
     Term,
     algebra,
+    assembled,
     dual_solution,
     product,
     quadrature,
@@ -48,7 +47,6 @@ from dolfinx_signorini.meshes.elements import (
     component_arrays,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import FACET_RULE
 from dolfinx_signorini.norms.pointwise import length
 
@@ -111,7 +109,7 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
     zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
     if target.weighted:
         apart = solved.distance
-        load = _density(solved.error, target)
+        load = _derivative(solved.error, target)
         dual = dual_solution(solved, load, None if norm is None else apart)
         cells: Array = np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
         if norm is None:  # parts may cancel in one difference by chance
@@ -170,33 +168,19 @@ def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> npt.NDAr
     return result
 
 
-def _density(error: fem.Function, target: Target) -> ufl.Form:
+def _derivative(error: fem.Function, target: Target) -> fem.Function:
     """The load of the dual problem: the derivative of the norm at the error, up to a factor."""
-    space = error.function_space
+    space, norm = error.function_space, target.norm
     v = ufl.TestFunction(space)
     if target.functional is not None:
-        return target.functional(v)
-    assert target.norm is not None
-    p = target.norm.p
-
-    def powers(values: Sequence[Array]) -> list[Array]:
-        sizes = np.abs(length(values))
-        factors = (sizes / (highest(space.mesh.comm, sizes) or 1.0)) ** (p - 1.0)
-        units = (np.divide(v, sizes, out=np.zeros_like(v), where=sizes > 0.0) for v in values)
-        return [factors * unit for unit in units]
-
-    if target.norm.boundary:
-        density = fem.Function(space)
-        values = [values_at_control_points(space, part) for part in component_arrays(error)]
-        for part, power in zip(component_arrays(density), powers(values), strict=True):
-            part[:] = coefficients_of(space, power)
-        return ufl.inner(density, v) * ufl.ds(metadata=FACET_RULE.metadata)
-    rule = rule_of_powers(space.element.basix_element, p)
-    kind = space.mesh.topology.cell_name()
-    at_points = basix.ufl.quadrature_element(kind, value_shape=error.ufl_shape, degree=rule.degree)
-    density = fem.Function(fem.functionspace(space.mesh, at_points))
-    cells = np.arange(len(space.dofmap.list), dtype=np.int32)
-    points = Points(space.mesh, cells, rule.points(basix.CellType[kind])[0])
-    for part, power in zip(component_arrays(density), powers(points.values(error)), strict=True):
-        part[density.function_space.dofmap.list] = power
-    return ufl.inner(density, v) * ufl.dx(metadata=rule.metadata)
+        return assembled(target.functional(v), space)
+    assert norm is not None
+    if not norm.boundary:
+        return powers_tested(error, norm.p)
+    density = fem.Function(space)
+    values = [values_at_control_points(space, part) for part in component_arrays(error)]
+    sizes = np.abs(length(values))
+    factors = (sizes / (highest(space.mesh.comm, sizes) or 1.0)) ** (norm.p - 1.0)
+    for part, each in zip(component_arrays(density), values, strict=True):
+        part[:] = coefficients_of(space, factors * over(each, sizes))
+    return assembled(ufl.inner(density, v) * ufl.ds(metadata=FACET_RULE.metadata), space)

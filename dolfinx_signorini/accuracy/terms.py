@@ -226,15 +226,14 @@ class Dual:
 Term: TypeAlias = Callable[[Solved, Dual | None], Array]
 
 
-def dual_solution(solved: Solved, load: ufl.Form, value: float | None = None) -> Dual:
+def dual_solution(solved: Solved, J: fem.Function, value: float | None = None) -> Dual:
     """Return the dual solution of a functional; the call is collective.
 
     Args:
         solved: The two solutions.
-        load: The functional J, a linear form on the divided mesh.
-        value: What J(w - u_h) is, where the form tells J up to a factor alone.
+        J: The functional of each basis function of the divided mesh; scaled to the value.
+        value: What J(w - u_h) is, where J is known up to a factor alone.
     """
-    J = assembled(load, solved.fine.space)
     count = solved.fine.space.dofmap.index_map.size_local * solved.fine.space.dofmap.bs
     own = float(J.x.array[:count] @ solved.error.x.array[:count])
     found = float(solved.fine.comm.allreduce(own))

@@ -14,10 +14,10 @@ from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure, pressure_density
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
-from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.meshes.elements import bernstein_space, control_points
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.files.reading import parse_scene
 from dolfinx_signorini.scenes.posing import pose
@@ -116,9 +116,7 @@ def held(comm, dim, pull, norm="L2", centre=CENTRE, degree=3, ends=False):
     flux = ufl.dot(ufl.grad(exact), ufl.FacetNormal(space.mesh))
     bcs = []
     if ends:
-        data = fem.Function(space)
-        points = compat.interpolation_points(space.element)
-        data.interpolate(compiled.expression(exact, points, comm))
+        data = interpolant(space, exact)
         sides = np.setdiff1d(boundary_facets(space.mesh), division.sided.sides["bottom"])
         bcs = [fem.dirichletbc(data, fem.locate_dofs_topological(space, dim - 1, sides))]
     # The force on the bottom is left to the contact: there the flux of the data is 0.

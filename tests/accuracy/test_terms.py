@@ -17,6 +17,7 @@ from dolfinx_signorini.accuracy.terms import (
     Solution,
     Solved,
     algebra,
+    assembled,
     caught,
     dual_solution,
     held,
@@ -73,7 +74,8 @@ def mean(v):
 
 def sums(solved, terms, functional=mean):
     """The dual solution, and the sums over all cells of the terms with their signs."""
-    dual = dual_solution(solved, functional(ufl.TestFunction(solved.fine.space)))
+    space = solved.fine.space
+    dual = dual_solution(solved, assembled(functional(ufl.TestFunction(space)), space))
     found = [term(solved, dual) for term in terms]
     assert all((np.abs(signed) <= sizes * (1.0 + 1e-12) + 1e-300).all() for signed, sizes in found)
     return dual, [solved.fine.comm.allreduce(float(signed.sum())) for signed, _ in found]
