@@ -70,14 +70,14 @@ def powers_tested(f: fem.Function, p: float) -> fem.Function:
     blocks = _blocks(domain, len(points))
 
     def values_in(cells: LocalIndices) -> list[Array]:
-        return [np.asarray(part[space.dofmap.list[cells]] @ table.T) for part in parts]
+        return [part[space.dofmap.list[cells]] @ table.T for part in parts]
 
     sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in blocks]
     largest = highest(domain.comm, np.array(sizes)) or 1.0  # the others to high powers are nothing
     found = []
     for cells in blocks:
-        values: list[Array] = [each / largest for each in values_in(cells)]
-        size: Array = np.abs(length(values))
+        values = [np.asarray(each / largest) for each in values_in(cells)]
+        size = np.abs(length(values))
         units = [over(each, size) for each in values]
         factors = weights * over(power(size.copy(), p), size)
         scales = np.abs(determinants(cell_edges(domain, cells)))[:, None]
