@@ -52,10 +52,11 @@ class Corner:
         )
 
 
-def point_text(point: Sequence[float]) -> str:
-    """Return the coordinates of a point in words."""
+def point_text(point: Sequence[float] | Array, digits: int = 4) -> str:
+    """Return the coordinates of a point in words, without digits of rounding."""
     size = max(map(abs, point))
-    return f"({', '.join(f'{c if abs(c) > ROUNDING * size else 0.0:.4g}' for c in point)})"
+    numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
+    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)})"
 
 
 def singular_corners(
