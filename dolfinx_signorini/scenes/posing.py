@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import fem
 from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
@@ -19,7 +19,6 @@ from dolfinx_signorini.data.interfaces.jumps import integrable
 from dolfinx_signorini.data.interfaces.rules import CellMeasure, facet_rule, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
-from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -31,14 +30,13 @@ from dolfinx_signorini.norms.manufactured import (
     contact_violations,
     manufacture,
 )
+from dolfinx_signorini.problem.assembly import restricted
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, Contact, Neumann
 from dolfinx_signorini.scenes.files.scene import Scene
 
 Terms = dict[str, tuple[Expr, CellMeasure]]
-
-LOAD = "load"  # the name of the load of a scalar equation among the sources
 
 
 @dataclass(frozen=True)
@@ -198,7 +196,7 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     formula = coefficients(scene).load
     if formula is not None and formula.constant != 0.0:
         load = integrable(formula, domain, degree, poles_too=not scene.manufactured)
-        sources[LOAD] = load, measure_for(domain, [formula], degree, degree)
+        sources["load"] = load, measure_for(domain, [formula], degree, degree)
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         c = integrable(scene.reaction, domain, 2 * degree)  # of u v
         reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
@@ -275,7 +273,5 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measu
 def _zero_form(v: Expr) -> ufl.Form:
     """Return a load that integrates over no cell at all."""
     domain = v.ufl_function_space().mesh
-    metadata, nowhere = QuadratureRule("default", 0).metadata, [(1, np.empty(0, dtype=np.int32))]
-    none = ufl.Measure("dx", domain, subdomain_data=nowhere, metadata=metadata)
-    test = v[0] if v.ufl_shape else v
-    return fem.Constant(domain, default_scalar_type(0.0)) * test * none(1)
+    zero = fem.Constant(domain, np.zeros(v.ufl_shape))
+    return restricted(ufl.inner(zero, v) * ufl.dx(domain), domain, np.empty(0, dtype=np.int32))

@@ -22,8 +22,6 @@ from dolfinx_signorini.norms.sectors import WHOLE
 from dolfinx_signorini.scenes.files.conditions import Dirichlet
 from dolfinx_signorini.scenes.files.scene import Scene
 
-GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
-
 
 @dataclass(frozen=True)
 class Corner:
@@ -68,13 +66,13 @@ def singular_corners(
 
     Args:
         domain: A mesh of straight-sided triangles; the call is collective.
-        facets: The owned boundary facets of each kind of condition, all facets together: `GIVEN`,
-            `OBSTACLE`, and others without given values.
+        facets: The owned boundary facets by what their conditions act like, all facets together:
+            "Dirichlet", "contact", and others without given values.
         diffusion: The rows of a constant diffusion tensor; see `diffusion_part`.
     """
     part, every = diffusion_part(domain, diffusion), np.concatenate([*facets.values()])
     of_kind = [np.full((len(on), 1, 1), kind) for kind, on in facets.items()]
-    given, stopped = (np.concatenate(of_kind) == kind for kind in (GIVEN, OBSTACLE))
+    given, stopped = (np.concatenate(of_kind) == kind for kind in ("Dirichlet", "contact"))
     # Contact sides may be in contact, or not.
     states = (np.full(len(every), state) for state in (False, True))
     sides = [Sides(every, given.astype(float), stopped.astype(float), state) for state in states]

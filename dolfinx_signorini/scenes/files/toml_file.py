@@ -92,7 +92,7 @@ class TomlFile:
         return found
 
 
-def _name(key: Key) -> str:
+def _name(key: Sequence[str | int]) -> str:
     return ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
 
 
@@ -138,8 +138,7 @@ def _index(place: Any, part: str, above: Sequence[str | int], name: str) -> str 
     """Return what a part of a key stands for: a key of a table, or the place in a list."""
     if isinstance(place, dict):
         return part
-    subject = f"--set {name.strip()}"
-    where = ".".join(str(k + 1) if isinstance(k, int) else k for k in above)
+    subject, where = f"--set {name.strip()}", _name(above)
     if not isinstance(place, list):
         raise InputError(f"{where!r} is no table", subject)
     digits = len(str(len(place)))  # longer numbers are not even read
