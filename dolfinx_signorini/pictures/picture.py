@@ -188,12 +188,10 @@ class Picture(Figure):
         for suffix in SUFFIXES:
             self.savefig(path.with_suffix(suffix))
 
-    def _repr_png_(self) -> bytes:
-        """Return the picture as IPython asks for the picture."""
-        return self.png()
-
     def png(self) -> bytes:
         """Return the picture as the content of a PNG file."""
         buffer = io.BytesIO()
         self.savefig(buffer, format="png")
         return buffer.getvalue()
+
+    _repr_png_ = png  # as IPython asks for the picture
