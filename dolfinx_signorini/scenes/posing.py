@@ -37,6 +37,7 @@ from dolfinx_signorini.scenes.files.conditions import CONDITIONS, Contact, Neuma
 from dolfinx_signorini.scenes.files.scene import Scene
 
 Terms = dict[str, tuple[Expr, CellMeasure]]
+FacetTerms = list[tuple[str, Expr, LocalIndices]]
 
 
 @dataclass(frozen=True)
@@ -232,8 +233,8 @@ def _facet_terms(
 ) -> tuple[Terms, Terms]:
     """Return what the conditions of a scene add to its sources and reactions."""
     sided = setting.sided
-    loads: list[tuple[str, Expr, LocalIndices]] = []
-    coefficients: list[tuple[str, Expr, LocalIndices]] = []
+    loads: FacetTerms = []
+    coefficients: FacetTerms = []
     if scene.manufactured and setting.exact is not None:
         free = facets_by_kind(parts)[Neumann.acts_like]
         if sided.mesh.comm.allreduce(len(free)):
@@ -249,7 +250,7 @@ def _facet_terms(
     return _numbered(loads, ds, 0), _numbered(coefficients, ds, len(loads))
 
 
-def _numbered(terms: list[tuple[str, Expr, LocalIndices]], ds: ufl.Measure, first: int) -> Terms:
+def _numbered(terms: FacetTerms, ds: ufl.Measure, first: int) -> Terms:
     """Return terms on the parts of a measure, from the first part on; equal names are numbered."""
     names = [name for name, _, _ in terms]
     result: Terms = {}

@@ -217,7 +217,7 @@ def _solve_on_adapted_meshes(
         posed[:] = [pose(replace(scene, degree=degree), comm, sided)]
         return posed[0].problem
 
-    curves = CurvedSides(scene.domain.geometry or {})
+    curves = CurvedSides(scene.domain.geometry)
     curves.check(first.sided)
     found = adapt(
         {degree: partial(pose_on, degree) for degree in degrees},

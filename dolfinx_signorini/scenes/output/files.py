@@ -9,6 +9,7 @@ import numpy as np
 
 from dolfinx_signorini.base.records import on_first, versions, write_file
 from dolfinx_signorini.base.tables import csv_table
+from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
@@ -65,7 +66,7 @@ def boundary_csv(boundary: ContactBoundary) -> str:
     The pressure is left empty where u has Dirichlet data. Of a body u.d stands in place of u.
     """
     unknown = boundary.unknown.replace(r" \cdot ", ".")
-    axes = ["x", "y", "z"][: boundary.points.shape[1]]
+    axes = COORDINATES[: boundary.points.shape[1]]
     numbers: list[list[float]] = np.column_stack((boundary.points, boundary.values)).tolist()  # type: ignore[assignment]
     rows = [
         [*("" if np.isnan(number) else number + 0.0 for number in row), int(touching)]
