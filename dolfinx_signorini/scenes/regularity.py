@@ -10,13 +10,19 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS, SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.interfaces.integrability import DISTANCES, power_of
 from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, entity_nodes, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_corners,
+    entity_nodes,
+    owned_cells,
+)
 from dolfinx_signorini.norms.orders import SMOOTH
 from dolfinx_signorini.norms.sectors import WHOLE
 from dolfinx_signorini.scenes.files.conditions import Dirichlet
@@ -131,10 +137,8 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest interior angle on the boundary, in radians; the call is collective."""
-    angles = _vertex_angles(domain)
-    # Inside the domain the angles add up to 2 pi.
-    boundary = angles[angles < math.tau - SIX_DIGITS]
-    return highest(domain.comm, boundary)
+    ends = corners_of(domain, 1)[boundary_facets(domain)]
+    return highest(domain.comm, _vertex_angles(domain)[ends])
 
 
 def _vertex_angles(domain: mesh.Mesh) -> Array:
