@@ -154,7 +154,7 @@ def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
     """
     count, unit = len(corners), min(power_of_two(_size(corners)), 1.0)
 
-    def build(gmsh: Any) -> dict[int, str]:
+    def build(gmsh: Any) -> None:
         geo = gmsh.model.geo
         points = [geo.addPoint(x / unit, y / unit, 0.0, width / unit) for x, y in corners]
         lines = [geo.addLine(points[k], points[(k + 1) % count]) for k in range(count)]
@@ -166,7 +166,6 @@ def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
         gmsh.option.setNumber("Mesh.MeshSizeMin", width / unit)
         gmsh.option.setNumber("Mesh.MeshSizeMax", width / unit)
         gmsh.model.mesh.generate(2)
-        return {k + 1: str(k + 1) for k in range(count)}
 
     sided = with_gmsh(comm, build)
     sided.mesh.geometry.x[:] *= unit
