@@ -89,7 +89,7 @@ def parse_scene(
         InputError: The text is no scene.
     """
     file = TomlFile(path.name, text, overrides)
-    top = TomlTable(file.load(), file)
+    top = TomlTable(file.data, file)
     for key in top.data if top.has(Elasticity.key) else ():
         if key in REFUSED:
             raise top.error(key, REFUSED[key])
@@ -143,7 +143,6 @@ def naming_the_file(path: Path, scene: Scene, options: Collection[str] = ()) -> 
         if error.subject in options:
             raise InputError(error.message, option_name(error.subject)) from None
         file = TomlFile(path.name, scene.text, scene.overrides)
-        file.load()
         known = {key.split(".")[-1]: key for key in KEYS} | OTHERS
         known |= {} if scene.elasticity is None else OF_BODIES
         key = known.get(error.subject.partition(" and ")[0])

@@ -32,7 +32,7 @@ class TomlTable:
     A key that nobody has asked for is an unknown one:
 
         file = TomlFile("scene.toml", text, ())
-        table = TomlTable(file.load(), file)
+        table = TomlTable(file.data, file)
         degree = table.integer("degree", 1, 2)
         table.finish()
 
