@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, by_place
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, by_place
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.elements import (
@@ -42,11 +41,11 @@ class Solved(Protocol):
     u: fem.Function
 
     @property
-    def contact(self) -> npt.NDArray[np.int32]:
+    def contact(self) -> LocalIndices:
         """The facets, or cells, with an obstacle that this rank knows."""
 
     @property
-    def fixed_dofs(self) -> npt.NDArray[np.int32]:
+    def fixed_dofs(self) -> LocalIndices:
         """The owned dofs with Dirichlet data."""
 
     @property
@@ -117,8 +116,8 @@ class ContactBoundary:
     points: Array
     values: Array
     pieces: Indices
-    touching: npt.NDArray[np.bool_]
-    clear: npt.NDArray[np.bool_]
+    touching: Mask
+    clear: Mask
     upper: bool
     unknown: str = "u"
     names: tuple[str, ...] = ()
@@ -130,12 +129,12 @@ class ContactBoundary:
         return simplex_sizes(self.points[self.pieces])
 
     @property
-    def in_contact(self) -> npt.NDArray[np.bool_]:
+    def in_contact(self) -> Mask:
         """Whether a piece touches the obstacle with all of its points."""
         return np.asarray(self.touching[self.pieces].all(axis=1))
 
     @property
-    def undecided(self) -> npt.NDArray[np.bool_]:
+    def undecided(self) -> Mask:
         """Whether a piece is not in contact, but nowhere clear of the obstacle either."""
         return np.asarray(~self.in_contact & ~self.clear[self.pieces].any(axis=1))
 
@@ -211,12 +210,12 @@ def gather_contact_region(problem: Solved) -> ContactRegion | None:
     else:
         corners = np.concatenate(element.entity_dofs[0])[None]
     pieces = dofs[:, corners].reshape(-1, corners.shape[1])
-    found = _gathered(problem, np.unique(dofs), pieces, np.full(len(pieces), -1))
-    return None if found is None else _sorted(ContactRegion, problem, (), *found)
+    sides = np.full(len(pieces), -1)
+    return _gathered(ContactRegion, problem, np.unique(dofs), pieces, sides)
 
 
 def gather_contact_boundary(
-    problem: Solved, sides: Mapping[str, npt.NDArray[np.int32]] | None = None
+    problem: Solved, sides: Mapping[str, LocalIndices] | None = None
 ) -> ContactBoundary | None:
     """Return the contact boundary of a solved problem on rank 0, and None on the others.
 
@@ -236,13 +235,11 @@ def gather_contact_boundary(
     for number, part in enumerate(sides.values()):
         named[np.isin(facets, part)] = number
     pieces, owners = facet_pieces(space, pairs)
-    found = _gathered(problem, np.unique(facet_dofs(space, pairs)), pieces, named[owners])
-    return None if found is None else _sorted(ContactBoundary, problem, tuple(sides), *found)
+    used = np.unique(facet_dofs(space, pairs))
+    return _gathered(ContactBoundary, problem, used, pieces, named[owners], tuple(sides))
 
 
-def known_pressure(
-    u: fem.Function, gap: fem.Function, fixed: npt.NDArray[np.int32]
-) -> npt.NDArray[np.bool_]:
+def known_pressure(u: fem.Function, gap: fem.Function, fixed: LocalIndices) -> Mask:
     """Tell at the places of which dofs the pressure is known; collective.
 
     Where Dirichlet data lie at the obstacle, the force is that of the data, of which nobody knows
@@ -258,15 +255,24 @@ def known_pressure(
 
 
 def _gathered(
-    problem: Solved, used: LocalIndices, pieces: LocalIndices, sides: Indices
-) -> tuple[npt.NDArray[Any], ...] | None:
-    """Points, values, pieces and their sides of all ranks on rank 0, None on the others.
+    kind: type[Kind],
+    problem: Solved,
+    used: LocalIndices,
+    pieces: LocalIndices,
+    sides: Indices,
+    names: tuple[str, ...] = (),
+) -> Kind | None:
+    """The points and pieces of all ranks on rank 0, None on the others.
+
+    Both have the order of their places, so that the number of ranks does not show.
 
     Args:
+        kind: The class of what is returned.
         problem: The problem; the call is collective.
         used: The dofs of the pieces, and more that are wanted.
         pieces: The dofs of each piece of this rank.
         sides: The number of the side of each piece.
+        names: The names of the sides.
     """
     space = problem.space
     known = known_pressure(problem.u, problem.gap, problem.fixed_dofs)
@@ -275,31 +281,22 @@ def _gathered(
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
     pressure[~known[used]] = np.nan
     columns = np.stack((values, gap, pressure, opened[used]), axis=1)
-    return gathered(space, used, columns, pieces, sides)
-
-
-def _sorted(
-    kind: type[Kind],
-    problem: Solved,
-    names: tuple[str, ...],
-    points: Array,
-    values: Array,
-    pieces: Indices,
-    sides: Indices,
-) -> Kind:
-    """Number the points by their place, so that the number of ranks does not show."""
+    found = gathered(space, used, columns, pieces, sides)
+    if found is None:
+        return None
+    points, values, corners, sides = found
     order = by_place(points)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
-    pieces = np.sort(place[pieces], axis=1)
-    in_order = np.lexsort(pieces.T[::-1])
-    pieces, sides = pieces[in_order], sides[in_order]
+    corners = np.sort(place[corners], axis=1)
+    in_order = np.lexsort(corners.T[::-1])
+    corners, sides = corners[in_order], sides[in_order]
     points, values = points[order], values[order]
     size, gap = float(np.abs(values[:, 0]).max(initial=0.0)), values[:, 1]
-    widths = np.linalg.norm(points[pieces[:, 1]] - points[pieces[:, 0]], axis=1)
+    widths = np.linalg.norm(points[corners[:, 1]] - points[corners[:, 0]], axis=1)
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
     touching = values[:, 3] <= SIX_DIGITS * size
-    known = touching, clear, problem.sign < 0.0, problem.unknown
-    return kind(points, values[:, :3], pieces, *known, names, sides)
+    told = problem.sign < 0.0, problem.unknown
+    return kind(points, values[:, :3], corners, touching, clear, *told, names, sides)

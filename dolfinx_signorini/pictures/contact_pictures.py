@@ -4,10 +4,9 @@ import itertools
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
@@ -127,7 +126,7 @@ def _gap_label(boundary: ContactBoundary) -> str:
     return "gap " + (f"$g - {u}$" if boundary.upper else f"${u} - g$")
 
 
-def _shade(axes: Any, s: Array, touching: npt.NDArray[np.bool_]) -> None:
+def _shade(axes: Any, s: Array, touching: Mask) -> None:
     """Shade the pieces whose both ends are in contact."""
     both = np.concatenate(([False], touching[:-1] & touching[1:], [False]))
     changes = np.flatnonzero(both[1:] != both[:-1])

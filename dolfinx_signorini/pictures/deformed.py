@@ -10,27 +10,19 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.node_values import (
     node_averages,
     values_in_cells,
     vectors_at_nodes,
 )
-from dolfinx_signorini.meshes.elements import (
-    facet_dofs,
-    facet_pieces,
-    values_at_control_points,
-)
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, owned_facets
-from dolfinx_signorini.pictures.contact_boundary import (
-    AlongDirection,
-    ContactBoundary,
-    gather_contact_boundary,
-)
+from dolfinx_signorini.meshes.elements import values_at_control_points
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_facets
+from dolfinx_signorini.pictures.contact_boundary import AlongDirection
 from dolfinx_signorini.pictures.palette import IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid, fitting_height
-from dolfinx_signorini.pictures.triangles import Triangles, gather_rows, gathered
+from dolfinx_signorini.pictures.triangles import Triangles, gather_rows
 
 # Of the size of the body: a largest displacement below SEEN is drawn larger, as about DRAWN. Shapes
 # of the gallery with less could not be told from those at rest, and with more looked torn. As much
@@ -69,8 +61,8 @@ def draw_deformed(
         colours = node_averages(space, values_in_cells(space, stress))[:, 0]
     body = gather_rows(space, np.column_stack((moved, colours)))
     boundary = _gather_boundary(space, contact, moved)
-    seen = gather_contact_boundary(contact)
-    outline = _gather_outline(space, moved) if space.mesh.topology.dim == 2 else None
+    sides = boundary_facets(space.mesh)
+    outline = gather_rows(space, moved, sides) if space.mesh.topology.dim == 2 else None
     if body is None or boundary is None:
         return None
     displacement = body.values[:, :-1]
@@ -84,7 +76,7 @@ def draw_deformed(
     told += "" if outline is not None else "; grey: the obstacle"
     title = f"{title}\n{told}" if title else told
     if outline is None:
-        return _draw_in_space(drawn, seen, boundary, scale, label, title)
+        return _draw_in_space(drawn, boundary, scale, label, title)
     return _draw_in_plane(drawn, outline, boundary, scale, label, title)
 
 
@@ -102,37 +94,25 @@ def scale_for(share: float) -> float:
 
 def _gather_boundary(
     space: fem.FunctionSpace, contact: AlongDirection, moved: Array
-) -> tuple[Array, Array, Indices] | None:
-    """Points of the contact boundary, what is known of each, and pieces, on rank 0.
+) -> Triangles | None:
+    """The contact boundary on rank 0, with what is known of each point in a row.
 
-    Of each point are known the displacement, the direction to the obstacle, the distance of both at
-    rest, and the gap.
+    That is the displacement, the direction to the obstacle, the distance of both at rest, and the
+    gap.
     """
-    domain = space.mesh
-    pairs = facet_cells(domain, owned_facets(domain, contact.contact))
-    used, (pieces, _) = np.unique(facet_dofs(space, pairs)), facet_pieces(space, pairs)
     gap = contact.gap.x.array
     distance = values_at_control_points(space, contact.distance.x.array)
     directions = contact.directions.x.array.reshape(moved.shape)  # no coefficients, in any basis
     rows = np.column_stack((moved, directions, distance, gap))
-    found = gathered(space, used, rows[used], pieces)
-    return None if found is None else (found[0], found[1], found[2])
+    return gather_rows(space, rows, owned_facets(space.mesh, contact.contact))
 
 
-def _gather_outline(space: fem.FunctionSpace, moved: Array) -> tuple[Array, Array] | None:
-    """The ends of the pieces of the boundary at rest, and their displacements, on rank 0."""
-    pairs = facet_cells(space.mesh, boundary_facets(space.mesh))
-    pieces, _ = facet_pieces(space, pairs)
-    used = np.unique(pieces)
-    found = gathered(space, used, moved[used], pieces)
-    return None if found is None else (found[0][found[2]], found[1][found[2]])
-
-
-def _surfaces(boundary: tuple[Array, Array, Indices], scale: float) -> tuple[Array, Array, Array]:
+def _surfaces(boundary: Triangles, scale: float) -> tuple[Array, Array, Array]:
     """The pieces of the obstacle, their vectors outwards, and the pieces of the body in contact."""
-    points, rows, pieces = boundary
+    points, pieces = boundary.points, boundary.triangles
     dim = points.shape[1]
-    moved, directions, distance, gap = np.split(rows, [dim, 2 * dim, 2 * dim + 1], axis=1)
+    split = np.split(boundary.values, [dim, 2 * dim, 2 * dim + 1], axis=1)
+    moved, directions, distance, gap = split
     touching = (gap[pieces, 0] == 0.0).all(axis=1)
     there = (points + scale * distance * directions)[pieces]
     return there, directions[pieces], (points + scale * moved)[pieces[touching]]
@@ -140,14 +120,14 @@ def _surfaces(boundary: tuple[Array, Array, Indices], scale: float) -> tuple[Arr
 
 def _draw_in_plane(
     drawn: Triangles,
-    outline: tuple[Array, Array],
-    boundary: tuple[Array, Array, Indices],
+    outline: Triangles,
+    boundary: Triangles,
     scale: float,
     label: str,
     title: str,
 ) -> Picture:
     obstacle, directions, touching = _surfaces(boundary, scale)
-    rest, moved = outline
+    rest, moved = outline.points[outline.triangles], outline.values[outline.triangles]
     parts = {"at rest": rest, "obstacle": obstacle, "in contact": touching}
     styles = {"at rest": AT_REST, "obstacle": OBSTACLE, "in contact": IN_CONTACT}
     figure, axes = draw_plane(drawn, label, parts, styles, "")
@@ -166,14 +146,9 @@ def _draw_in_plane(
 
 
 def _draw_in_space(
-    drawn: Triangles,
-    contact: ContactBoundary | None,
-    boundary: tuple[Array, Array, Indices],
-    scale: float,
-    label: str,
-    title: str,
+    drawn: Triangles, boundary: Triangles, scale: float, label: str, title: str
 ) -> Picture:
-    figure = draw_solid(drawn, contact, title, label)
+    figure = draw_solid(drawn, boundary.points[boundary.triangles], title, label)
     axes = cast(Axes3D, figure.axes[0])
     obstacle, _, _ = _surfaces(boundary, scale)
     axes.add_collection3d(Poly3DCollection(list(obstacle), color=SHADE, alpha=0.3, linewidth=0.3))

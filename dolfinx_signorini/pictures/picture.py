@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import TriMesh
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from mpi4py import MPI
 
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, instance, optional
 from dolfinx_signorini.base.records import on_first
@@ -109,9 +109,9 @@ def name_cells(axes: Axes, n: Sequence[int]) -> None:
 
 def add_triangles(
     axes: Axes,
-    points: npt.NDArray[np.float64],
-    triangles: npt.NDArray[np.int64],
-    values: npt.NDArray[np.float64],
+    points: Array,
+    triangles: Indices,
+    values: Array,
     **options: Any,
 ) -> TriMesh:
     """Draw triangles with colours that are linear between their vertices, and return the drawing.
@@ -188,12 +188,10 @@ class Picture(Figure):
         for suffix in SUFFIXES:
             self.savefig(path.with_suffix(suffix))
 
-    def _repr_png_(self) -> bytes:
-        """Return the picture as IPython asks for the picture."""
-        return self.png()
-
     def png(self) -> bytes:
         """Return the picture as the content of a PNG file."""
         buffer = io.BytesIO()
         self.savefig(buffer, format="png")
         return buffer.getvalue()
+
+    _repr_png_ = png  # as IPython asks for the picture

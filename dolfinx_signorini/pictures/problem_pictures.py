@@ -78,7 +78,9 @@ def draw_solution(
     """
     domain, drawn = u.function_space.mesh, gather_triangles(u)
     if domain.topology.dim == 3:
-        return None if drawn is None else draw_solid(drawn, boundary, title)
+        if drawn is None or boundary is None:
+            return None
+        return draw_solid(drawn, boundary.points[boundary.pieces], title)
     edges = gather_facets(domain, parts)
     if drawn is None or edges is None or boundary is None:
         return None
@@ -155,18 +157,15 @@ def draw_plane(
 
 
 def draw_solid(
-    surface: Triangles,
-    contact: ContactBoundary | None = None,
-    title: str = "",
-    label: str = "solution $u$",
+    surface: Triangles, seen: Array, title: str = "", label: str = "solution $u$"
 ) -> Picture:
-    """Return a picture of a function on a solid's boundary, from where most contact is seen."""
+    """Return a picture of a function on a solid's boundary, from where some triangles are seen."""
     figure = Picture(figsize=(7.6, 5.4))
     axes = cast(Axes3D, figure.add_subplot(projection="3d"))
     values = surface.values[surface.triangles].mean(axis=1)
     faces = draw_faces(axes, surface.points[surface.triangles], values)
     faces.set(edgecolor=(0.0, 0.0, 0.0, 0.15), linewidth=0.3)
-    view = view_of(surface, contact)
+    view = view_of(surface, seen)
     azimuth = np.degrees(np.arctan2(view[1], view[0])) + 10.0
     axes.view_init(elev=30.0 * view[2], azim=azimuth)
     figure.colorbar(faces, ax=axes, label=label, shrink=0.7, pad=0.1)
@@ -174,11 +173,15 @@ def draw_solid(
     return figure
 
 
-def view_of(surface: Triangles, contact: ContactBoundary | None) -> Array:
-    """Return the direction from a solid to the eye, -1 or 1 along each axis: where contact is."""
+def view_of(surface: Triangles, seen: Array) -> Array:
+    """Return the direction from a solid to the eye, -1 or 1 along each axis.
+
+    Args:
+        surface: The boundary of the solid.
+        seen: Corners of the triangles to look at, shape (triangles, 3, 3).
+    """
     view = np.ones(3)
-    if contact is not None and len(contact.pieces):
+    if len(seen):
         low, high = surface.points.min(axis=0), surface.points.max(axis=0)
-        middle = contact.points[contact.pieces].mean(axis=(0, 1))
-        view[middle < low + 0.4 * (high - low)] = -1.0
+        view[seen.mean(axis=(0, 1)) < low + 0.4 * (high - low)] = -1.0
     return view

@@ -32,7 +32,7 @@ class Triangles:
     Attributes:
         points: Coordinates of the vertices, shape (points, dimension).
         values: The values at the vertices, or a row of values at each.
-        triangles: Indices of points, shape (triangles, 3).
+        triangles: Indices of points, shape (triangles, 3), or (lines, 2) of facets in the plane.
     """
 
     points: Array
@@ -50,21 +50,25 @@ def gather_triangles(u: fem.Function) -> Triangles | None:
     return gather_rows(space, values_at_control_points(space, u.x.array))
 
 
-def gather_rows(space: fem.FunctionSpace, rows: Array) -> Triangles | None:
+def gather_rows(
+    space: fem.FunctionSpace, rows: Array, facets: LocalIndices | None = None
+) -> Triangles | None:
     """Return values at the places of dofs, as `gather_triangles` does with those of a function.
 
     Args:
         space: A scalar space of continuous elements of any degree; the call is collective.
         rows: One value for each dof of this rank, or one row of values.
+        facets: Owned facets to take in place of the cells of a plane mesh, which are drawn as
+            lines, or of the whole boundary of a solid.
     """
     topology = space.mesh.topology
     dim = topology.dim
-    if dim == 2:
+    if dim == 2 and facets is None:
         element = space.element.basix_element
         cells = space.dofmap.list[: topology.index_map(dim).size_local]
         corners = cells[:, subtriangles(element.cell_type, element.degree)].reshape(-1, 3)
     else:
-        facets = boundary_facets(space.mesh)
+        facets = boundary_facets(space.mesh) if facets is None else facets
         corners, _ = facet_pieces(space, facet_cells(space.mesh, facets))
     used = np.unique(corners)
     found = gathered(space, used, rows[used], corners)

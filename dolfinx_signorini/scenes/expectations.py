@@ -280,17 +280,12 @@ def _contact_exponent(scene: Scene) -> float:
     return FREE_BOUNDARY_EXPONENT if scene.contact is None else DETACHMENT_EXPONENT
 
 
-def _where_contact_ends(scene: Scene) -> str:
-    if scene.contact is None:
-        return "r^2, which it is where contact ends"
-    return "r^1.5, which it is at a detachment point"
-
-
 def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corner]:
     """Add what is to be said of the corners of a plane domain; return corners that limit orders."""
     facets, constant = facets_by_kind(boundary_parts(scene, sided)), scene.constant_diffusion
     corners = singular_corners(sided.mesh, facets, () if constant is None else scene.diffusion)
-    limiting = [c for c in corners if c.exponent < _contact_exponent(scene)]
+    exponent = _contact_exponent(scene)
+    limiting = [c for c in corners if c.exponent < exponent]
     angle = math.degrees(largest_angle(sided.mesh))
     if angle > 180.5:
         notes.append(
@@ -298,8 +293,9 @@ def _note_corners(scene: Scene, sided: SidedMesh, notes: list[str]) -> list[Corn
             "behind the orders assumes a convex polygon"
         )
     if limiting:
+        where = "where contact ends" if scene.contact is None else "at a detachment point"
         notes.append(
-            f"reduced orders: u may be less smooth than {_where_contact_ends(scene)}, "
+            f"reduced orders: u may be less smooth than r^{exponent:g}, which it is {where}, "
             f"near {listed([str(corner) for corner in limiting], '; ')}"
         )
     if scene.diffusion and constant is None:

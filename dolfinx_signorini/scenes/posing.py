@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import fem
 from mpi4py import MPI
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
@@ -19,7 +19,6 @@ from dolfinx_signorini.data.interfaces.jumps import integrable
 from dolfinx_signorini.data.interfaces.rules import CellMeasure, facet_rule, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.meshes.elements import bernstein_space
-from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -31,14 +30,14 @@ from dolfinx_signorini.norms.manufactured import (
     contact_violations,
     manufacture,
 )
+from dolfinx_signorini.problem.assembly import restricted
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, Contact, Neumann
 from dolfinx_signorini.scenes.files.scene import Scene
 
 Terms = dict[str, tuple[Expr, CellMeasure]]
-
-LOAD = "load"  # the name of the load of a scalar equation among the sources
+FacetTerms = list[tuple[str, Expr, LocalIndices]]
 
 
 @dataclass(frozen=True)
@@ -198,7 +197,7 @@ def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
     formula = coefficients(scene).load
     if formula is not None and formula.constant != 0.0:
         load = integrable(formula, domain, degree, poles_too=not scene.manufactured)
-        sources[LOAD] = load, measure_for(domain, [formula], degree, degree)
+        sources["load"] = load, measure_for(domain, [formula], degree, degree)
     if scene.reaction is not None and scene.reaction.constant != 0.0:
         c = integrable(scene.reaction, domain, 2 * degree)  # of u v
         reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
@@ -234,8 +233,8 @@ def _facet_terms(
 ) -> tuple[Terms, Terms]:
     """Return what the conditions of a scene add to its sources and reactions."""
     sided = setting.sided
-    loads: list[tuple[str, Expr, LocalIndices]] = []
-    coefficients: list[tuple[str, Expr, LocalIndices]] = []
+    loads: FacetTerms = []
+    coefficients: FacetTerms = []
     if scene.manufactured and setting.exact is not None:
         free = facets_by_kind(parts)[Neumann.acts_like]
         if sided.mesh.comm.allreduce(len(free)):
@@ -251,7 +250,7 @@ def _facet_terms(
     return _numbered(loads, ds, 0), _numbered(coefficients, ds, len(loads))
 
 
-def _numbered(terms: list[tuple[str, Expr, LocalIndices]], ds: ufl.Measure, first: int) -> Terms:
+def _numbered(terms: FacetTerms, ds: ufl.Measure, first: int) -> Terms:
     """Return terms on the parts of a measure, from the first part on; equal names are numbered."""
     names = [name for name, _, _ in terms]
     result: Terms = {}
@@ -275,7 +274,5 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measu
 def _zero_form(v: Expr) -> ufl.Form:
     """Return a load that integrates over no cell at all."""
     domain = v.ufl_function_space().mesh
-    metadata, nowhere = QuadratureRule("default", 0).metadata, [(1, np.empty(0, dtype=np.int32))]
-    none = ufl.Measure("dx", domain, subdomain_data=nowhere, metadata=metadata)
-    test = v[0] if v.ufl_shape else v
-    return fem.Constant(domain, default_scalar_type(0.0)) * test * none(1)
+    zero = fem.Constant(domain, np.zeros(v.ufl_shape))
+    return restricted(ufl.inner(zero, v) * ufl.dx(domain), domain, np.empty(0, dtype=np.int32))

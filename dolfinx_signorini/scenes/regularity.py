@@ -10,19 +10,23 @@ from dolfinx import mesh
 from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
-from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS, SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.interfaces.integrability import DISTANCES, power_of
 from dolfinx_signorini.data.principal_part import diffusion_part
 from dolfinx_signorini.meshes.angles import cell_angles
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, entity_nodes, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    cell_corners,
+    entity_nodes,
+    owned_cells,
+)
 from dolfinx_signorini.norms.orders import SMOOTH
 from dolfinx_signorini.norms.sectors import WHOLE
 from dolfinx_signorini.scenes.files.conditions import Dirichlet
 from dolfinx_signorini.scenes.files.scene import Scene
-
-GIVEN, OBSTACLE = "Dirichlet", "contact"  # kinds of conditions
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,11 @@ class Corner:
         )
 
 
-def point_text(point: Sequence[float]) -> str:
-    """Return the coordinates of a point in words."""
+def point_text(point: Sequence[float] | Array, digits: int = 4) -> str:
+    """Return the coordinates of a point in words, without digits of rounding."""
     size = max(map(abs, point))
-    return f"({', '.join(f'{c if abs(c) > ROUNDING * size else 0.0:.4g}' for c in point)})"
+    numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
+    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)})"
 
 
 def singular_corners(
@@ -67,13 +72,13 @@ def singular_corners(
 
     Args:
         domain: A mesh of straight-sided triangles; the call is collective.
-        facets: The owned boundary facets of each kind of condition, all facets together: `GIVEN`,
-            `OBSTACLE`, and others without given values.
+        facets: The owned boundary facets by what their conditions act like, all facets together:
+            "Dirichlet", "contact", and others without given values.
         diffusion: The rows of a constant diffusion tensor; see `diffusion_part`.
     """
     part, every = diffusion_part(domain, diffusion), np.concatenate([*facets.values()])
     of_kind = [np.full((len(on), 1, 1), kind) for kind, on in facets.items()]
-    given, stopped = (np.concatenate(of_kind) == kind for kind in (GIVEN, OBSTACLE))
+    given, stopped = (np.concatenate(of_kind) == kind for kind in ("Dirichlet", "contact"))
     # Contact sides may be in contact, or not.
     states = (np.full(len(every), state) for state in (False, True))
     sides = [Sides(every, given.astype(float), stopped.astype(float), state) for state in states]
@@ -132,10 +137,8 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest interior angle on the boundary, in radians; the call is collective."""
-    angles = _vertex_angles(domain)
-    # Inside the domain the angles add up to 2 pi.
-    boundary = angles[angles < math.tau - SIX_DIGITS]
-    return highest(domain.comm, boundary)
+    ends = corners_of(domain, 1)[boundary_facets(domain)]
+    return highest(domain.comm, _vertex_angles(domain)[ends])
 
 
 def _vertex_angles(domain: mesh.Mesh) -> Array:

@@ -49,8 +49,6 @@ from dolfinx_signorini.solvers.result import SolveResult
 if TYPE_CHECKING:
     from dolfinx_signorini.pictures.picture import Picture
 
-DEGREE = 2  # of the elements on adapted meshes: two digits more for the same unknowns than degree 1
-
 
 @dataclass(frozen=True)
 class Level:
@@ -219,7 +217,7 @@ def _solve_on_adapted_meshes(
         posed[:] = [pose(replace(scene, degree=degree), comm, sided)]
         return posed[0].problem
 
-    curves = CurvedSides(scene.domain.geometry or {})
+    curves = CurvedSides(scene.domain.geometry)
     curves.check(first.sided)
     found = adapt(
         {degree: partial(pose_on, degree) for degree in degrees},
@@ -253,10 +251,13 @@ def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
 
 
 def _degrees(scene: Scene) -> tuple[int, ...]:
-    """Return the degrees of elements that the adaptive loop may choose."""
-    highest = HIGHEST_DEGREE if scene.domain.dimension == 2 else DEGREE
-    lowest = max(scene.degree, DEGREE)
-    return tuple(range(lowest, max(lowest, highest) + 1))
+    """Return the degrees of elements that the adaptive loop may choose.
+
+    Degree 2 has two digits more for the same unknowns than degree 1.
+    """
+    lowest = max(scene.degree, 2)
+    highest = HIGHEST_DEGREE if scene.domain.dimension == 2 else lowest
+    return tuple(range(lowest, highest + 1))
 
 
 def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:

@@ -268,13 +268,15 @@ def test_data_on_the_other_side_of_a_sliver_count(load, comm, monkeypatch):
     known = KnownData(solved("\n".join(lines), comm))
     shares = np.random.default_rng(1).dirichlet(np.ones(3), 4000)
     seen, larger = 0, 0
-    for part in known._one_sided(known.load):
-        points = np.tensordot(shares, known.corners[part.cells], (1, 1))
-        values, own = (evaluated(f.root, points) for f in (known.load, part.formula))
+    parts, cut, apart = known._one_sided(known.load)
+    for cells, formula in parts:
+        points = np.tensordot(shares, known.corners[cells], (1, 1))
+        values, own = (evaluated(f.root, points) for f in (known.load, formula))
         square = ((values - own) ** 2).mean(axis=0)
         # Points at random: of their share in a place three standard deviations are 0.03 or less.
-        assert (square <= (part.shares + 0.03 * np.sqrt(part.shares)) * part.apart**2).all()
-        seen, larger = seen + len(part.cells), larger + int((square > 0.0).sum())
+        share = cut[cells]
+        assert (square <= (share + 0.03 * np.sqrt(share)) * apart[cells] ** 2).all()
+        seen, larger = seen + len(cells), larger + int((square > 0.0).sum())
     assert seen == len(known.corners) and comm.allreduce(larger) > 5
 
 

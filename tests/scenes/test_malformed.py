@@ -355,6 +355,10 @@ sides = "bottom"
             "[[neumann]]\nsides = 'left'\nflux = 1\n[[neumann]]\nsides = 'right'\nflux = 'sinn(x)'",
             "line 11: neumann.2.flux: unknown name 'sinn'; did you mean 'sin'? (column 1 of",
         ),
+        (
+            "[domain]\nshape = 'polygon'\nvertices = [\n[0, 0],\n[1, 0],\n[0, 1]\n]\nwidth = -1",
+            "line 8: domain.width: must lie between 0",
+        ),
     ],
 )
 def test_messages_name_file_line_key_and_the_nearest_name(text, wanted, comm, folder, capsys):
@@ -451,6 +455,12 @@ def test_any_title_is_drawn(title, comm, folder):
 
 def test_a_byte_order_mark_is_no_part_of_the_scene(comm, folder):
     solved(comm, folder, "\ufeff" + good(), "--outputs", "boundary")
+
+
+def test_a_file_is_read_to_its_end_or_refused(comm, folder, capsys):
+    """Its size is that of its bytes: a character may have several."""
+    message = solve(comm, folder, capsys, good() + "# " + 600_000 * "ä" + "\n[equation")
+    assert comm.rank or "has at most 1000000 bytes" in message
 
 
 def test_a_pipe_is_no_scene_file(comm, folder, capsys):

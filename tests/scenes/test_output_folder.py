@@ -102,6 +102,18 @@ def test_files_of_the_user_are_not_replaced(name, solve, comm, folder):
     assert names(comm, folder / "out") == [name]
 
 
+@pytest.mark.parametrize("name", ["contact_boundary.csv", "contact_boundary.png"])
+def test_files_of_the_user_that_a_scene_with_two_zones_writes_are_not_replaced(
+    name, solve, comm, folder
+):
+    first(comm, (folder / "out").mkdir)
+    first(comm, lambda: (folder / "out" / name).write_text("mine"))
+    code, printed = solve("--out", folder / "out", "--outputs", "boundary,pictures")
+    assert code == 2 and printed.out == ""
+    assert comm.rank or f"has a {name} that is no result" in printed.err
+    assert (folder / "out" / name).read_text() == "mine"
+
+
 def test_files_that_an_earlier_run_did_not_write_stay(solve, comm, folder):
     out = folder / "out"
     assert solve("--out", out, "--outputs", "boundary")[0] == 0

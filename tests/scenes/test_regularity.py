@@ -4,8 +4,10 @@ import itertools
 import math
 from dataclasses import replace
 
+import basix.ufl
 import numpy as np
 import pytest
+from dolfinx import mesh
 
 from dolfinx_signorini.commands.main import main
 from dolfinx_signorini.norms.error_norms import error_norms
@@ -14,6 +16,7 @@ from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.domains.kinds import Square
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.scenes.expectations import expect
+from dolfinx_signorini.scenes.regularity import largest_angle
 
 # r^{1/2} sin(theta/2) about (1/2, 0): Dirichlet data to the right of it, no flux to the left, and
 # a flux that presses against an obstacle at the top.
@@ -143,3 +146,14 @@ def test_a_scene_with_more_unknowns_starts_from_coarser_meshes():
     assert levels[-1] == 1001 and levels[0] <= 80
     assert all(n % 2 == 1 for n in levels)
     assert all(2.0 <= b / a <= 9.0 for a, b in itertools.pairwise(levels))
+
+
+def test_the_largest_angle_is_that_at_the_tip_of_a_crack(comm):
+    """All around the tip the angles add up to 2 pi, as around a vertex inside of the domain."""
+    angles = np.arange(9) * math.pi / 4.0
+    points = np.vstack(([0.0, 0.0], np.column_stack((np.cos(angles), np.sin(angles)))))
+    cells = np.array([[0, k, k + 1] for k in range(1, 9)])[: None if comm.rank == 0 else 0]
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    points = points[: None if comm.rank == 0 else 0]
+    cracked = mesh.create_mesh(comm, cells, x=points, e=element)
+    assert largest_angle(cracked) == pytest.approx(math.tau)

@@ -19,14 +19,12 @@ from dolfinx_signorini.meshes.mesh_defects import cell_defect
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 
-def with_gmsh(
-    comm: MPI.Comm, build: Callable[[Any], dict[int, str]], regions: bool = False
-) -> SidedMesh:
+def with_gmsh(comm: MPI.Comm, build: Callable[[Any], None], regions: bool = False) -> SidedMesh:
     """Let gmsh make or read a mesh on rank 0, and share the mesh.
 
     Args:
         comm: The communicator that shares the mesh.
-        build: Is given the module gmsh on rank 0, and returns the names of the facet tags.
+        build: Is given the module gmsh on rank 0; the physical groups of facets are the sides.
         regions: Whether the cells of the physical groups are wanted, too.
 
     Raises:
@@ -44,8 +42,9 @@ def with_gmsh(
         try:
             gmsh.option.setNumber("General.Terminal", 0)
             gmsh.option.setNumber("General.AbortOnError", 0)
-            names = build(gmsh)
+            build(gmsh)
             dimension = gmsh.model.getDimension()
+            names = names_of_groups(gmsh, dimension - 1)
             groups = names_of_groups(gmsh, dimension) if regions else {}
         except Exception as error:  # gmsh raises this very class
             message = f"gmsh: {error}" if not isinstance(error, InputError) else str(error)
@@ -80,8 +79,8 @@ def names_of_groups(gmsh: Any, dimension: int) -> dict[int, str]:
     return {tag: gmsh.model.getPhysicalName(d, tag) or str(tag) for d, tag in groups}
 
 
-def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
-    """Open a .msh file and return the names of its facet tags.
+def read_msh(gmsh: Any, path: Path) -> None:
+    """Open a .msh file.
 
     Args:
         gmsh: The module gmsh, initialized.
@@ -102,7 +101,6 @@ def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
             message = f"${name} announces {count}, of which {found[name]} were read: "
             raise InputError(f"{path.name}: {message}the file is damaged")
     dimension = gmsh.model.getDimension()
-    groups = {d: gmsh.model.getPhysicalGroups(d) for d in range(4)}
     kinds = set(mesh_of.getElementTypes(dimension))
     if dimension < 2 or not kinds:
         raise InputError(
@@ -114,14 +112,13 @@ def read_msh(gmsh: Any, path: Path) -> dict[int, str]:
         raise InputError(
             f"{path.name}: only straight-sided triangles in the plane and tetrahedra are solved on"
         )
-    if not groups[dimension]:
+    if not gmsh.model.getPhysicalGroups(dimension):
         raise InputError(f"{path.name}: the cells have no physical group")
     defect = _defect(gmsh, dimension)
     if defect:
         raise InputError(f"{path.name}: {defect}")
-    if not groups[dimension - 1]:
+    if not gmsh.model.getPhysicalGroups(dimension - 1):
         raise InputError(f"{path.name}: no physical group on the boundary, so no side has a tag")
-    return names_of_groups(gmsh, dimension - 1)
 
 
 def _announced(path: Path) -> dict[str, int]:

@@ -154,7 +154,7 @@ def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
     """
     count, unit = len(corners), min(power_of_two(_size(corners)), 1.0)
 
-    def build(gmsh: Any) -> dict[int, str]:
+    def build(gmsh: Any) -> None:
         geo = gmsh.model.geo
         points = [geo.addPoint(x / unit, y / unit, 0.0, width / unit) for x, y in corners]
         lines = [geo.addLine(points[k], points[(k + 1) % count]) for k in range(count)]
@@ -166,7 +166,6 @@ def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
         gmsh.option.setNumber("Mesh.MeshSizeMin", width / unit)
         gmsh.option.setNumber("Mesh.MeshSizeMax", width / unit)
         gmsh.model.mesh.generate(2)
-        return {k + 1: str(k + 1) for k in range(count)}
 
     sided = with_gmsh(comm, build)
     sided.mesh.geometry.x[:] *= unit
@@ -175,29 +174,18 @@ def _triangulation(comm: MPI.Comm, corners: Corners, width: float) -> SidedMesh:
 
 def _crossing(points: Array) -> tuple[int, int] | None:
     """Return the numbers of two edges that meet where they should not, if there are any."""
-    ends = np.roll(points, -1, axis=0)
-    count = len(points)
+    ends, number = np.roll(points, -1, axis=0), np.arange(len(points))
 
-    def side(a: Any, b: Any, c: Any) -> Any:
-        return np.sign(
-            (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1])
-            - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
-        )
+    def side(a: Array, b: Array, c: Array) -> Array:
+        ab, ac = b - a, c - a
+        return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
-    for i in range(count):
-        a, b = points[i], ends[i]
-        # The next edge may run back along this one.
-        following = ends[(i + 1) % count]
-        if side(a, b, following) == 0 and (b - a) @ (following - b) < 0:
-            return i + 1, (i + 1) % count + 1
-        rest = [j for j in range(i + 2, count) if (j + 1) % count != i]
-        c, d = points[rest], ends[rest]
-        boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (np.minimum(a, b) <= np.maximum(c, d))
-        meet = (
-            (side(a, b, c) * side(a, b, d) <= 0)
-            & (side(c, d, a) * side(c, d, b) <= 0)
-            & boxes.all(axis=1)
-        )
-        if meet.any():
-            return i + 1, rest[int(np.argmax(meet))] + 1
-    return None
+    a, b, c, d = points[:, None], ends[:, None], points[None], ends[None]
+    boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (np.minimum(a, b) <= np.maximum(c, d))
+    across = (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
+    ahead = (number - number[:, None]) % len(points)
+    apart = (ahead > 1) & (ahead < len(points) - 1)
+    # The next edge may run back along an edge.
+    back = (side(a, b, d) == 0) & (((b - a) * (d - c)).sum(axis=2) < 0) & (ahead == 1)
+    meet = np.argwhere((across & boxes.all(axis=2) & apart) | back)
+    return (int(meet[0, 0]) + 1, int(meet[0, 1]) + 1) if len(meet) else None

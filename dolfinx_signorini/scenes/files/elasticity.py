@@ -138,7 +138,7 @@ class Elasticity:
         """
         if norm == ENERGY:
             return replace(target("L2", self.weighted_strain), name=norm)
-        of = self._stress if norm.startswith(STRESS) else None
+        of = (lambda u: self.stresses(u)[0]) if norm.startswith(STRESS) else None
         try:
             return replace(target(norm.removeprefix(STRESS), of), name=norm)
         except InputError as error:
@@ -148,9 +148,6 @@ class Elasticity:
     def weighted_strain(self, u: Expr) -> Expr:
         """Return the strain of a displacement whose square is the product of stress and strain."""
         return weighted_strain(u, *self._constants(u))
-
-    def _stress(self, u: Expr) -> Expr:
-        return self.stresses(u)[0]
 
     def stresses(self, u: Expr) -> tuple[Expr, Expr]:
         """Return the stress of a displacement, a matrix, and its von Mises stress."""

@@ -89,7 +89,7 @@ def parse_scene(
         InputError: The text is no scene.
     """
     file = TomlFile(path.name, text, overrides)
-    top = TomlTable(file.load(), file)
+    top = TomlTable(file.data, file)
     for key in top.data if top.has(Elasticity.key) else ():
         if key in REFUSED:
             raise top.error(key, REFUSED[key])
@@ -143,7 +143,6 @@ def naming_the_file(path: Path, scene: Scene, options: Collection[str] = ()) -> 
         if error.subject in options:
             raise InputError(error.message, option_name(error.subject)) from None
         file = TomlFile(path.name, scene.text, scene.overrides)
-        file.load()
         known = {key.split(".")[-1]: key for key in KEYS} | OTHERS
         known |= {} if scene.elasticity is None else OF_BODIES
         key = known.get(error.subject.partition(" and ")[0])
@@ -160,6 +159,8 @@ def _read(path: Path) -> tuple[str, str]:
             return "", "not a regular file"
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:  # the last bytes may be a part of a character
+            return "", f"a scene file has at most {MAX_BYTES} bytes"
         return data.decode("utf-8-sig"), ""
     except OSError as error:
         return "", str(error.strerror)

@@ -11,7 +11,7 @@ from dolfinx_signorini.data.formulas import Formula
 Key = tuple[str | int, ...]  # where a value is in the tables; items of lists are counted from 0
 
 MAX_BYTES = 1_000_000  # of a text that is parsed
-_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?")
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\],]+?)\s*\]\]?\s*(#.*)?")  # a row of a list has a comma
 _ASSIGNMENT = re.compile(r"\s*([\w\"'.-]+(?:\s+[\w\"'.-]+)*)\s*=")
 
 
@@ -28,33 +28,28 @@ class TomlFile:
         overrides: Values in place of those of the file, each as KEY=VALUE.
 
     Attributes:
+        data: The whole file as the TOML parser returns it, with the overrides.
         dimension: The space dimension of the formulas in the file.
         components: The number of components of the unknown.
         definitions: The names that stand for formulas in the file.
+
+    Raises:
+        InputError: The file is too large or no TOML.
     """
 
     def __init__(self, name: str, text: str, overrides: Sequence[str]):
-        self.name, self.text, self.overrides = name, text, tuple(overrides)
-        self.overridden: set[Key] = set()
+        self.name, self.text = name, text
         self.dimension, self.components = 2, 1
         self.definitions: dict[str, Formula] = {}
-
-    def load(self) -> dict[str, Any]:
-        """Return the whole file as the TOML parser does, with the overrides.
-
-        Raises:
-            InputError: The file is too large or no TOML.
-        """
-        if len(self.text) > MAX_BYTES:
-            raise InputError(f"a scene file has at most {MAX_BYTES} characters", self.name)
+        if len(text) > MAX_BYTES or len(text.encode()) > MAX_BYTES:
+            raise InputError(f"a scene file has at most {MAX_BYTES} bytes", name)
         try:
-            data = tomllib.loads(self.text)
+            self.data: dict[str, Any] = tomllib.loads(text)
         except ValueError as error:
-            raise InputError(str(error), self.name) from None
+            raise InputError(str(error), name) from None
         except RecursionError:
-            raise InputError("nested too deeply", self.name) from None
-        self.overridden = {_override(data, text) for text in self.overrides}
-        return data
+            raise InputError("nested too deeply", name) from None
+        self.overridden = {_override(self.data, override) for override in overrides}
 
     def error(self, key: Key, message: str) -> InputError:
         """Return an error whose subject is file, line and key, and what overrides parts of the key.
@@ -92,7 +87,7 @@ class TomlFile:
         return found
 
 
-def _name(key: Key) -> str:
+def _name(key: Sequence[str | int]) -> str:
     return ".".join(str(part + 1) if isinstance(part, int) else part for part in key)
 
 
@@ -138,8 +133,7 @@ def _index(place: Any, part: str, above: Sequence[str | int], name: str) -> str 
     """Return what a part of a key stands for: a key of a table, or the place in a list."""
     if isinstance(place, dict):
         return part
-    subject = f"--set {name.strip()}"
-    where = ".".join(str(k + 1) if isinstance(k, int) else k for k in above)
+    subject, where = f"--set {name.strip()}", _name(above)
     if not isinstance(place, list):
         raise InputError(f"{where!r} is no table", subject)
     digits = len(str(len(place)))  # longer numbers are not even read

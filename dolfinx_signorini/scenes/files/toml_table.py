@@ -32,7 +32,7 @@ class TomlTable:
     A key that nobody has asked for is an unknown one:
 
         file = TomlFile("scene.toml", text, ())
-        table = TomlTable(file.load(), file)
+        table = TomlTable(file.data, file)
         degree = table.integer("degree", 1, 2)
         table.finish()
 
@@ -199,9 +199,10 @@ class TomlTable:
         """Return the formula that is the value of a key, or an item of its list."""
         if not isinstance(value, str):
             return number(self.finite(key, value))
+        x = ufl.SpatialCoordinate(ufl.Mesh(ELEMENTS[self.file.dimension]))
         try:
             formula = parse(value, self.file.dimension, self.file.definitions)
-            expression = formula.ufl(_coordinates(self.file.dimension))  # refuses what has no value
+            expression = formula.ufl(x)  # refuses what has no value
         except InputError as error:
             raise self.error(key, str(error)) from None
         if isinstance(expression, ScalarValue | Zero):  # "0*x + 1" is constant, too
@@ -237,7 +238,3 @@ def one_of(choices: Iterable[str]) -> Check:
             raise InputError(f"unknown {text!r}{suggestion(text, known)}")
 
     return check
-
-
-def _coordinates(dimension: int) -> ufl.SpatialCoordinate:
-    return ufl.SpatialCoordinate(ufl.Mesh(ELEMENTS[dimension]))

@@ -74,7 +74,7 @@ def fields_of(result: SceneResult) -> list[fem.Function]:
     """
     u, material, space = result.u, result.posed.scene.elasticity, result.gap.function_space
     nodal, at_nodes = nodal_space(space), partial(values_at_control_points, space)
-    marks = {mark.name: mark.x.array for mark in (*masks(result), *indicator(result))}
+    marks = masks(result) | indicator(result)
     defined = next(iter(marks.values()))  # where gap and pressure are
     if material is None:
         values = {"u": at_nodes(u.x.array)}
@@ -105,34 +105,31 @@ def _function(nodal: fem.FunctionSpace, name: str, values: Array) -> fem.Functio
     return function
 
 
-def masks(result: SceneResult) -> list[fem.Function]:
-    """Return functions with the values 1 at contact nodes, and at those in contact; collective.
+def masks(result: SceneResult) -> dict[str, Array]:
+    """Return 1 at nodes with an obstacle and at those in contact, else 0, by name; collective.
 
-    The values are those at the places of the dofs, see `determined`.
+    The nodes are the places of the dofs, see `determined`.
     """
     problem, space = result.posed.problem, result.gap.function_space
-    held, found = problem.system.layout.held_nodes, []
-    known = known_pressure(problem.along(problem.u), result.gap, held)
-    named = [("in_contact", problem.active)]
-    for zone in problem.zones[::-1]:
-        name = "has_obstacle" if zone.in_domain else "contact_boundary"
-        named.insert(0, (name, zone.obstacle_nodes))
-    for name, nodes in named:
-        mask = fem.Function(space, name=name)
-        mask.x.array[:] = determined(space, marked(space, nodes)) & known
-        found.append(mask)
-    return found
+    known = known_pressure(problem.along(problem.u), result.gap, problem.system.layout.held_nodes)
+    named = {
+        "has_obstacle" if zone.in_domain else "contact_boundary": zone.obstacle_nodes
+        for zone in problem.zones
+    }
+    named["in_contact"] = problem.active
+    return {
+        name: np.where(determined(space, marked(space, nodes)) & known, 1.0, 0.0)
+        for name, nodes in named.items()
+    }
 
 
-def indicator(result: SceneResult) -> list[fem.Function]:
-    """Return the estimated errors of cells as a function: at each dof the largest one around."""
+def indicator(result: SceneResult) -> dict[str, Array]:
+    """Return the estimated errors of cells at nodes, by name: at each the largest one around."""
     if result.found is None:
-        return []
-    space = result.gap.function_space
-    error = fem.Function(space, name="error_indicator")
-    dofs = space.dofmap.list[: len(result.found.cells)]
-    error.x.array[:] = largest(space.dofmap.index_map, dofs, result.found.cells[:, None])
-    return [error]
+        return {}
+    space, cells = result.gap.function_space, result.found.cells
+    errors = largest(space.dofmap.index_map, space.dofmap.list[: len(cells)], cells[:, None])
+    return {"error_indicator": errors}
 
 
 def _size(fields: Sequence[fem.Function]) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dolfinx_signorini.base.records import on_first, versions, write_file
 from dolfinx_signorini.base.tables import csv_table
+from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.scenes.output.fields import write_fields
 from dolfinx_signorini.scenes.output.folder import RECORD
@@ -44,8 +45,7 @@ def write_results(
         assert boundary is not None  # rank 0 has the boundary
         record = make_record(result, summary)
         if "boundary" in outputs:
-            unknown = "u" if result.posed.scene.elasticity is None else "u.d"
-            write_file(folder / "boundary.csv", boundary_csv(boundary, unknown))
+            write_file(folder / "boundary.csv", boundary_csv(boundary))
             if beside is not None:
                 write_file(folder / "contact_boundary.csv", boundary_csv(beside))
         images = {name: figure.png() for name, figure in figures.items()}
@@ -60,16 +60,13 @@ def write_results(
     on_first(result.posed.problem.comm, folder.parent, write)
 
 
-def boundary_csv(boundary: ContactBoundary, unknown: str = "u") -> str:
+def boundary_csv(boundary: ContactBoundary) -> str:
     """Return the contact boundary as CSV: coordinates, u, gap, pressure, and whether in contact.
 
-    The pressure is left empty where u has Dirichlet data.
-
-    Args:
-        boundary: The contact boundary.
-        unknown: The name of u, or of its component along the direction of the obstacle.
+    The pressure is left empty where u has Dirichlet data. Of a body u.d stands in place of u.
     """
-    axes = ["x", "y", "z"][: boundary.points.shape[1]]
+    unknown = boundary.unknown.replace(r" \cdot ", ".")
+    axes = COORDINATES[: boundary.points.shape[1]]
     numbers: list[list[float]] = np.column_stack((boundary.points, boundary.values)).tolist()  # type: ignore[assignment]
     rows = [
         [*("" if np.isnan(number) else number + 0.0 for number in row), int(touching)]

@@ -25,8 +25,8 @@ RECORD = "record.json"
 # The files of each of the `OUTPUTS`, of which a run writes some; the record comes with all of them.
 FILES = {
     "fields": ("fields.bp", "fields.xdmf", "fields.h5"),
-    "boundary": ("boundary.csv",),
-    "pictures": ("solution.png", "contact.png", "accuracy.png"),
+    "boundary": ("boundary.csv", "contact_boundary.csv"),
+    "pictures": ("solution.png", "contact.png", "contact_boundary.png", "accuracy.png"),
     "report": ("report.html",),
 }
 PART = ".part-"  # how the names of temporary folders begin; eight characters follow

@@ -17,7 +17,7 @@ from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, by_place
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tables import listed
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.data.interfaces.rules import CellMeasure
 from dolfinx_signorini.data.node_values import values_in_cells, vectors_at_nodes
@@ -29,6 +29,7 @@ from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachm
 from dolfinx_signorini.scenes.output.pictures import boundary_beside
 from dolfinx_signorini.scenes.posing import PosedScene
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
+from dolfinx_signorini.scenes.regularity import point_text
 from dolfinx_signorini.scenes.solving import SceneResult
 
 Force: TypeAlias = float | tuple[float, ...]  # of a body with a number for each component
@@ -225,13 +226,7 @@ def _place(point: Sequence[float], uncertainty: float) -> str:
     size, digits = max(map(abs, point)), 4
     if 0.0 < uncertainty < size:
         digits = min(1 + math.ceil(math.log10(size / uncertainty)), MAX_DIGITS)
-    return f"{_coordinates(point, digits)} +- {uncertainty:.1g}"
-
-
-def _coordinates(point: Sequence[float], digits: int = 4) -> str:
-    size = max(map(abs, point))
-    numbers = (c if abs(c) > ROUNDING * size else 0.0 for c in point)
-    return f"({', '.join(f'{c:.{digits}g}' for c in numbers)})"
+    return f"{point_text(point, digits)} +- {uncertainty:.1g}"
 
 
 def _bound(result: SceneResult) -> dict[str, str]:
@@ -316,8 +311,7 @@ def _where_stress_is_infinite(problem: BoundConstrainedProblem) -> str:
     """
     dim, places = problem.space.mesh.topology.dim, dict[float, list[str]]()
     for point, exponent in places_below(problem, 1.0):
-        where = _coordinates([float(c) for c in point[:dim]])
-        places.setdefault(round(exponent - 1.0, 3), []).append(where)
+        places.setdefault(round(exponent - 1.0, 3), []).append(point_text(point[:dim]))
     if dim > 2:
         texts = [f"r^{power:.3g} along edges, such as at {at[0]}" for power, at in places.items()]
     else:

@@ -7,7 +7,7 @@ without a bounded enclosure stays, and is known at points only.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.smoothness import load_is_a_function
 from dolfinx_signorini.meshes.polynomials import others
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, longest_side
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, cell_corners, longest_side
 from dolfinx_signorini.scenes.files.condition import BoundaryCondition
 from dolfinx_signorini.scenes.files.conditions import Contact, Dirichlet, Neumann
 from dolfinx_signorini.scenes.posing import PosedScene, coefficients, facets_by_kind, load_and_flux
@@ -41,16 +41,6 @@ from dolfinx_signorini.scenes.proven.known_diffusion import (
 NEGATIVE = "whether the reaction is negative somewhere is known at points only"
 KINKED = "whether the flux of the manufactured solution is continuous is known at points only"
 FACET = 2.1  # the constant of a trace over that of Payne and Weinberger, at most
-
-
-@dataclass(frozen=True)
-class _OneSided:
-    """Cells with a formula that stands for another one there, but for a share of each cell."""
-
-    cells: Indices
-    formula: Formula
-    shares: Array
-    apart: Array  # how far apart the two formulas may be there
 
 
 class KnownData:
@@ -71,10 +61,9 @@ class KnownData:
         self.comm, self.degree = self.domain.comm, posed.scene.degree
         self.height = float(np.abs(posed.problem.u.x.array).max(initial=0.0))
         self.frames = frames = cell_frames(self.domain)
-        self.d, count = frames.dimension, len(frames.order)
-        x: Array = np.asarray(self.domain.geometry.x[:, : self.d], dtype=np.float64)
-        self.corners = x[self.domain.geometry.dofmap[:count]]
-        self.width = longest_side(self.comm, x)
+        self.d = frames.dimension
+        self.corners = cell_corners(self.domain)
+        self.width = longest_side(self.comm, self.domain.geometry.x)
         made, self.load = self.scene.manufactured, coefficients(self.scene).load
         self.solution = self.scene.solution if made else None
         self.current = load_and_flux(self.scene)[1] if made else []
@@ -271,17 +260,17 @@ class KnownData:
         degree, count = min(self.degree + 2, ORDERS[self.d] // 2), len(self.corners)
         coefficients = np.zeros((count, math.comb(degree + self.d, degree)))
         missed, mean, hidden = np.zeros(count), np.zeros(count), 0.0
-        parts = self._one_sided(formula)
-        nothing = _OneSided(np.empty(0, dtype=np.int64), formula, np.empty(0), np.empty(0))
+        parts, shares, apart = self._one_sided(formula)
+        nothing = np.empty(0, dtype=np.int64), formula
         for k in range(max(self.comm.allgather(len(parts)))):
-            part = parts[k] if k < len(parts) else nothing
-            cells, share = part.cells, part.shares
+            cells, chosen = parts[k] if k < len(parts) else nothing
             where = self.corners[cells], degree, weights[:, cells]
-            found = approximated(part.formula, self.comm, *where, self.tolerance)
+            found = approximated(chosen, self.comm, *where, self.tolerance)
             coefficients[cells] = found.coefficients
-            missed[cells] = found.missed + np.sqrt(share) * part.apart
-            mean[cells] = found.mean + share * part.apart
+            missed[cells], mean[cells] = found.missed, found.mean
             hidden = math.hypot(hidden, found.hidden)
+        missed += np.sqrt(shares) * apart
+        mean += shares * apart
         self.hidden = max(self.hidden, hidden)
         if anywhere(self.comm, ~np.isfinite(missed)):
             return False
@@ -292,22 +281,26 @@ class KnownData:
         self.rest = replace(self.rest, **known)
         return True
 
-    def _one_sided(self, formula: Formula) -> list["_OneSided"]:
-        """The cells on one side of the jumps and kinks of a formula, and those that are cut."""
+    def _one_sided(self, formula: Formula) -> tuple[list[tuple[Indices, Formula]], Array, Array]:
+        """The cells on one side of the jumps and kinks of a formula, and those that are cut.
+
+        With the cells comes a formula that stands for the other one there, and for all cells the
+        share where it may not, and how far apart the two may be.
+        """
         cut, result = np.zeros(len(self.corners), dtype=bool), []
+        shares, apart = np.zeros((2, len(cut)))
         for part in decided([formula], self.corners):
-            chosen, apart = part.formulas[0], np.zeros(len(part.cells))
-            open_ = np.flatnonzero(part.shares > 0.0)
-            low, high = enclosed_on_simplices(chosen, self.corners[part.cells[open_]])
+            chosen, open_ = part.formulas[0], part.cells[part.shares > 0.0]
+            low, high = enclosed_on_simplices(chosen, self.corners[open_])
             for (other,) in part.others:
-                least, most = enclosed_on_simplices(other, self.corners[part.cells[open_]])
+                least, most = enclosed_on_simplices(other, self.corners[open_])
                 with np.errstate(invalid="ignore"):
                     far = np.maximum(most - low, high - least)
                 apart[open_] = np.maximum(apart[open_], np.where(np.isnan(far), np.inf, far))
             # On slivers data may have another side's values, and the cell is not cut.
-            thin = (part.shares <= SOLVED) & np.isfinite(apart)
+            thin = (part.shares <= SOLVED) & np.isfinite(apart[part.cells])
             cut[part.cells[~thin]] = True
-            shares = part.shares[thin] * UPWARDS
-            result.append(_OneSided(part.cells[thin], chosen, shares, apart[thin]))
-        zeros = np.zeros(int(cut.sum()))
-        return [*result, _OneSided(np.flatnonzero(cut), formula, zeros, zeros)]
+            shares[part.cells] = part.shares * UPWARDS
+            result.append((part.cells[thin], chosen))
+        shares[cut] = apart[cut] = 0.0
+        return [*result, (np.flatnonzero(cut), formula)], shares, apart

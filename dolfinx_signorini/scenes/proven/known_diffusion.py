@@ -132,9 +132,7 @@ def cell_function(domain: mesh.Mesh, coefficients: Array, degree: int) -> fem.Fu
     return function_with(space, space.dofmap.list[: len(coefficients)], coefficients @ table)
 
 
-def is_polynomial(formula: Formula | None, domain: mesh.Mesh, most: int | None = None) -> bool:
-    """Return whether a formula is a polynomial, of at most some degree; None counts as 0."""
-    if formula is None or formula.constant is not None:
-        return True
+def is_polynomial(formula: Formula, domain: mesh.Mesh, most: int) -> bool:
+    """Return whether a formula is a polynomial of at most some degree."""
     degree = polynomial_degree(formula.ufl(SpatialCoordinate(domain)))
-    return degree is not None and (most is None or degree <= most)
+    return degree is not None and degree <= most
