@@ -55,6 +55,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
 )
 from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.norms.pointwise import length
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle
@@ -221,10 +222,16 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
             continue
         entities, _, touching = contact_on_entities(zone, side)
         points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
-        bound, lengths = datum(points.domain, obstacle.data)(points), problem.lengths
-        if lengths is not None:
-            bound = bound / points.values(lengths)[0]
-        off = bound - points.values(problem.along(problem.u))[0]
+        bound, d = (
+            [datum(points.domain, part)(points) for part in data]
+            for data in ([obstacle.data], problem.direction)
+        )
+        if d:
+            values = zip(d, points.values(problem.u), strict=True)
+            along = np.sum([component * u for component, u in values], axis=0)
+            off = (bound[0] - along) / length(d)
+        else:
+            off = bound[0] - points.values(problem.along(problem.u))[0]
         held = np.asarray(touching.all(axis=1))
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
         off = np.where(held[:, None], off, beyond)
@@ -236,11 +243,12 @@ def _varying_obstacles(
 ) -> Iterator[tuple[Contact, int, Obstacle]]:
     """The obstacles of each zone with their numbers, but for those that are met everywhere.
 
-    A constant is, and nodes show what is beyond.
+    A constant along a constant direction, or along normals, is, and nodes show what is beyond.
     """
     for zone in problem.zones:
         for side, obstacle in enumerate(zone.obstacles):
-            if not isinstance(obstacle.data, int | float | np.number):
+            data = obstacle.data, *problem.direction
+            if not all(isinstance(each, int | float | np.number) for each in data):
                 yield zone, side, obstacle
 
 

@@ -31,6 +31,7 @@ def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
         else:
             parts = on_boundary(domain, zone.contact)
         heights += [("the obstacle", obstacle.data, parts) for obstacle in zone.obstacles]
+        heights += [("the direction", part, parts) for part in problem.direction]
     for known in filter(None, map(data_of_condition, problem.bcs)):
         heights.append(("the Dirichlet data", known.value, on_boundary(domain, known.facets)))
     for name, value, parts in heights:

@@ -253,9 +253,12 @@ class BoundConstrainedProblem(OnContact):
         return f
 
     @property
-    def lengths(self) -> fem.Function | None:
-        """What divides the bounds of this scalar function; None where nothing does."""
-        return None
+    def direction(self) -> tuple[Data, ...]:
+        """The components of a direction of any length along which the obstacles are given, as data.
+
+        There are none where the obstacles bound the scalar function `along` of the solution.
+        """
+        return ()
 
     @property
     def zones(self) -> "tuple[Contact, ...]":

@@ -212,10 +212,9 @@ class ContactProblem(BoundConstrainedProblem):
         return function_with(self._layout.nodal, nodes, values, f"{f.name}.d")
 
     @property
-    def lengths(self) -> fem.Function:
-        """The length of the direction, a scalar function known at nodes with an obstacle."""
-        nodes = self._layout.obstacle_nodes
-        return function_with(self._layout.nodal, nodes, self._directions.lengths, "lengths")
+    def direction(self) -> tuple[Data, ...]:
+        """The components of the direction that is given, as data; () for the averaged normals."""
+        return self._directions.parts
 
     def plot(
         self,

@@ -49,6 +49,7 @@ class Directions:
         direction: The direction, see `ContactProblem`.
 
     Attributes:
+        parts: The components of the direction that is given, as data; () for the normals.
         units: The unit vector d at each of the nodes, shape (nodes, components).
         shares: The length of the part of d that Dirichlet data leave free.
         dofs: The dof of each node that has the bound, after the turn.
@@ -70,10 +71,12 @@ class Directions:
     ):
         size, owned = space.dofmap.bs, nodal.dofmap.index_map.size_local
         self._fixed = fixed
+        self.parts = () if direction is None else _parts(direction, size)
         if direction is None:
             vectors = _normals(nodal, facets)[nodes]
         else:
-            vectors = _evaluated(nodal, direction, nodes, size)
+            given = [evaluator(nodal, part, nodes, "direction")() for part in self.parts]
+            vectors = np.stack(given, axis=1)
         self.lengths = _checked_lengths(nodal, nodes, vectors, direction is None)
         units = vectors / self.lengths[:, None]
         units[np.abs(units) < ROUNDING] = 0.0  # along an axis, whatever rounding makes of a normal
@@ -118,19 +121,16 @@ class Directions:
         return np.divide(left, self.shares, out=left.copy(), where=free)
 
 
-def _evaluated(
-    nodal: fem.FunctionSpace, direction: Direction, nodes: LocalIndices, size: int
-) -> Array:
-    """The vectors that a user gives as directions, shape (nodes, components)."""
-    parts: list[Data] = []
+def _parts(direction: Direction, size: int) -> tuple[Data, ...]:
+    """The components of a direction that a user gives."""
     if isinstance(direction, Expr):
         if direction.ufl_shape != (size,):
             shape = direction.ufl_shape
             raise InputError(
                 f"must be a vector of {size} components, has shape {shape}", "direction"
             )
-        parts = [direction[i] for i in range(size)]
-    elif callable(direction):
+        return tuple(direction[i] for i in range(size))
+    if callable(direction):
         function: Any = direction
 
         def component(i: int, x: Array) -> Any:
@@ -139,17 +139,14 @@ def _evaluated(
                 raise ValueError(f"{len(found)} components, not {size}")
             return found[i]
 
-        parts = [functools.partial(component, i) for i in range(size)]
-    if parts:
-        found = [evaluator(nodal, part, nodes, "direction")() for part in parts]
-        return np.stack(found, axis=1)
+        return tuple(functools.partial(component, i) for i in range(size))
     try:
         constant = np.array(direction, dtype=np.float64)
     except (TypeError, ValueError):
         constant = np.empty(0)
     if constant.shape != (size,):
         raise InputError(f"must be a vector of {size} components", "direction")
-    return np.tile(constant, (len(nodes), 1))
+    return tuple(map(float, constant))
 
 
 def _normals(nodal: fem.FunctionSpace, facets: LocalIndices) -> Array:

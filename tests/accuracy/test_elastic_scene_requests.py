@@ -5,11 +5,13 @@ import hertz
 import numpy as np
 import pytest
 import ufl
+from dolfinx import fem, mesh
 from known import values_at
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
 from dolfinx_signorini import InputError
+from dolfinx_signorini.data.parsing import parse as parse_formula
 from dolfinx_signorini.norms.references import carried
 from dolfinx_signorini.scenes import load_scene, posing, solve_scene
 
@@ -162,3 +164,96 @@ def test_a_stress_that_is_infinite_is_told(norm, finite, parse):
     assert found.reached == finite and ("r^0.711" in found.stopped) == (not finite)
     assert found.steps[-1].unknowns < 20_000
     result.destroy()
+
+
+# A floor with a narrow bump, told by the gap and by the length of the direction; a direction of
+# length 1 that is steep on the bump's flank. The body is moved down, in the last case also aside.
+BUMP = "exp(-((x - 0.162)/0.01)^2)"
+FLOORS = {
+    "gap": (f"0.05/(1 + 4*{BUMP})", "0", "-1", 0.0),
+    "length": ("0.05", "0", f"-(1 + 4*{BUMP})", 0.0),
+    "flank": (
+        "0.05",
+        f"1.5*{BUMP}/hypot(1, 1.5*{BUMP})",
+        f"-1/hypot(1, 1.5*{BUMP})",
+        0.1,
+    ),
+}
+FLOOR = """
+[domain]
+shape = "polygon"
+vertices = [[-1, 0], [1, 0], [1, 1], [-1, 1]]
+width = 0.25
+[elasticity]
+young = 1
+poisson = 0.3
+[contact]
+sides = 1
+gap = "{gap}"
+direction = ["{d}", "{e}"]
+[[dirichlet]]
+sides = 3
+value = [{aside}, -0.1]
+"""
+
+
+def posed_on(sided, gap, d, e, aside):
+    """The block of `FLOOR` in Python, of degree 2."""
+    V = fem.functionspace(sided.mesh, ("Lagrange", 2, (2,)))
+    u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+    g, d, e = (parse_formula(text).ufl(x) for text in (gap, d, e))
+    above = fem.locate_dofs_topological(V, 1, sided.sides["top"])
+    return ds.ContactProblem(
+        ds.elasticity(u, v, 1.0, 0.3),
+        ufl.inner(fem.Constant(sided.mesh, (0.0, 0.0)), v) * ufl.dx,
+        contact=sided.sides["bottom"],
+        gap=g,
+        direction=ufl.as_vector([d, e]),
+        bcs=[fem.dirichletbc(np.array([aside, -0.1]), above, V)],
+    )
+
+
+def force_on_a_fine_mesh(floor):
+    """The contact force on a mesh whose cells on the floor are small around the bump."""
+    domain = mesh.create_rectangle(COMM, [(-1.0, 0.0), (1.0, 1.0)], (96, 32))
+    x = domain.geometry.x
+    t = x[:, 0].copy()
+    x[:, 0] = 0.162 + np.where(t > 0.0, 1.0 - 0.162, 1.0 + 0.162) * t**3
+    x[:, 1] = x[:, 1] ** 2.5
+    problem = posed_on(ds.SidedMesh(domain, ends(domain)), *floor)
+    problem.solve()
+    force = np.array(problem.force)
+    problem.destroy()
+    return force
+
+
+def ends(domain):
+    return {
+        name: mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for name, y in (("bottom", 0.0), ("top", 1.0))
+    }
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_a_narrow_direction_is_seen(name, parse):
+    gap, d, e, aside = floor = FLOORS[name]
+    text = FLOOR.format(gap=gap, d=d, e=e, aside=aside)
+    result = solve_scene(parse(text), COMM, accuracy=4e-3, norm="energy", degree=2)
+    coarse = mesh.create_rectangle(COMM, [(-1.0, 0.0), (1.0, 1.0)], (8, 4))
+    found = ds.solve_adaptively(
+        lambda sided: posed_on(sided, *floor),
+        ds.SidedMesh(coarse, ends(coarse)),
+        norm="L2",
+        of=lambda u: ds.weighted_strain(u, 1.0, 0.3),
+        accuracy=4e-3,
+    )
+    expected = force_on_a_fine_mesh(floor)
+    assert abs(expected[1] - 0.11565) > 0.01 * expected[1]  # the force of a floor without the bump
+    for reached, problem in (
+        (result.found.reached, result.posed.problem),
+        (found.reached, found.problem),
+    ):
+        assert reached
+        assert np.abs(problem.force - expected).max() <= 4e-3 * np.abs(expected).max()
+    result.destroy()
+    found.problem.destroy()

@@ -67,6 +67,10 @@ class Contact(BoundaryCondition):
             raise top.error(cls.key, f"{message} linear, see dolfinx.fem.petsc.LinearProblem")
         return [cls.read(top.table(cls.key), domain, manufactured)]
 
+    @property
+    def data(self) -> list[tuple[str, Formula]]:
+        return super().data + [("direction", part) for part in self.direction or ()]
+
     @classmethod
     def read(cls, table: TomlTable, domain: Domain, manufactured: bool) -> "Contact":
         sides, zero = table.sides(domain.side_names), number(0.0)
