@@ -10,7 +10,6 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
     Diffusion,
@@ -229,7 +228,8 @@ def cell_data(
     touching: Indices,
     fluxes: Array,
     gaps: Array,
-    pressing: Pressing | None = None,
+    sides: Indices,
+    rises: Array,
 ) -> CellData:
     """Return what patches need to know of cells.
 
@@ -240,7 +240,8 @@ def cell_data(
         touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
         fluxes: The moments of given fluxes on facets.
         gaps: The means of gap times polynomial on contact facets.
-        pressing: The pressure in the cells; None for none.
+        sides: Which obstacle may press on each cell, see `CellData`.
+        rises: The means of v - g times polynomial over cells, up to this degree or a higher one.
     """
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
     weighted = J.transpose(0, 2, 1) @ values.diffusion.mean_inverse(
@@ -251,8 +252,6 @@ def cell_data(
     if values.aim is not values.gradient:
         aim = values.moments(values.diffusion.times(values.aim), degree)
     source = values.moments(values.residual, degree) * frames.volumes[:, None]
-    if pressing is None:
-        pressing = Pressing(np.zeros(len(kinds), dtype=np.int64), np.zeros_like(source))
     strength = np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0)
     return CellData(
         vertices=frames.vertices,
@@ -268,9 +267,9 @@ def cell_data(
         source=source,
         fluxes=fluxes,
         gaps=gaps,
-        strength=np.where(pressing.sides != 0, np.inf, strength),
-        sides=pressing.sides,
-        rises=pressing.rises[:, : source.shape[1]],
+        strength=np.where(sides != 0, np.inf, strength),
+        sides=sides,
+        rises=rises[:, : source.shape[1]],
         places=frames.places,
     )
 
