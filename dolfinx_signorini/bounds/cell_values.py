@@ -14,6 +14,7 @@ from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
     Diffusion,
     diffusion_at,
+    mean_matrices,
     means,
     stacked,
 )
@@ -23,7 +24,7 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.polynomials import barycentric, largest, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
 from dolfinx_signorini.problem.values import datum
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
@@ -197,8 +198,7 @@ class CellValues:
             degree: The degree of the polynomials.
         """
         rest, mean = self.residual.copy(), source / self.frames.volumes[:, None]
-        for cells, order in self.frames.groups:
-            own = barycentric(self.points)[:, order][:, 1:]
+        for cells, own in self.frames.groups(self.points):
             rest[cells] -= mean[cells] @ polynomials(self.frames.dimension, degree, own)
         return np.sqrt(self.integrals(rest**2))
 
@@ -244,9 +244,8 @@ def cell_data(
         rises: The means of v - g times polynomial over cells, up to this degree or a higher one.
     """
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
-    weighted = J.transpose(0, 2, 1) @ values.diffusion.mean_inverse(
-        values.weights, frames.dimension
-    )
+    inverse = mean_matrices(values.diffusion.inverses, values.weights, frames.dimension)
+    weighted = J.transpose(0, 2, 1) @ inverse
     det = frames.volumes * math.factorial(frames.dimension)
     current = aim = values.moments(values.current, degree)
     if values.aim is not values.gradient:
@@ -284,8 +283,7 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     """
     frames = values.frames
     result = np.zeros((len(coefficients), len(values.weights), frames.dimension))
-    for cells, order in frames.groups:
-        own = barycentric(values.points)[:, order][:, 1:]
+    for cells, own in frames.groups(values.points):
         result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
     det = frames.volumes * math.factorial(frames.dimension)
     return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))
