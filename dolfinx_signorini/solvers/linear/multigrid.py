@@ -55,6 +55,8 @@ class Multigrid:
         places: The nodes of this rank on the coarser levels, for their rigid motions.
 
     Attributes:
+        prolongations: All prolongations, the finest first.
+        degrees: How many of them are from lower degrees.
         pc: The cycle as a PETSc preconditioner.
         matrices: The Galerkin products of the last set-up, the finest first.
     """
@@ -70,7 +72,7 @@ class Multigrid:
         places: Sequence[Array] = (),
     ):
         self.prolongations, self.prefix = [*degrees, *meshes], prefix
-        self._degrees, self._places = len(degrees), places
+        self.degrees, self._places = len(degrees), places
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
@@ -79,17 +81,10 @@ class Multigrid:
         self._make()
 
     @property
-    def meshes(self) -> list[PETSc.Mat]:
-        """The prolongations from coarser meshes, the finest first."""
-        return self.prolongations[self._degrees :]
-
-    @property
     def name(self) -> str:
         """What the cycle goes through, in words: degrees and meshes."""
-        counts = (
-            (self._degrees, "lower degrees"),
-            (len(self.prolongations) - self._degrees, "coarser meshes"),
-        )
+        meshes = len(self.prolongations) - self.degrees
+        counts = (self.degrees, "lower degrees"), (meshes, "coarser meshes")
         return "multigrid over " + " and ".join(f"{n} {what}" for n, what in counts if n)
 
     def set_up(
@@ -118,8 +113,10 @@ class Multigrid:
         # Coarse functions may differ at held dofs alone: the product is singular, which no factor
         # takes. The difference is 0 at all free dofs, so that its coefficient does not matter.
         _scale_diagonal(self.matrices[-1], 1.0 + ROUNDING)
-        if not self._is_small:  # for algebraic multigrid
-            self._attach(self.matrices[-1], self._filled[-1])
+        if self._places and not self._is_small:  # algebraic multigrid is told the rigid motions
+            coarsest, places = self.matrices[-1], self._places[len(self.prolongations) - 1]
+            size, comm = coarsest.getBlockSize(), coarsest.comm.tompi4py()
+            attach_motions(coarsest, rigid_motions(comm, places, size), self._filled[-1])
         if not filled:
             _fill(matrix, held, diagonal)
         for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
@@ -179,7 +176,7 @@ class Multigrid:
             The number of unknowns of the finest mesh over that of the next coarser one; 0, with
             nothing done, where the next coarser level is one of lower degree.
         """
-        if self._degrees:
+        if self.degrees:
             return 0.0
         sides = [rhs]
         for prolongation in self.prolongations:
@@ -220,12 +217,12 @@ class Multigrid:
 
     def drop_meshes(self) -> bool:
         """Leave coarser meshes out from now on; return whether lower degrees are left."""
-        meshes = self.prolongations[self._degrees :]
-        if not meshes or not self._degrees:
+        meshes = self.prolongations[self.degrees :]
+        if not meshes or not self.degrees:
             return False
         self.free()
         destroy(*meshes)
-        del self.prolongations[self._degrees :]
+        del self.prolongations[self.degrees :]
         return True
 
     def free(self) -> None:
@@ -248,7 +245,7 @@ class Multigrid:
         for level in range(count - 1, 0, -1):
             self.pc.setMGInterpolation(level, self.prolongations[count - 1 - level])
             down, up = self.pc.getMGSmootherDown(level), self.pc.getMGSmootherUp(level)
-            high = self._degrees > 1 and level == count - 1
+            high = self.degrees > 1 and level == count - 1
             for solver, sweep in ((down, DOWN), (up, UP)):
                 self._smooth(solver, BOTH if high else sweep)
             up.setInitialGuessNonzero(True)
@@ -268,14 +265,6 @@ class Multigrid:
             one = self.prolongations[0].comm.size == 1
             options = CHOLESKY if one else REDUNDANT_CHOLESKY
         return f"{self.prefix}mg_coarse_", {}, options
-
-    def _attach(self, coarse: PETSc.Mat, empty: LocalIndices) -> None:
-        """Tell the matrix of the coarsest level the rigid motions; for one component nothing."""
-        size = coarse.getBlockSize()
-        if size > 1:
-            places = self._places[len(self.prolongations) - 1]
-            motions = rigid_motions(coarse.comm.tompi4py(), places, size)
-            attach_motions(coarse, motions.reshape(-1, motions.shape[2]), empty)
 
     @property
     def _is_small(self) -> bool:

@@ -142,11 +142,10 @@ class LinearSolver(ABC):
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = without_nodes(self.A.copy())
-        rows = Rows(self.A)
-        if rows.alone:
+        if self.comm.size == 1:
             held = np.zeros(self.A.getLocalSize()[0], dtype=bool)
             held[dofs] = True
-            rows.hold(held, diagonal, Rows(self._matrix))
+            Rows(self.A).hold(held, diagonal, Rows(self._matrix))
             return self._matrix
         self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
