@@ -3,13 +3,13 @@
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.solvers.active_set import Start, solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
@@ -99,28 +99,23 @@ class ActiveSetSolver:
                     rounds.destroy()
             history.add(system, x, measure.multiplier)
         finally:
-            measure.destroy()
-            if stop is not None:
-                stop.destroy()
+            destroy(measure, stop)
         seconds = {
             "predict": predicted - began,
             "solve": solved - predicted,
             "accept": time.perf_counter() - solved,
         }
         spent = linear.solves - counts[0], linear.iterations - counts[1]
-        result = _result(system, x, "cascade", rounds, residual, spent, seconds)
-        return replace(
-            result,
-            algebraic_share=None if stop is None else stop.share,
-            preconditioner=linear.preconditioner,
-            setups=linear.setups - counts[2],
-        )
+        more = {
+            "algebraic_share": None if stop is None else stop.share,
+            "preconditioner": linear.preconditioner,
+            "setups": linear.setups - counts[2],
+        }
+        return _result(system, x, "cascade", rounds, residual, spent, seconds, **more)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        self.linear.destroy()
-        if self._acceptance is not None:
-            self._acceptance.destroy()
+        destroy(self.linear, self._acceptance)
 
     def _start(
         self,
@@ -208,8 +203,7 @@ def solve_by_tao(
         residual = _run(rounds, x, measure, rtol, method)
         history.add(system, x, measure.multiplier)
     finally:
-        rounds.destroy()
-        measure.destroy()
+        destroy(rounds, measure)
     seconds = {"solve": time.perf_counter() - began}
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
@@ -256,6 +250,7 @@ def _result(
     residual: float,
     linear: tuple[int, int],
     seconds: dict[str, float],
+    **more: Any,
 ) -> SolveResult:
     return SolveResult(
         method=method,
@@ -266,4 +261,5 @@ def _result(
         natural_residual=residual,
         active_dofs=system.comm.allreduce(int(system.touching_once(x).sum())),
         seconds=seconds,
+        **more,
     )

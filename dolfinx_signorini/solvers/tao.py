@@ -58,14 +58,8 @@ REASONS = {
 }
 
 # How the names of options for one method begin.
-OPTION_FAMILIES = {
-    "bncg": "tao_bncg_",
-    "bqnls": "tao_bqnls_",
-    "blmvm": "tao_blmvm_",
-    "bntr": "tao_bnk_",
-    "bnls": "tao_bnk_",
-    "tron": "tao_tron_",
-}
+OPTION_FAMILIES = {name: f"tao_{name}_" for name in METHODS}
+OPTION_FAMILIES |= dict.fromkeys(("bntr", "bnls"), "tao_bnk_")
 
 
 class TaoRounds:
@@ -190,8 +184,7 @@ class TaoRounds:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self._forget()
-        if self.hessian is not None:
-            self.hessian.destroy()
+        destroy(self.hessian)
 
     def _forget(self) -> None:
         destroy(self._tao, *self._vectors.values())
