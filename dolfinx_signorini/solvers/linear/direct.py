@@ -35,19 +35,22 @@ class DirectSolver(LinearSolver):
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
 
-    def _solve(
+    def solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+        check: Check | None = None,
+        slack: int | None = None,
     ) -> None:
+        """Solve by a factorization, or by the solver that took over, see `LinearSolver`."""
+        self.solves += slack is None
         if self._iterative is None and self._factors(system, held):
-            unit = set_residual(system, x, held, multiplier, self._rhs)
+            known = None if system.place(x, held) else multiplier
+            unit = set_residual(system, x, held, known, self._rhs)
             self._ksp.solve(self._rhs, self._correction)
             x.axpy(unit, self._correction)
             self.iterations += 1

@@ -77,17 +77,21 @@ class IterativeSolver(LinearSolver):
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._ksp.addConvergenceTest(self._ended)
 
-    def _solve(
+    def solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+        check: Check | None = None,
+        slack: int | None = None,
     ) -> None:
+        """Solve by conjugate gradients, see `LinearSolver`."""
+        if system.place(x, held):
+            multiplier = None
+        self.solves += slack is None
         fresh = self._prepare(system, held, slack)
         self._checks = [] if check is None else [check]
         if stop is not None and self.multigrid is not None:

@@ -61,6 +61,7 @@ class LinearSolver(ABC):
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self._ksp = PETSc.KSP().create(self.comm)
 
+    @abstractmethod
     def solve(
         self,
         system: System,
@@ -87,10 +88,6 @@ class LinearSolver(ABC):
         Raises:
             InputError: The form turned out to be indefinite.
         """
-        if system.place(x, held):
-            multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop, check, slack)
-        self.solves += slack is None
 
     @abstractmethod
     def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
@@ -109,20 +106,6 @@ class LinearSolver(ABC):
     @abstractmethod
     def preconditioner(self) -> str:
         """What solves take for the inverse of the matrix, in words."""
-
-    @abstractmethod
-    def _solve(
-        self,
-        system: System,
-        x: PETSc.Vec,
-        held: Mask,
-        atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
-    ) -> None:
-        """Solve where the held dofs have their values already, see `solve`."""
 
     @abstractmethod
     def free(self) -> None:
