@@ -33,9 +33,6 @@ FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
 METHODS = FIRST_ORDER + SECOND_ORDER
 
-# One round reduces the residual by this factor at most, and the error of the energy by its square:
-# what is less than `SOLVED` of the difference of two energies is rounding.
-ROUND_REDUCTION = SOLVED**0.5
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 # Of the residual asked for: where TAO stops, whose own norm is another one than the natural
 # residual. The natural residual is then the one asked for, too, and no further solve follows.
@@ -144,7 +141,9 @@ class TaoRounds:
         residual = measure(x) if residual is None else residual
         while True:
             previous = measure.norm
-            if self._round(x, measure, max(rtol, ROUND_REDUCTION * residual)):
+            # The error of the energy is reduced by the square of a round's factor: what is less
+            # than `SOLVED` of the difference of two energies is rounding.
+            if self._round(x, measure, max(rtol, SOLVED**0.5 * residual)):
                 residual = measure(x)
             if residual <= rtol:
                 residual = measure.close_gaps(x)
@@ -203,7 +202,7 @@ class TaoRounds:
         Returns:
             Whether TAO took a step.
         """
-        unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
+        unit = power_of_two(measure.norm / self.size)
         try:
             tao = self._made(x) if self._tao is None else self._tao
             self._pose(x, measure.multiplier, unit)

@@ -158,7 +158,6 @@ def set_residual(
         multiplier.copy(rhs)
         rhs.scale(-1.0)
     rhs.array_w[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = 0.0
-    largest = rhs.norm(PETSc.NormType.INFINITY)
-    unit = power_of_two(largest) if largest > 0.0 else 1.0
+    unit = power_of_two(rhs.norm(PETSc.NormType.INFINITY))
     rhs.scale(1.0 / unit)
     return unit
