@@ -41,22 +41,23 @@ class Multigrid:
 
     For example:
 
-        multigrid = Multigrid(*prolongations(space), prefix, amg_options(1, coarsest=True))
+        degrees, meshes = prolongations(space)
+        options = amg_options(1, coarsest=True)
+        multigrid = Multigrid([*degrees, *meshes], len(degrees), prefix, options)
         multigrid.set_up(matrix, held, 4.0)
         multigrid.pc.apply(r, y)
 
     Args:
-        degrees: The prolongations from lower degrees, the finest first.
-        meshes: The prolongations from coarser meshes, the finest first. The object takes both
-            over.
+        prolongations: The prolongations from lower degrees, then those from coarser meshes, the
+            finest first. The object takes them over.
+        degrees: How many of them are from lower degrees.
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
         coarsest: The options of a coarsest level of many nodes, without prefix.
         places: The nodes of this rank on the coarser levels, for their rigid motions.
 
     Attributes:
-        prolongations: All prolongations, the finest first.
-        degrees: How many of them are from lower degrees.
+        prolongations, degrees: See above; coarser meshes may have been left out.
         pc: The cycle as a PETSc preconditioner.
         matrices: The Galerkin products of the last set-up, the finest first.
     """
@@ -65,14 +66,14 @@ class Multigrid:
 
     def __init__(
         self,
-        degrees: Sequence[PETSc.Mat],
-        meshes: Sequence[PETSc.Mat],
+        prolongations: Sequence[PETSc.Mat],
+        degrees: int,
         prefix: str,
         coarsest: Mapping[str, Any],
         places: Sequence[Array] = (),
     ):
-        self.prolongations, self.prefix = [*degrees, *meshes], prefix
-        self.degrees, self._places = len(degrees), places
+        self.prolongations, self.degrees = list(prolongations), degrees
+        self.prefix, self._places = prefix, places
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
@@ -301,15 +302,11 @@ def multigrid_for(
         return None
     layout = system.layout
     degrees, meshes = prolongations(layout.nodal)
-    places: list[Array] = []
+    found, places = [*degrees, *meshes], []
     if layout.frame is not None:
-        found = [*degrees, *meshes]
         places = coarse_places(found, owned_places(layout.nodal))
-        wide = [layout.frame.prolongation(each, finest=k == 0) for k, each in enumerate(found)]
-        degrees, meshes = wide[: len(degrees)], wide[len(degrees) :]
-    if not degrees and not meshes:
-        return None
-    return Multigrid(degrees, meshes, prefix, coarsest, places)
+        found = [layout.frame.prolongation(each, finest=k == 0) for k, each in enumerate(found)]
+    return Multigrid(found, len(degrees), prefix, coarsest, places) if found else None
 
 
 def _scale_diagonal(matrix: PETSc.Mat, factor: float) -> None:
