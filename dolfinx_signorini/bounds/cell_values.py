@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
@@ -18,7 +17,7 @@ from dolfinx_signorini.bounds.cell_scales import (
     means,
     stacked,
 )
-from dolfinx_signorini.bounds.condensation import CellData
+from dolfinx_signorini.bounds.condensation import CellData, blocks
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
@@ -65,10 +64,7 @@ class CellValues:
 
     def batches(self) -> Iterator[tuple[slice, "CellValues"]]:
         """Yield cells and their values, so few that caches hold them; collective."""
-        cells, comm = len(self.frames.cells), self.solved.comm
-        count = comm.allreduce(1 + cells * len(self.weights) // BLOCK, op=MPI.MAX)
-        ends = np.linspace(0, cells, count + 1).astype(int)
-        for some in map(slice, ends[:-1], ends[1:]):
+        for some in blocks(len(self.frames.cells), len(self.weights), self.solved.comm):
             yield some, replace(self, solved=self.solved.some(some))
 
     @functools.cached_property

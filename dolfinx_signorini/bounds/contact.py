@@ -3,14 +3,13 @@
 import math
 
 import numpy as np
-from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.bounds.better_fluxes import RAISED
 from dolfinx_signorini.bounds.boundary_facets import weightless
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
-from dolfinx_signorini.bounds.condensation import CLOSED
+from dolfinx_signorini.bounds.condensation import CLOSED, blocks
 from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of, tiny_of
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
@@ -71,7 +70,7 @@ def _rises(solved: Solved, near: Feasible, number: Indices) -> Array:
         near: What makes the solution feasible.
         number: The number of the obstacle that presses on each cell, or -1.
     """
-    comm, d, change = solved.comm, solved.dimension, near.change
+    d, change = solved.dimension, near.change
     degree = solved.degree + RAISED[d]
     result = np.zeros((len(number), math.comb(degree + d, d)))
     if not solved.problem.in_domain:
@@ -82,8 +81,7 @@ def _rises(solved: Solved, near: Feasible, number: Indices) -> Array:
     points, weights = rule(d, min(degree + order, BEST[d]))
     for k, (side, (data, apart)) in enumerate(zip(sides_of(solved), told, strict=True)):
         obstacle, cells = datum(solved.frames.domain, data), np.flatnonzero(number == k)
-        count = comm.allreduce(1 + len(cells) * len(weights) // BLOCK, op=MPI.MAX)
-        for some in np.array_split(cells, count):
+        for some in (cells[part] for part in blocks(len(cells), len(weights), solved.comm)):
             frames = solved.frames.some(some)
             at = frames.points(points)
             v = solved.problem.sign * at.values(solved.problem.u)[0] + at.values(change)[0]

@@ -52,11 +52,10 @@ def nearer(
     parts = numbers, stiffness, load, *(each[dofs] - start[dofs] for each in limits)
     everything = [np.concatenate(comm.allgather(part)) for part in parts]
     names, change = _solved(*everything)
-    result, owned = start.copy(), np.arange(len(start))
-    own = index_map.local_to_global(owned.astype(np.int32))
-    at = np.minimum(np.searchsorted(names, own), len(names) - 1) if len(names) else None
-    if at is not None:
-        result += np.where(names[at] == own, change[at], 0.0)
+    own = index_map.local_to_global(np.arange(len(start), dtype=np.int32))
+    _, here, there = np.intersect1d(own, names, assume_unique=True, return_indices=True)
+    result = start.copy()
+    result[here] += change[there]
     return np.where(free, np.clip(result, *limits), start), free
 
 
