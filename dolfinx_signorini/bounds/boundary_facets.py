@@ -125,6 +125,17 @@ def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     return FacetPoints(frames, cells, facets, points, weights)
 
 
+def rule_on_parts(degree: int) -> tuple[Array, Array]:
+    """Return points and weights on the unit interval: a rule on each of its equal parts.
+
+    Args:
+        degree: The degree of the polynomials that are integrated exactly.
+    """
+    nodes, weights = rule(1, degree)
+    t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
+    return t.ravel(), np.tile(weights, PARTS) / PARTS
+
+
 def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
     """Return a rule on parts of some segments, and functions above the positive parts of others.
 
@@ -138,11 +149,8 @@ def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, 
         the values at the points, see `positive_on_parts`.
     """
     degree = series.shape[1] - 1
-    nodes, weights = rule(1, 2 * degree)
-    t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
-    cells, facets = np.nonzero(marked)
-    weights = np.tile(weights, PARTS) / PARTS
-    points = FacetPoints(frames, cells, facets, t.reshape(-1, 1), weights)
+    (t, weights), (cells, facets) = rule_on_parts(2 * degree), np.nonzero(marked)
+    points = FacetPoints(frames, cells, facets, t[:, None], weights)
     return points, positive_on_parts(degree, PARTS, series, points.inside[:, :, 0])
 
 
