@@ -26,7 +26,7 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.bounds.boundary_facets import FacetPoints
-from dolfinx_signorini.bounds.cell_pressure import Pressing, free_pressure, without_pressure
+from dolfinx_signorini.bounds.cell_pressure import free_pressure, without_pressure
 from dolfinx_signorini.bounds.cell_values import (
     cell_data,
     cell_values,
@@ -84,7 +84,7 @@ def better_fluxes(
     data: CellData,
     moments: Array,
     reference: ReferenceFlux,
-    pressing: Pressing | None,
+    rises: Array,
     contact: tuple[FacetPoints, Array],
     outlet: bool,
 ) -> BetterFlux | None:
@@ -95,7 +95,7 @@ def better_fluxes(
         data: The cells of this rank.
         moments: The moments of a flux on facets.
         reference: The fields.
-        pressing: The pressure in the cells; None for none.
+        rises: Those of the cells up to the higher degree, see `cell_data`.
         contact: Points of contact facets with the gap, see `gaps`.
         outlet: Whether a residual has a way out without the pressure of these cells.
     """
@@ -111,8 +111,7 @@ def better_fluxes(
     some, used = solved.some(cells), np.isin(points.cells, cells)
     points, gap = points.some(used, some.frames, cells), gap[used]
     means = gap_means(points, gap, finer.degree)
-    pressing = None if pressing is None else pressing.some(cells)
-    part = _finer(some, data.some(cells), finer, pressing, means)
+    part = _finer(some, data.some(cells), finer, rises[cells], means)
     found, loads, kept = improved(comm, part, start, finer)
     rest = data.sides != 0
     rest[cells[kept]] = False
@@ -191,15 +190,11 @@ def _pulled(data: CellData, moments: Array, reference: ReferenceFlux) -> Mask:
 
 
 def _finer(
-    solved: Solved,
-    data: CellData,
-    reference: ReferenceFlux,
-    pressing: Pressing | None,
-    gaps: Array,
+    solved: Solved, data: CellData, reference: ReferenceFlux, rises: Array, gaps: Array
 ) -> CellData:
     """Cells for fields of a higher degree; their source is of the lower one."""
     values = cell_values(solved, quadrature_degree(solved, reference.degree)[0])
-    given = data.kinds, data.touching, np.zeros_like(gaps), gaps, pressing
+    given = data.kinds, data.touching, np.zeros_like(gaps), gaps, data.sides, rises
     found = cell_data(values, reference.degree, *given)
     source = np.zeros_like(found.source)
     source[:, : data.source.shape[1]] = data.source

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING
@@ -93,22 +93,13 @@ class FacetPoints:
         return np.broadcast_to(values, (len(self.cells), len(self.weights)))
 
     @functools.cached_property
-    def _inside(self) -> Array:
-        """The points of each facet of a cell of the mesh, as barycentric coordinates there."""
+    def inside(self) -> Array:
+        """The points in the reference facets of the frames, shape (n, points, d - 1)."""
         corners = np.eye(self.frames.dimension + 1)[facet_vertices(self.frames.domain)]
-        return np.asarray(barycentric(self.reference) @ corners)
-
-    @functools.cached_property
-    def coordinates(self) -> Array:
-        """The barycentric coordinates in the frames, shape (n, points, d + 1)."""
-        inside = self._inside[self.pairs[:, 1]]
-        return np.take_along_axis(inside, self.owners.order[:, None, :], axis=2)
-
-    @property
-    def along(self) -> Array:
-        """The share of the way from the first end of segments to the second, shape (n, points)."""
-        last = np.where(self.facets == 2, 1, 2)
-        return np.take_along_axis(self.coordinates, last[:, None, None], axis=2)[:, :, 0]
+        coordinates = (barycentric(self.reference) @ corners)[self.pairs[:, 1]]
+        vertices = others(self.frames.dimension)[self.facets, 1:]
+        columns = np.take_along_axis(self.owners.order, vertices, axis=1)
+        return np.take_along_axis(coordinates, columns[:, None], axis=2)
 
     def polynomials(self, degree: int) -> Array:
         """Return the polynomials on the facets at the points, shape (n, polynomials, points).
@@ -116,24 +107,9 @@ class FacetPoints:
         Args:
             degree: The degree of the polynomials.
         """
-        d = self.frames.dimension
-        columns = others(d)[self.facets][:, None, 1:]
-        inside = np.take_along_axis(self.coordinates, columns, axis=2).reshape(-1, d - 1)
-        values = polynomials(d - 1, degree, inside)
+        side = self.frames.dimension - 1
+        values = polynomials(side, degree, self.inside.reshape(-1, side))
         return values.reshape(len(values), len(self.cells), len(self.weights)).transpose(1, 0, 2)
-
-    def function(self, space: fem.FunctionSpace, dofs: Array) -> Array:
-        """Return a function of a space at the points, shape (n, points).
-
-        Args:
-            space: A scalar space.
-            dofs: The values of the function at the dofs of this rank.
-        """
-        inside = self._inside[:, :, 1:]
-        table = space.element.basix_element.tabulate(0, inside.reshape(-1, inside.shape[2]))
-        table = table[0, :, :, 0].reshape(*inside.shape[:2], -1)[self.pairs[:, 1]]
-        nodal = dofs[space.dofmap.list[self.owners.cells]]
-        return np.asarray((table @ nodal[..., None])[..., 0])
 
 
 def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
@@ -149,6 +125,17 @@ def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
     return FacetPoints(frames, cells, facets, points, weights)
 
 
+def rule_on_parts(degree: int) -> tuple[Array, Array]:
+    """Return points and weights on the unit interval: a rule on each of its equal parts.
+
+    Args:
+        degree: The degree of the polynomials that are integrated exactly.
+    """
+    nodes, weights = rule(1, degree)
+    t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
+    return t.ravel(), np.tile(weights, PARTS) / PARTS
+
+
 def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, Array]:
     """Return a rule on parts of some segments, and functions above the positive parts of others.
 
@@ -162,12 +149,9 @@ def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, 
         the values at the points, see `positive_on_parts`.
     """
     degree = series.shape[1] - 1
-    nodes, weights = rule(1, 2 * degree)
-    t = (np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS
-    cells, facets = np.nonzero(marked)
-    weights = np.tile(weights, PARTS) / PARTS
-    points = FacetPoints(frames, cells, facets, t.reshape(-1, 1), weights)
-    return points, positive_on_parts(degree, PARTS, series, points.along)
+    (t, weights), (cells, facets) = rule_on_parts(2 * degree), np.nonzero(marked)
+    points = FacetPoints(frames, cells, facets, t[:, None], weights)
+    return points, positive_on_parts(degree, PARTS, series, points.inside[:, :, 0])
 
 
 def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
@@ -196,17 +180,17 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     kinds = np.where(outer, NEUMANN, INTERIOR)
     kinds[fixed & outer] = DIRICHLET
     kinds[contact & outer] = OPEN
-    cells, facets, dofs = contact_closures(problem.space, frames, kinds)
+    cells, facets = np.nonzero(kinds >= OPEN)
+    pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
     size = highest(comm, np.abs(problem.u.x.array))
     touching = problem.gap.x.array <= ROUNDING * size
-    kinds[cells, facets] = _contact_kinds(problem, dofs, touching)
-    vertices = problem.space.element.basix_element.entity_dofs[0]
-    corners = np.array([dofs[0] for dofs in vertices])[frames.order]
+    kinds[cells, facets] = _contact_kinds(problem, facet_dofs(problem.space, pairs), touching)
+    corners = np.ravel(problem.space.element.basix_element.entity_dofs[0])[frames.order]
     corners = np.take_along_axis(problem.space.dofmap.list[: len(corners)], corners, axis=1)
     return kinds.astype(np.int64), touching[corners].astype(np.int64)
 
 
-def _contact_kinds(problem: BoundConstrainedProblem, dofs: Indices, touching: Mask) -> Indices:
+def _contact_kinds(problem: BoundConstrainedProblem, dofs: LocalIndices, touching: Mask) -> Indices:
     """Whether facets with these dofs touch the obstacle nowhere, in part, or all over."""
     free = ~marked(problem.space, problem.fixed_dofs)
     light = weightless(problem.space, problem.space.mesh.topology.dim - 1)
@@ -216,21 +200,6 @@ def _contact_kinds(problem: BoundConstrainedProblem, dofs: Indices, touching: Ma
     inner = dofs if degree == 1 else dofs[:, d:]
     partly = (touching[inner] & free[inner]).any(axis=1)
     return np.where(closed, CLOSED, np.where(partly, PARTLY, OPEN))
-
-
-def contact_closures(
-    space: fem.FunctionSpace, frames: Frames, kinds: Indices
-) -> tuple[Indices, Indices, Indices]:
-    """Return the cells and numbers of the contact facets of frames, with the dofs on each.
-
-    Args:
-        space: The space of the dofs.
-        frames: The cells of the mesh.
-        kinds: The kinds of the facets of the cells.
-    """
-    cells, facets = np.nonzero(kinds >= OPEN)
-    pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
-    return cells, facets, facet_dofs(space, pairs).astype(np.int64)
 
 
 def weightless(space: fem.FunctionSpace, dim: int) -> Mask:

@@ -8,7 +8,6 @@ from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.frames import on_frames
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, polynomial_degree
-from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.values import Data
 
@@ -26,10 +25,7 @@ def given_fluxes(solved: Solved) -> tuple[Array, Array, list[str]]:
     Raises:
         InputError: A Robin coefficient is negative at a point.
     """
-    terms, frames, d, degree = solved.terms, solved.frames, solved.dimension, solved.degree
-    count = len(polynomials(d - 1, degree, np.zeros((1, d - 1))))
-    moments = np.zeros((len(frames.order), d + 1, count))
-    squares = np.zeros(moments.shape[:2])
+    terms, frames, degree = solved.terms, solved.frames, solved.degree
     marked = on_frames(frames, [f for _, f in (*terms.neumann, *terms.robin)])
     marked &= on_frames(frames, [boundary_facets(frames.domain)])
     fluxes = [polynomial_degree(data) for data, _ in terms.neumann]
@@ -41,6 +37,7 @@ def given_fluxes(solved: Solved) -> tuple[Array, Array, list[str]]:
     points = facet_points(frames, marked, quadrature)
     total = solved.problem.sign * _flux_at(points, solved)
     p = points.polynomials(degree)
+    moments, squares = np.zeros((*marked.shape, p.shape[1])), np.zeros(marked.shape)
     means = np.einsum("q,nq,njq->nj", points.weights, total, p)
     rest = total - np.einsum("nj,njq->nq", means, p)
     at = points.cells, points.facets
@@ -60,7 +57,7 @@ def _flux_at(points: FacetPoints, solved: Solved) -> Array:
 
     for data, facets in terms.neumann:
         total += inside(data, facets)
-    u = points.function(problem.space, problem.u.x.array) if terms.robin else 0.0
+    u = points.points.values(problem.u)[0] if terms.robin else 0.0
     for data, facets in terms.robin:
         coefficient = inside(data, facets)
         require(problem.comm, bool((coefficient >= 0.0).all()), "negative at some point", "robin")

@@ -6,11 +6,11 @@ f - c u + div y is minus a function that is nowhere negative, as far as possible
 The proof is in docs/method/energy_bound.md.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
@@ -18,21 +18,6 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.transport import transported
 from dolfinx_signorini.meshes.polynomials import lowest
-
-
-@dataclass(frozen=True)
-class Pressing:
-    """The cells on which an obstacle in the domain may press, see `CellData`:
-
-    pressing = Pressing(sides, rises).some(cells)
-    """
-
-    sides: Indices
-    rises: Array  # with polynomials of any degree
-
-    def some(self, cells: Indices | slice) -> "Pressing":
-        """Return what concerns some of the cells."""
-        return Pressing(self.sides[cells], self.rises[cells])
 
 
 def polynomial_residual(data: CellData, field: Array, reference: ReferenceFlux) -> Array:

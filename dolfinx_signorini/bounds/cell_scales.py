@@ -34,11 +34,6 @@ class Diffusion:
         """Return the products of the inverse of A with vectors, shape (cells, points, d)."""
         return _product(self.inverses, vectors)
 
-    def mean_inverse(self, weights: Array, dimension: int) -> Array:
-        """The mean of the inverse of A over each cell, shape (cells, d, d)."""
-        mean = means(self.inverses, weights)
-        return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
-
 
 def stacked(entries: list[Array], dimension: int) -> Array:
     """Return numbers or matrices at points from the values of each entry."""
@@ -71,6 +66,12 @@ def means(values: Array, weights: Array) -> Array:
     """Return means over cells of functions, which may have one value for all points of a cell."""
     same = values.shape[1] == 1
     return np.asarray(values[:, 0] if same else np.tensordot(values, weights, (1, 0)), float)
+
+
+def mean_matrices(values: Array, weights: Array, dimension: int) -> Array:
+    """Return means over cells of multiples of the identity or of matrices, shape (cells, d, d)."""
+    mean = means(values, weights)
+    return mean if mean.ndim == 3 else np.asarray(mean[..., None] * np.eye(dimension))
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

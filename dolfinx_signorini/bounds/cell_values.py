@@ -6,25 +6,24 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.bounds.cell_pressure import Pressing
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
     Diffusion,
     diffusion_at,
+    mean_matrices,
     means,
     stacked,
 )
-from dolfinx_signorini.bounds.condensation import CellData
+from dolfinx_signorini.bounds.condensation import CellData, blocks
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.polynomials import barycentric, largest, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
 from dolfinx_signorini.problem.values import datum
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,
@@ -65,10 +64,7 @@ class CellValues:
 
     def batches(self) -> Iterator[tuple[slice, "CellValues"]]:
         """Yield cells and their values, so few that caches hold them; collective."""
-        cells, comm = len(self.frames.cells), self.solved.comm
-        count = comm.allreduce(1 + cells * len(self.weights) // BLOCK, op=MPI.MAX)
-        ends = np.linspace(0, cells, count + 1).astype(int)
-        for some in map(slice, ends[:-1], ends[1:]):
+        for some in blocks(len(self.frames.cells), len(self.weights), self.solved.comm):
             yield some, replace(self, solved=self.solved.some(some))
 
     @functools.cached_property
@@ -198,8 +194,7 @@ class CellValues:
             degree: The degree of the polynomials.
         """
         rest, mean = self.residual.copy(), source / self.frames.volumes[:, None]
-        for cells, order in self.frames.groups:
-            own = barycentric(self.points)[:, order][:, 1:]
+        for cells, own in self.frames.groups(self.points):
             rest[cells] -= mean[cells] @ polynomials(self.frames.dimension, degree, own)
         return np.sqrt(self.integrals(rest**2))
 
@@ -229,7 +224,8 @@ def cell_data(
     touching: Indices,
     fluxes: Array,
     gaps: Array,
-    pressing: Pressing | None = None,
+    sides: Indices,
+    rises: Array,
 ) -> CellData:
     """Return what patches need to know of cells.
 
@@ -240,19 +236,17 @@ def cell_data(
         touching: Whether the vertices touch the obstacle, shape (cells, d + 1).
         fluxes: The moments of given fluxes on facets.
         gaps: The means of gap times polynomial on contact facets.
-        pressing: The pressure in the cells; None for none.
+        sides: Which obstacle may press on each cell, see `CellData`.
+        rises: The means of v - g times polynomial over cells, up to this degree or a higher one.
     """
     frames, scales, J = values.frames, values.scales, values.frames.jacobians
-    weighted = J.transpose(0, 2, 1) @ values.diffusion.mean_inverse(
-        values.weights, frames.dimension
-    )
+    inverse = mean_matrices(values.diffusion.inverses, values.weights, frames.dimension)
+    weighted = J.transpose(0, 2, 1) @ inverse
     det = frames.volumes * math.factorial(frames.dimension)
     current = aim = values.moments(values.current, degree)
     if values.aim is not values.gradient:
         aim = values.moments(values.diffusion.times(values.aim), degree)
     source = values.moments(values.residual, degree) * frames.volumes[:, None]
-    if pressing is None:
-        pressing = Pressing(np.zeros(len(kinds), dtype=np.int64), np.zeros_like(source))
     strength = np.where(scales.l2_weight < scales.gradient_weight, scales.least_reaction, 0.0)
     return CellData(
         vertices=frames.vertices,
@@ -268,9 +262,9 @@ def cell_data(
         source=source,
         fluxes=fluxes,
         gaps=gaps,
-        strength=np.where(pressing.sides != 0, np.inf, strength),
-        sides=pressing.sides,
-        rises=pressing.rises[:, : source.shape[1]],
+        strength=np.where(sides != 0, np.inf, strength),
+        sides=sides,
+        rises=rises[:, : source.shape[1]],
         places=frames.places,
     )
 
@@ -285,8 +279,7 @@ def flux_values(values: CellValues, coefficients: Array, reference: ReferenceFlu
     """
     frames = values.frames
     result = np.zeros((len(coefficients), len(values.weights), frames.dimension))
-    for cells, order in frames.groups:
-        own = barycentric(values.points)[:, order][:, 1:]
+    for cells, own in frames.groups(values.points):
         result[cells] = np.tensordot(coefficients[cells], reference.fields(own), (1, 1))
     det = frames.volumes * math.factorial(frames.dimension)
     return np.asarray(result @ (frames.jacobians / det[:, None, None]).transpose(0, 2, 1))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.bounds.congruence import alike
@@ -105,9 +106,16 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return type(parts[0])(*map(np.concatenate, columns))
 
 
-def blocks(rows: int, width: int) -> list[slice]:
-    """Return slices of rows of some numbers, each so short that caches hold the rows."""
-    ends = np.linspace(0, rows, 2 + rows * width // BLOCK).astype(int)
+def blocks(rows: int, width: int, comm: MPI.Comm = MPI.COMM_SELF) -> list[slice]:
+    """Return slices of rows of some numbers, each so short that caches hold the rows.
+
+    Args:
+        rows: The number of rows.
+        width: The number of numbers in each.
+        comm: The ranks that have the same number of slices; collective.
+    """
+    count = comm.allreduce(1 + rows * width // BLOCK, op=MPI.MAX)
+    ends = np.linspace(0, rows, count + 1).astype(int)
     return list(map(slice, ends[:-1], ends[1:]))
 
 

@@ -11,7 +11,7 @@ import basix
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.bounds.boundary_facets import FacetPoints
+from dolfinx_signorini.bounds.boundary_facets import FacetPoints, rule_on_parts
 from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import PARTS
@@ -21,7 +21,6 @@ from dolfinx_signorini.meshes.polynomials import (
     largest,
     lowest,
     others,
-    rule,
 )
 
 
@@ -64,8 +63,7 @@ class Cones:
             strip: The share of each cell where A may be larger, times the largest eigenvalue of A.
         """
         degree, d = self.coefficients.shape[1] - 1, self.frames.dimension
-        nodes, weights = rule(1, 2 * degree)
-        t = ((np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS).ravel()
+        t, weights = rule_on_parts(2 * degree)
         scale = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
         series = (self.coefficients * scale).T
         legendre = np.polynomial.legendre
@@ -74,7 +72,7 @@ class Cones:
         above = self.coefficients.copy()
         above[:, 0] += self.missed[0]
         kept = ~self.positive[:, None] | (highest_on_parts(degree, PARTS, above) > self.tiny)
-        weights = (np.repeat(kept, len(weights), axis=1) * np.tile(weights, PARTS)) / PARTS
+        weights = np.repeat(kept, len(t) // PARTS, axis=1) * weights
         ends = others(d)[self.facets]
         frames = self.frames.some(self.cells)
         own = np.take_along_axis(frames.gradients, ends[:, :, None], axis=1)

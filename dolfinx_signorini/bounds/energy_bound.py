@@ -19,7 +19,7 @@ from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
-from dolfinx_signorini.bounds.cell_pressure import Pressing, with_pressure, without_defects
+from dolfinx_signorini.bounds.cell_pressure import with_pressure, without_defects
 from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.cell_values import (
     cell_data,
@@ -125,18 +125,17 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)
     fluxes, missed, sampled = given_fluxes(solved)
-    near, pressing = contact_of(solved, kinds)
+    near, sides, rises = contact_of(solved, kinds)
     solved = replace(solved, change=near.target if in_cells else None)
     quadrature, notes = quadrature_degree(solved, degree)
     points, gap = gaps(solved, near, kinds)
-    means = gap_means(points, gap, degree)
-    given = {"kinds": kinds, "touching": touching, "fluxes": fluxes, "gaps": means}
-    data, scales, beside = _on_cells(solved, quadrature, given, pressing, missed)
+    facts = (kinds, touching, fluxes, gap_means(points, gap, degree), sides, rises)
+    data, scales, beside = _on_cells(solved, quadrature, facts, missed)
     lifted = lifted_energy(solved, near.change)
     moments = equilibrated(solved.frames.domain, data, reference)
     ends = _ends(solved, scales, exits := kinds == DIRICHLET)
     outlet = anywhere(solved.comm, ends.any() or exits.any())
-    more = reference, pressing, (points, gap), outlet
+    more = reference, rises, (points, gap), outlet
     better = better_fluxes(solved, data, moments, *more) if in_cells else None
     if better is not None:
         data, moments = better.into(data, moments)
@@ -162,40 +161,34 @@ def _by_a_flux(solved: Solved) -> EnergyBound:
 
 def with_bound(value: Any) -> str:
     """The kind of problems that have a bound."""
-    if isinstance(value, BoundConstrainedProblem) and value.space.dofmap.bs > 1:
+    if not isinstance(value, BoundConstrainedProblem):
+        return one_sided(value)
+    if value.space.dofmap.bs > 1:
         return "has displacements, whose bound needs a symmetric equilibrated stress: not known"
-    if isinstance(value, BoundConstrainedProblem) and value.u in value.L.coefficients():
+    if value.u in value.L.coefficients():
         return (
             "has a load that depends on the function that it fills, as in a time step: the load of "
             "this solution is gone; keep the last solution in a function of its own"
         )
-    if isinstance(value, BoundConstrainedProblem) and len(value.zones) > 1:
+    if len(value.zones) > 1:
         return "has obstacles in the domain and on the boundary: no bound is known for both at once"
-    in_cells = isinstance(value, BoundConstrainedProblem) and value.in_domain
-    return "" if in_cells else one_sided(value)
+    return "" if value.in_domain else one_sided(value)
 
 
 def _on_cells(
-    solved: Solved,
-    quadrature: int,
-    given: dict[str, Any],
-    pressing: Pressing | None,
-    missed: Array,
+    solved: Solved, quadrature: int, facts: tuple[Any, ...], missed: Array
 ) -> tuple[CellData, CellScales, Oscillation]:
     """What cells tell before there is a flux, batch by batch.
 
     Args:
         solved: The problem.
         quadrature: The degree of the rule.
-        given: What is known on the facets of the cells, see `cell_data`.
-        pressing: The pressure in the cells; None for none.
+        facts: What is known of the cells, in the order of `cell_data`.
         missed: What polynomials miss of the fluxes on facets.
     """
     found = []
     for cells, values in cell_values(solved, quadrature).batches():
-        own = None if pressing is None else pressing.some(cells)
-        facts = {name: part[cells] for name, part in given.items()}
-        data = cell_data(values, solved.degree, **facts, pressing=own)
+        data = cell_data(values, solved.degree, *(part[cells] for part in facts))
         beside = oscillation(values, missed[cells], data.source, solved.degree)
         found.append((data, values.scales, beside))
     every, scales, beside_all = zip(*found, strict=True)

@@ -298,9 +298,7 @@ def _on_facets(solved: Solved, kinds: Indices) -> Feasible:
     parts, loose, far = [], False, False
     for data, marked_facets, missed in [*marks, (problem.obstacle_data, contact, rest.obstacle)]:
         points = lattice(frames, marked_facets, order)
-        lack = problem.sign * (
-            points.values(data) - points.function(problem.space, problem.u.x.array)
-        )
+        lack = problem.sign * (points.values(data) - points.points.values(problem.u)[0])
         parts.append((points, fitted(points, lack, order), missed))
         on_contact = marked_facets is contact
         lack = np.maximum(lack, 0.0) if on_contact else np.abs(lack)
@@ -350,6 +348,5 @@ def above(solved: Solved, near: Feasible, points: FacetPoints) -> Array:
         points: Points of contact facets.
     """
     problem, told = solved.problem, solved.rest.obstacle_in_space
-    v = problem.sign * points.function(problem.space, problem.u.x.array)
-    v += points.function(near.change.function_space, near.change.x.array)
+    v = problem.sign * points.points.values(problem.u)[0] + points.points.values(near.change)[0]
     return v - problem.sign * points.values(problem.obstacle_data if told is None else told[0])

@@ -6,7 +6,7 @@ numbers of the vertices are. So they share what depends on their shape.
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -102,14 +102,23 @@ class Frames:
         return Points(self.domain, self.cells.astype(np.int32), reference)
 
     @functools.cached_property
-    def groups(self) -> list[tuple[Indices, Indices]]:
+    def _groups(self) -> list[tuple[Indices, Indices]]:
         """The cells whose vertices have one order, with this order."""
         code = self.order @ (self.order.shape[1] ** np.arange(self.order.shape[1]))
         groups = (np.flatnonzero(code == value) for value in np.flatnonzero(np.bincount(code)))
         return [(cells, self.order[cells[0]]) for cells in groups]
 
+    def groups(self, points: Array) -> Iterator[tuple[Indices, Array]]:
+        """Yield the cells whose vertices have one order, with points in the order of the frames.
+
+        Args:
+            points: Points of the reference cell of the mesh.
+        """
+        for cells, order in self._groups:
+            yield cells, barycentric(points)[:, order][:, 1:]
+
     def moments(self, values: Array, points: Array, weights: Array, degree: int) -> Array:
-        """Return the means of functions times polynomials of `reference_flux.polynomials`.
+        """Return the means of functions times polynomials, see `polynomials`.
 
         Args:
             values: The functions at points of the cells of the mesh, shape (cells, points, ...), or
@@ -120,11 +129,10 @@ class Frames:
         Returns:
             The means, shape (cells, ..., polynomials).
         """
-        first = polynomials(self.dimension, degree, points)
-        result = np.zeros((len(values), *values.shape[2:], len(first)))
-        for cells, order in self.groups:
-            own = polynomials(self.dimension, degree, barycentric(points)[:, order][:, 1:])
-            table = own * weights
+        count = math.comb(degree + self.dimension, degree)
+        result = np.zeros((len(values), *values.shape[2:], count))
+        for cells, own in self.groups(points):
+            table = polynomials(self.dimension, degree, own) * weights
             if values.shape[1] == 1:
                 table = table.sum(axis=1, keepdims=True)
             result[cells] = np.tensordot(values[cells], table, (1, 1))

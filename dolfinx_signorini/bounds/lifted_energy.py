@@ -59,7 +59,7 @@ def cone_norms(solved: Solved, scales: CellScales, near: Feasible) -> Array:
     if near.cones is not None:
         strip = np.broadcast_to(_strip(solved.rest), norms.shape)
         norms += near.cones.norms(scales.upper, scales.largest_reaction, strip)
-    return np.asarray(norms)
+    return norms
 
 
 def robin_energy(solved: Solved, w: fem.Function) -> Array:
@@ -74,7 +74,7 @@ def robin_energy(solved: Solved, w: fem.Function) -> Array:
         marked = on_frames(solved.frames, [facets])
         degree = 2 * w.function_space.element.basix_element.degree + 4
         points = facet_points(solved.frames, marked, degree)
-        square = points.function(w.function_space, w.x.array) ** 2
+        square = points.points.values(w)[0] ** 2
         sums = points.values(data) * square @ points.weights * points.sizes
         result += np.bincount(points.cells, sums, len(result))
     return result

@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import marked
-from dolfinx_signorini.bounds.cell_scales import means
+from dolfinx_signorini.bounds.cell_scales import mean_matrices, means
 from dolfinx_signorini.bounds.cell_values import cell_values, quadrature_degree
 from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgram, assembled
 from dolfinx_signorini.bounds.remainders import Solved
@@ -52,11 +52,10 @@ def nearer(
     parts = numbers, stiffness, load, *(each[dofs] - start[dofs] for each in limits)
     everything = [np.concatenate(comm.allgather(part)) for part in parts]
     names, change = _solved(*everything)
-    result, owned = start.copy(), np.arange(len(start))
-    own = index_map.local_to_global(owned.astype(np.int32))
-    at = np.minimum(np.searchsorted(names, own), len(names) - 1) if len(names) else None
-    if at is not None:
-        result += np.where(names[at] == own, change[at], 0.0)
+    own = index_map.local_to_global(np.arange(len(start), dtype=np.int32))
+    _, here, there = np.intersect1d(own, names, assume_unique=True, return_indices=True)
+    result = start.copy()
+    result[here] += change[there]
     return np.where(free, np.clip(result, *limits), start), free
 
 
@@ -79,9 +78,8 @@ def _system(solved: Solved, space: fem.FunctionSpace, around: Indices) -> tuple[
     table = element.tabulate(1, values.points)[..., 0]
     pairs = np.einsum("q,aqi,bqj->abij", values.weights, table[1:], table[1:])
     inverse = np.linalg.inv(values.at.jacobian[:, 0])
-    A = means(values.diffusion.values, values.weights)
     d, size = solved.dimension, values.frames.volumes
-    A = np.broadcast_to(A[..., None] * np.eye(d) if A.ndim == 2 else A, (len(size), d, d))
+    A = mean_matrices(values.diffusion.values, values.weights, d)
     metric = inverse @ A @ inverse.transpose(0, 2, 1) * size[:, None, None]
     stiffness = np.tensordot(metric, pairs, 2)
     c = means(values.reaction, values.weights)[:, None, None] * size[:, None, None]

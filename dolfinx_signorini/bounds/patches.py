@@ -12,6 +12,8 @@ Source: Braess and Schoeberl, Math. Comp. 77 (2008) 651-672; Ern and Vohralik, S
 53 (2015) 1058-1081.
 """
 
+import math
+
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
@@ -173,9 +175,11 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
     sign = np.repeat(group.signs, moments, axis=-1).astype(np.float64)
     scale = np.einsum("pcii,pci->p", K, sign**2) / size
     K = K / scale[:, None, None, None] * sign[..., :, None] * sign[..., None, :]
-    pairs = place[..., :, None] * (last + 1) + place[..., None, :]
-    system = _summed(K, pairs, (last + 1) ** 2).reshape(-1, last + 1, last + 1)
     one, cell = np.arange(len(K))[:, None, None], size + np.arange(rows)[:, None]
+    shape = (len(K), last + 1, last + 1)
+    pairs = np.ravel_multi_index((one[..., None], place[..., :, None], place[..., None, :]), shape)
+    sums = np.bincount(pairs.ravel(), K.ravel(), math.prod(shape))
+    system = np.asarray(sums.reshape(shape), dtype=np.float64)
     facet, inward = place[:, :rows, ::moments], sign[:, :rows, ::moments]
     free = np.isinf(slack[:, :rows])  # any total is as good
     inward = np.where(free[..., None], 0.0, inward)
@@ -201,13 +205,6 @@ def _solved(K: Array, b: Array, total: Array, slack: Array, group: Group) -> Arr
         same = slice(group.first[k], group.first[k] + members[k])
         result[same] = given[same] @ (leave[k] @ _solution(inside[k], enter[k])).T
     return result.reshape(b.shape)
-
-
-def _summed(values: Array, places: Indices, count: int) -> Array:
-    """The sums of values at places below a number, one row for each patch."""
-    rows = np.arange(len(places)).reshape(-1, *(1,) * (places.ndim - 1)) * count
-    sums = np.bincount((rows + places).ravel(), values.ravel(), len(places) * count)
-    return np.asarray(sums.reshape(len(places), count))
 
 
 def _solution(system: Array, right: Array) -> Array:

@@ -23,15 +23,6 @@ MORE = {2: 6, 3: 3}
 # times the error with 3, 1.81 with 2, 1.98 with 1.
 IN_CELLS = {2: 3, 3: 1}
 
-# What is known on cells, by the axis of the cells.
-ON_CELLS = {
-    0: (
-        *("load", "load_mean", "reaction", "reaction_mean", "least_reaction", "largest_reaction"),
-        *("diffusion", "inverse", "least_diffusion", "largest_diffusion", "flux", "flux_mean"),
-    ),
-    1: ("thin",),
-}
-
 Bounds = Array | float  # on cells or facets; a number stands for all of them
 
 
@@ -91,10 +82,9 @@ class Remainders:
     def some(self, cells: Indices | slice) -> "Remainders":
         """Return what is known in some cells, beside obstacle and Dirichlet data."""
         parts: dict[str, Any] = {}
-        for axis, names in ON_CELLS.items():
-            known = {name: getattr(self, name) for name in names}
-            at = (slice(None),) * axis + (cells,)
-            parts |= {n: v[at] for n, v in known.items() if isinstance(v, np.ndarray)}
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray) and name not in ("obstacle", "dirichlet"):
+                parts[name] = value[:, cells] if name == "thin" else value[cells]
         return replace(self, **parts)
 
 

@@ -14,7 +14,6 @@ Source: Hintermueller, Ito and Kunisch, SIAM J. Optim. 13 (2003) 865-888.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -41,34 +40,14 @@ LOCAL = 0.05  # of the contact dofs, or 8: so many changes at most count as loca
 STALL = 4  # steps without a lower residual, after which no more short cuts are taken
 
 
-@dataclass(frozen=True)
-class Start:
-    """What the active set method starts from, whoever gives the start.
-
-    The start of a user, of the last solutions, or of a coarser mesh:
-
-        Start(x, held)
-        Start(x, held, predicted=True)
-
-    Attributes:
-        x: A feasible vector, overwritten by the solution.
-        held: The guess of the active set, one entry per contact dof of this rank.
-        predicted: Whether a solution on a coarser mesh or space predicts the set, which is then
-            trusted whatever the residual of x is. Else the set is trusted where x is a rough
-            solution, up to a residual of `LOOSEST`.
-    """
-
-    x: PETSc.Vec
-    held: Mask
-    predicted: bool = False
-
-
 def solve_active_set(
     system: System,
     solver: LinearSolver,
     measure: NaturalResidual,
-    start: Start,
+    x: PETSc.Vec,
+    held: Mask,
     rtol: float,
+    predicted: bool = False,
     stop: Stop | None = None,
 ) -> float:
     """Run the primal-dual active set method.
@@ -84,9 +63,13 @@ def solve_active_set(
         system: The system.
         solver: The linear solver.
         measure: Measures the natural residual, and holds the multiplier of the solution afterwards.
-        start: The start, whose vector is overwritten by a feasible solution without a gap where
-            there is pressure.
+        x: A feasible vector, overwritten by a feasible solution without a gap where there is
+            pressure.
+        held: The guess of the active set, one entry per contact dof of this rank.
         rtol: The relative natural residual to reach.
+        predicted: Whether a solution on a coarser mesh or space predicts the set, which is then
+            trusted whatever the residual of x is. Else the set is trusted where x is a rough
+            solution, up to a residual of `LOOSEST`.
         stop: Ends linear solves, and with a settled set the method, earlier.
 
     Returns:
@@ -96,11 +79,10 @@ def solve_active_set(
     Raises:
         InputError: The form is found to be indefinite, or the energy to be unbounded.
     """
-    x, held = start.x, start.held
     residual, best, stalled = _measured(measure, x, rtol), np.inf, 0
     if residual <= rtol:
         return residual
-    trusted = start.predicted or residual <= LOOSEST
+    trusted = predicted or residual <= LOOSEST
     exact: list[Mask] = []  # sets whose solution was found without short cuts
     for _ in range(MAX_STEPS):
         careful = solver.exact or stalled == STALL

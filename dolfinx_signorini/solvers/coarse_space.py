@@ -26,9 +26,9 @@ from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
-from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.solvers.cascade import RATIO
 from dolfinx_signorini.solvers.linear.solver import has_few_dofs
+from dolfinx_signorini.solvers.motions import owned_places
 from dolfinx_signorini.solvers.patch import solve_small
 from dolfinx_signorini.solvers.prediction import presses, settled
 from dolfinx_signorini.solvers.system import System
@@ -52,7 +52,7 @@ def coarse_start(system: System, x: PETSc.Vec) -> Mask | None:
         return None
     if system.layout.block > 1:  # linear functions alone are too stiff for bodies that bend
         return None
-    places = control_points(system.space)[: x.getLocalSize(), : domain.geometry.dim]
+    places = owned_places(system.space)[:, : domain.geometry.dim]
     chosen, order = _vertices(system, places)
     vertices, lower, upper, start = (
         np.concatenate(comm.allgather(part[chosen])) for part in (places, *system.bounds, x.array_r)

@@ -3,15 +3,15 @@
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere
-from dolfinx_signorini.solvers.active_set import Start, solve_active_set
+from dolfinx_signorini.solvers.active_set import solve_active_set
 from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
@@ -83,9 +83,9 @@ class ActiveSetSolver:
         counts = linear.solves, linear.iterations, linear.setups
         measure, stop = NaturalResidual(system, rtol), Stop() if early else None
         try:
-            start = self._start(system, measure, history, x, held, coarse)
+            guess, trusted = self._start(system, measure, history, x, held, coarse)
             predicted = time.perf_counter()
-            residual = solve_active_set(system, linear, measure, start, rtol, stop)
+            residual = solve_active_set(system, linear, measure, x, guess, rtol, trusted, stop)
             if stop is not None and stop.settled:
                 rtol = max(rtol, residual)
             if not residual <= rtol:
@@ -99,28 +99,23 @@ class ActiveSetSolver:
                     rounds.destroy()
             history.add(system, x, measure.multiplier)
         finally:
-            measure.destroy()
-            if stop is not None:
-                stop.destroy()
+            destroy(measure, stop)
         seconds = {
             "predict": predicted - began,
             "solve": solved - predicted,
             "accept": time.perf_counter() - solved,
         }
         spent = linear.solves - counts[0], linear.iterations - counts[1]
-        result = _result(system, x, "cascade", rounds, residual, spent, seconds)
-        return replace(
-            result,
-            algebraic_share=None if stop is None else stop.share,
-            preconditioner=linear.preconditioner,
-            setups=linear.setups - counts[2],
-        )
+        more = {
+            "algebraic_share": None if stop is None else stop.share,
+            "preconditioner": linear.preconditioner,
+            "setups": linear.setups - counts[2],
+        }
+        return _result(system, x, "cascade", rounds, residual, spent, seconds, **more)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        self.linear.destroy()
-        if self._acceptance is not None:
-            self._acceptance.destroy()
+        destroy(self.linear, self._acceptance)
 
     def _start(
         self,
@@ -130,39 +125,40 @@ class ActiveSetSolver:
         x: PETSc.Vec,
         held: Mask | None,
         coarse: ContactState | None,
-    ) -> Start:
-        """The start: a user's, or from the last solutions, from coarser meshes or a coarse space.
+    ) -> tuple[Mask, bool]:
+        """Set x to the start, and return its active set, and whether that is predicted.
 
+        The start is a user's, or from the last solutions, from coarser meshes or a coarse space.
         With an obstacle in the domain the coarser meshes of multigrid tell more of the long ends of
         the contact set than a solution on another mesh, or solutions that are too far away: these
         are no better as a start of cycles than none (`benchmarks/time_steps.py`). A
         problem without any of these starts with all contact dofs held.
         """
         if held is not None:
-            return Start(x, held)
+            return held, False
         guess = history.guess(system) if coarse is None else None
         if guess is not None:
             rough = system.layout.in_domain and not self.linear.exact
             held = _settled(system, measure, guess, x, rough)
             if not rough or measure.relative <= LOOSEST:
-                return Start(x, held)
+                return held, False
         elif coarse is None and out_of_reach(system, x):
-            return Start(x, np.full(len(system.contact_dofs), False), predicted=True)
+            return np.full(len(system.contact_dofs), False), True
         multigrid = self.linear.multigrid
         if multigrid is not None and (coarse is None or system.layout.in_domain):
             found = full_multigrid(system, multigrid, x)
             if found is not None:
                 self.linear.forget()
                 # A coarse body may be far too stiff: the residual tells whether to trust the set.
-                return Start(x, settled(system, x, found), predicted=system.layout.block == 1)
+                return settled(system, x, found), system.layout.block == 1
         if held is not None:
-            return Start(x, held)
+            return held, False
         if coarse is not None:
-            return Start(x, predict(system, coarse, x), predicted=True)
+            return predict(system, coarse, x), True
         held = coarse_start(system, x)
         if held is not None:
-            return Start(x, held, predicted=True)
-        return Start(x, np.full(len(system.contact_dofs), True))
+            return held, True
+        return np.full(len(system.contact_dofs), True), False
 
     def _rounds(self, system: System, reached: bool) -> TaoRounds:
         """Rounds of TAO that take no step on a vector that has the residual, or Newton's method."""
@@ -208,8 +204,7 @@ def solve_by_tao(
         residual = _run(rounds, x, measure, rtol, method)
         history.add(system, x, measure.multiplier)
     finally:
-        rounds.destroy()
-        measure.destroy()
+        destroy(rounds, measure)
     seconds = {"solve": time.perf_counter() - began}
     return _result(system, x, method, rounds, residual, (0, 0), seconds)
 
@@ -256,6 +251,7 @@ def _result(
     residual: float,
     linear: tuple[int, int],
     seconds: dict[str, float],
+    **more: Any,
 ) -> SolveResult:
     return SolveResult(
         method=method,
@@ -266,4 +262,5 @@ def _result(
         natural_residual=residual,
         active_dofs=system.comm.allreduce(int(system.touching_once(x).sum())),
         seconds=seconds,
+        **more,
     )

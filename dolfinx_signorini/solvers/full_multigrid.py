@@ -192,8 +192,7 @@ def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> Mask |
     if frame is not None and not system.comm.allreduce(frame.along_axes, op=MPI.LAND):
         return None
     levels = levels_of(system, multigrid)
-    degrees = len(multigrid.prolongations) - len(multigrid.meshes)
-    density = _begin(system, levels, degrees, x)
+    density = _begin(system, levels, multigrid.degrees, x)
     for level in levels:
         level.free()
     return presses(system, density, x.array_r[system.contact_dofs])

@@ -18,7 +18,7 @@ from dolfinx_signorini.solvers.system import Layout
 
 
 def rigid_motions(comm: MPI.Comm, places: Array, size: int) -> Array:
-    """Return the rigid motions at nodes, shape (nodes, components, motions): translations first.
+    """Return the rigid motions at the dofs of nodes, shape (dofs, motions): translations first.
 
     Args:
         comm: The communicator; the call is collective.
@@ -34,7 +34,7 @@ def rigid_motions(comm: MPI.Comm, places: Array, size: int) -> Array:
             turn = np.zeros((len(x), size))
             turn[:, i], turn[:, j] = x[:, j], -x[:, i]
             motions.append(turn)
-    return np.stack(motions, axis=2)
+    return np.stack(motions, axis=2).reshape(-1, len(motions))
 
 
 def motions_of(layout: Layout) -> Array:
@@ -47,8 +47,7 @@ def motions_of(layout: Layout) -> Array:
         Shape (dofs, motions).
     """
     places = owned_places(layout.nodal)
-    motions = rigid_motions(layout.space.mesh.comm, places, layout.block)
-    columns = motions.reshape(-1, motions.shape[2])
+    columns = rigid_motions(layout.space.mesh.comm, places, layout.block)
     return np.stack([layout.turned(column) for column in columns.T], axis=1)
 
 

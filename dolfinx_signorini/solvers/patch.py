@@ -144,8 +144,7 @@ def solve_small(
         correction.array_w[:] = shift
         A.mult(correction, rhs)
         rhs.array_w[:] = np.where(active, 0.0, -(multiplier + rhs.array_r))
-        size = rhs.norm(PETSc.NormType.INFINITY)
-        size = power_of_two(size) if size > 0.0 else 1.0
+        size = power_of_two(rhs.norm(PETSc.NormType.INFINITY))
         rhs.scale(1.0 / size)
         ksp.setOperators(held)
         ksp.solve(rhs, correction)

@@ -134,5 +134,5 @@ def parallel_norm(comm: MPI.Comm, values: Array) -> float:
 
 
 def power_of_two(value: float) -> float:
-    """Return the power of two next below a positive number: a division by it is exact."""
+    """Return the power of two next below a number, 1/2 for zero: a division by it is exact."""
     return math.ldexp(0.5, math.frexp(value)[1])

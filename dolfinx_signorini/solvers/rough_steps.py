@@ -25,34 +25,21 @@ LONGEST = 30  # steps
 STALE = 4
 
 
-class Sweeps:
-    """Projected Gauss-Seidel sweeps, forward and backward in turn:
-
-        sweeps = Sweeps(system)
-        held = sweeps(x, measure.multiplier)
+def swept(system: System, rows: Rows, kind: str, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:
+    """Improve a feasible x by a projected sweep, and return which constraints hold x then.
 
     Args:
-        system: The system; the creation is collective.
+        system: The system.
+        rows: The rows of its matrix.
+        kind: "forward" or "backward".
+        x: The vector.
+        multiplier: A x - b for this x, overwritten.
     """
-
-    def __init__(self, system: System):
-        self._system, self._rows = system, Rows(system.A)
-        self._bounds = system.bounds_with_data
-        self._kinds = ["forward", "backward"]
-
-    def __call__(self, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:
-        """Improve a feasible x by a sweep, and return which constraints hold x then.
-
-        Args:
-            x: The vector.
-            multiplier: A x - b for this x, overwritten.
-        """
-        multiplier.scale(-1.0)
-        step = multiplier.duplicate()
-        self._rows.sweep(self._kinds[0], multiplier, *self._bounds, x.array_w, step)
-        step.destroy()
-        self._kinds.reverse()
-        return self._system.touching_once(x)
+    multiplier.scale(-1.0)
+    step = multiplier.duplicate()
+    rows.sweep(kind, multiplier, *system.bounds_with_data, x.array_w, step)
+    step.destroy()
+    return system.touching_once(x)
 
 
 def rough_steps(
@@ -76,13 +63,13 @@ def rough_steps(
     Returns:
         The active set, and the relative natural residual of x.
     """
-    sweeps, residual = Sweeps(system), measure.relative
+    rows, residual = Rows(system.A), measure.relative
 
     def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
         return iteration >= ITERATIONS
 
-    for _ in range(LONGEST):
-        before, held = held, sweeps(x, measure.multiplier)
+    for kind in ("forward", "backward") * (LONGEST // 2):
+        before, held = held, swept(system, rows, kind, x, measure.multiplier)
         changed = system.comm.allreduce(int((before != held).sum()))
         if not changed:
             break

@@ -293,23 +293,20 @@ class System:
         Returns:
             Whether a value was changed on some rank.
         """
-        moved = bool(self._loop("moves", x, x.array_w))
-        return self._placed(x, held, moved)
+        return self.place(x, held, bool(self._loop("moves", x, x.array_w)))
 
-    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_]) -> bool:
+    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None, moved: bool = False) -> bool:
         """Set x to the obstacle at the dofs of some constraints, and to the Dirichlet data.
 
         Args:
             x: The vector, changed in place.
             held: The constraints, one entry each; the two constraints of a dof exclude each other.
+                None for no constraint.
+            moved: Whether a value of x on this rank has been changed before.
 
         Returns:
             Whether a value was changed on some rank.
         """
-        return self._placed(x, held, False)
-
-    def _placed(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None, moved: bool) -> bool:
-        """As `place`, where a value on this rank may have been changed before."""
         if held is not None:
             moved = bool(self._loop("places", x, held, x.array_w)) or moved
         moved = moved or bool((x.array_r[self.fixed_dofs] != self.fixed_values).any())

@@ -33,9 +33,6 @@ FIRST_ORDER = ("bncg", "bqnls", "blmvm")
 SECOND_ORDER = ("bntr", "bnls", "tron")
 METHODS = FIRST_ORDER + SECOND_ORDER
 
-# One round reduces the residual by this factor at most, and the error of the energy by its square:
-# what is less than `SOLVED` of the difference of two energies is rounding.
-ROUND_REDUCTION = SOLVED**0.5
 DEFAULT_RTOL = 1e-8  # first-order methods leave smooth errors, which the residual hardly shows
 # Of the residual asked for: where TAO stops, whose own norm is another one than the natural
 # residual. The natural residual is then the one asked for, too, and no further solve follows.
@@ -58,14 +55,8 @@ REASONS = {
 }
 
 # How the names of options for one method begin.
-OPTION_FAMILIES = {
-    "bncg": "tao_bncg_",
-    "bqnls": "tao_bqnls_",
-    "blmvm": "tao_blmvm_",
-    "bntr": "tao_bnk_",
-    "bnls": "tao_bnk_",
-    "tron": "tao_tron_",
-}
+OPTION_FAMILIES = {name: f"tao_{name}_" for name in METHODS}
+OPTION_FAMILIES |= dict.fromkeys(("bntr", "bnls"), "tao_bnk_")
 
 
 class TaoRounds:
@@ -150,7 +141,9 @@ class TaoRounds:
         residual = measure(x) if residual is None else residual
         while True:
             previous = measure.norm
-            if self._round(x, measure, max(rtol, ROUND_REDUCTION * residual)):
+            # The error of the energy is reduced by the square of a round's factor: what is less
+            # than `SOLVED` of the difference of two energies is rounding.
+            if self._round(x, measure, max(rtol, SOLVED**0.5 * residual)):
                 residual = measure(x)
             if residual <= rtol:
                 residual = measure.close_gaps(x)
@@ -190,8 +183,7 @@ class TaoRounds:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self._forget()
-        if self.hessian is not None:
-            self.hessian.destroy()
+        destroy(self.hessian)
 
     def _forget(self) -> None:
         destroy(self._tao, *self._vectors.values())
@@ -210,7 +202,7 @@ class TaoRounds:
         Returns:
             Whether TAO took a step.
         """
-        unit = power_of_two(measure.norm / self.size) if measure.norm > 0.0 else 1.0
+        unit = power_of_two(measure.norm / self.size)
         try:
             tao = self._made(x) if self._tao is None else self._tao
             self._pose(x, measure.multiplier, unit)

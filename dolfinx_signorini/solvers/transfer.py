@@ -10,13 +10,12 @@ from contextlib import contextmanager
 
 import numpy as np
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.compat import owners_of_points
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import prolong_on_cells
@@ -131,8 +130,7 @@ def _coarse_size(space: fem.FunctionSpace) -> float:
     """The size of the first cell of each rank, the largest of them."""
     topology = space.mesh.topology
     sample = np.arange(min(topology.index_map(topology.dim).size_local, 1), dtype=np.int32)
-    size = float(space.mesh.h(topology.dim, sample).max(initial=0.0))
-    return float(space.mesh.comm.allreduce(size, op=MPI.MAX))
+    return highest(space.mesh.comm, space.mesh.h(topology.dim, sample))
 
 
 def _linear(space: fem.FunctionSpace) -> bool:

@@ -84,8 +84,7 @@ def moves_without_energy(system: System) -> bool:
     ksp.setTolerances(rtol=SOLVED, atol=0.0, divtol=1.0 / TINY)
     remains = system.b.copy()
     remains.array_w[dofs] = 0.0
-    largest = remains.norm(PETSc.NormType.INFINITY)
-    remains.scale(1.0 / power_of_two(largest) if largest > 0.0 else 1.0)
+    remains.scale(1.0 / power_of_two(remains.norm(PETSc.NormType.INFINITY)))
     remains.pointwiseDivide(remains, diagonal)
     matrix.mult(remains, rest)
     ksp.solve(rest, found)

@@ -222,7 +222,11 @@ def flux_of(case):
     kinds, touching = facet_kinds(solved)
     values = cell_values(solved, 2 * degree + 6)
     fluxes, _, _ = given_fluxes(solved)
-    data = cell_data(values, degree, kinds, touching, fluxes, np.zeros_like(fluxes))
+    nothing = (
+        np.zeros(len(kinds), dtype=np.int64),
+        np.zeros((len(kinds), reference.products.shape[1])),
+    )
+    data = cell_data(values, degree, kinds, touching, fluxes, np.zeros_like(fluxes), *nothing)
     field = coefficients(data, reference, equilibrated(domain, data, reference))
     vectors = fem.functionspace(domain, ("DG", degree + 1, (domain.geometry.dim,)))
     y, points = fem.Function(vectors), vectors.element.basix_element.points

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.active_set import Start, solve_active_set
+from dolfinx_signorini.solvers.active_set import solve_active_set
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.patch import MAX_STEPS
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -47,7 +47,7 @@ def test_a_residual_below_rounding_ends_the_iteration_when_a_set_comes_back(n):
     system, rtol = problem.system, 1e-19
     solver, measure, x = IterativeSolver(system), NaturalResidual(system, rtol), system.start()
     held = np.full(len(system.contact_dofs), True)
-    residual = solve_active_set(system, solver, measure, Start(x, held), rtol)
+    residual = solve_active_set(system, solver, measure, x, held, rtol)
     assert rtol < residual <= 1e-13
     assert solver.solves <= MAX_STEPS // 2
     for item in (solver, measure, x):

@@ -15,7 +15,7 @@ from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.elasticity import elasticity
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers import active_set
-from dolfinx_signorini.solvers.active_set import Start, solve_active_set
+from dolfinx_signorini.solvers.active_set import solve_active_set
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.studies.paper.solution import christof_haubner, paper_problem
@@ -53,7 +53,7 @@ def run(problem, held, predicted):
     system = problem.system
     solver, measure = IterativeSolver(system), NaturalResidual(system, RTOL)
     x = system.start()
-    residual = solve_active_set(system, solver, measure, Start(x, held, predicted), RTOL)
+    residual = solve_active_set(system, solver, measure, x, held, RTOL, predicted)
     values = x.array_r.copy()
     for item in (solver, measure, x):
         item.destroy()
@@ -181,7 +181,7 @@ def test_what_is_accepted_at_once_gets_its_contact_exactly(offset, comm):
     x, solver = system.vector_of(problem.u), IterativeSolver(system)
     held, measure = system.touching(x), NaturalResidual(system, 1e-7)
     x.shift(offset)
-    assert solve_active_set(system, solver, measure, Start(x, held), 1e-7) <= 1e-7
+    assert solve_active_set(system, solver, measure, x, held, 1e-7) <= 1e-7
     assert solver.solves == 0 and comm.allreduce(int(held.sum())) > 0
     assert np.array_equal(x.array_r[system.contact_dofs[held]], system.obstacle[held])
     for item in (x, solver, measure, problem):

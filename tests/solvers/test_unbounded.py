@@ -10,7 +10,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.active_set import Start, solve_active_set
+from dolfinx_signorini.solvers.active_set import solve_active_set
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.unbounded import falls_for_ever
@@ -45,6 +45,6 @@ def test_active_sets_do_not_begin_anew_on_an_energy_without_a_bound():
     solver, measure = IterativeSolver(system), NaturalResidual(system, rtol)
     x, held = system.start(), np.full(len(system.contact_dofs), True)
     with pytest.raises(InputError, match="unbounded below"):
-        solve_active_set(system, solver, measure, Start(x, held), rtol)
+        solve_active_set(system, solver, measure, x, held, rtol)
     for item in (x, solver, measure, problem):
         item.destroy()

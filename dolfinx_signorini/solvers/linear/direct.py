@@ -11,6 +11,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.linear.solver import Check, LinearSolver, has_few_dofs, set_residual
@@ -31,23 +32,25 @@ class DirectSolver(LinearSolver):
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         super().__init__(system, prefix, options)
         self._iterative: IterativeSolver | None = None
-        self._factored: PETSc.Mat | None = None
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
 
-    def _solve(
+    def solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+        check: Check | None = None,
+        slack: int | None = None,
     ) -> None:
+        """Solve by a factorization, or by the solver that took over, see `LinearSolver`."""
+        self.solves += slack is None
         if self._iterative is None and self._factors(system, held):
-            unit = set_residual(system, x, held, multiplier, self._rhs)
+            known = None if system.place(x, held) else multiplier
+            unit = set_residual(system, x, held, known, self._rhs)
             self._ksp.solve(self._rhs, self._correction)
             x.axpy(unit, self._correction)
             self.iterations += 1
@@ -72,15 +75,14 @@ class DirectSolver(LinearSolver):
     def free(self) -> None:
         """Free the factors; a next solve makes them anew."""
         self._ksp.reset()
-        self._held = self._factored = None
+        self._held = None
         if self._iterative is not None:
             self._iterative.free()
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
         super().destroy()
-        if self._iterative is not None:
-            self._iterative.destroy()
+        destroy(self._iterative)
 
     def _factors(self, system: System, held: Mask) -> bool:
         """Factor the matrix with held dofs, unless that has been done; return whether it worked."""
@@ -96,8 +98,7 @@ class DirectSolver(LinearSolver):
         pc = self._ksp.getPC()
         if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
-        self._factored = pc.getFactorMatrix()
-        negative, zero, _ = self._factored.getInertia()
+        negative, zero, _ = pc.getFactorMatrix().getInertia()
         return not (negative or zero)
 
 

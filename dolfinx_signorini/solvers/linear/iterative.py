@@ -19,7 +19,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
-from dolfinx_signorini.base.petsc import NO_NODES
+from dolfinx_signorini.base.petsc import NO_NODES, destroy
 from dolfinx_signorini.base.tolerances import SIX_DIGITS, TINY
 from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
@@ -77,17 +77,21 @@ class IterativeSolver(LinearSolver):
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._ksp.addConvergenceTest(self._ended)
 
-    def _solve(
+    def solve(
         self,
         system: System,
         x: PETSc.Vec,
         held: Mask,
         atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
+        multiplier: PETSc.Vec | None = None,
+        stop: Stop | None = None,
+        check: Check | None = None,
+        slack: int | None = None,
     ) -> None:
+        """Solve by conjugate gradients, see `LinearSolver`."""
+        if system.place(x, held):
+            multiplier = None
+        self.solves += slack is None
         fresh = self._prepare(system, held, slack)
         self._checks = [] if check is None else [check]
         if stop is not None and self.multigrid is not None:
@@ -144,18 +148,13 @@ class IterativeSolver(LinearSolver):
         self._pc.reset()
         if self.multigrid is not None:
             self.multigrid.free()
-        if self._matrix is not None:
-            self._matrix.destroy()
+        destroy(self._matrix)
         self._matrix = self._held = None
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
         super().destroy()
-        if self.multigrid is not None:
-            self.multigrid.destroy()
-        if self._contact_rows is not None:
-            self._contact_rows.destroy()
-        self._pc.destroy()
+        destroy(self.multigrid, self._contact_rows, self._pc)
         self._projected.free()
 
     def _prepare(self, system: System, held: Mask, slack: int | None) -> bool:
@@ -307,8 +306,7 @@ def _contact_rows(system: System, rows: PETSc.Mat | None) -> PETSc.Mat:
     chosen = PETSc.IS().createGeneral(system.layout.free_dofs + first, comm=system.comm)
     every = PETSc.IS().createStride(last - first, first, 1, comm=system.comm)
     found = system.A.createSubMatrix(chosen, every, rows)
-    chosen.destroy()
-    every.destroy()
+    destroy(chosen, every)
     return found
 
 

@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 
 FLAT = 1.5  # times the least width of cells: larger widths in other directions stay as they are
@@ -269,16 +270,11 @@ def _look_up(lattice: Lattice, numbers: Indices, box: _Box, missing: Indices) ->
         box: The table.
         missing: The indices to fill in.
     """
-    comm = lattice.comm
+    comm, own = lattice.comm, _numbers(lattice.places, lattice.cells)
     share = -(-lattice.size // comm.size)
-    own = _numbers(lattice.places, lattice.cells)
-    told = comm.alltoall([np.stack([own, numbers])[:, own // share == r] for r in range(comm.size)])
-    table = np.full(share, -1, dtype=PETSc.IntType)
-    for keys, values in told:
-        table[keys - comm.rank * share] = values
     asked = _numbers(box.places(missing), lattice.cells)
-    home = asked // share
-    questions = comm.alltoall([asked[home == r] for r in range(comm.size)])
-    answers = comm.alltoall([table[keys - comm.rank * share] for keys in questions])
-    for r, values in enumerate(answers):
-        box.table[missing[home == r]] = values
+    charge = Lookup(comm, share, np.concatenate((own, asked)))
+    told = charge.sent(np.concatenate((numbers, np.full(len(asked), -1))))
+    table, known = np.full(share, -1, dtype=PETSc.IntType), told >= 0
+    table[charge.items[known]] = told[known]
+    box.table[missing] = charge.of(table)[len(own) :]

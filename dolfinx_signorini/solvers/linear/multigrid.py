@@ -41,20 +41,23 @@ class Multigrid:
 
     For example:
 
-        multigrid = Multigrid(*prolongations(space), prefix, amg_options(1, coarsest=True))
+        degrees, meshes = prolongations(space)
+        options = amg_options(1, coarsest=True)
+        multigrid = Multigrid([*degrees, *meshes], len(degrees), prefix, options)
         multigrid.set_up(matrix, held, 4.0)
         multigrid.pc.apply(r, y)
 
     Args:
-        degrees: The prolongations from lower degrees, the finest first.
-        meshes: The prolongations from coarser meshes, the finest first. The object takes both
-            over.
+        prolongations: The prolongations from lower degrees, then those from coarser meshes, the
+            finest first. The object takes them over.
+        degrees: How many of them are from lower degrees.
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
         coarsest: The options of a coarsest level of many nodes, without prefix.
         places: The nodes of this rank on the coarser levels, for their rigid motions.
 
     Attributes:
+        prolongations, degrees: See above; coarser meshes may have been left out.
         pc: The cycle as a PETSc preconditioner.
         matrices: The Galerkin products of the last set-up, the finest first.
     """
@@ -63,14 +66,14 @@ class Multigrid:
 
     def __init__(
         self,
-        degrees: Sequence[PETSc.Mat],
-        meshes: Sequence[PETSc.Mat],
+        prolongations: Sequence[PETSc.Mat],
+        degrees: int,
         prefix: str,
         coarsest: Mapping[str, Any],
         places: Sequence[Array] = (),
     ):
-        self.prolongations, self.prefix = [*degrees, *meshes], prefix
-        self._degrees, self._places = len(degrees), places
+        self.prolongations, self.degrees = list(prolongations), degrees
+        self.prefix, self._places = prefix, places
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
@@ -79,17 +82,10 @@ class Multigrid:
         self._make()
 
     @property
-    def meshes(self) -> list[PETSc.Mat]:
-        """The prolongations from coarser meshes, the finest first."""
-        return self.prolongations[self._degrees :]
-
-    @property
     def name(self) -> str:
         """What the cycle goes through, in words: degrees and meshes."""
-        counts = (
-            (self._degrees, "lower degrees"),
-            (len(self.prolongations) - self._degrees, "coarser meshes"),
-        )
+        meshes = len(self.prolongations) - self.degrees
+        counts = (self.degrees, "lower degrees"), (meshes, "coarser meshes")
         return "multigrid over " + " and ".join(f"{n} {what}" for n, what in counts if n)
 
     def set_up(
@@ -118,8 +114,10 @@ class Multigrid:
         # Coarse functions may differ at held dofs alone: the product is singular, which no factor
         # takes. The difference is 0 at all free dofs, so that its coefficient does not matter.
         _scale_diagonal(self.matrices[-1], 1.0 + ROUNDING)
-        if not self._is_small:  # for algebraic multigrid
-            self._attach(self.matrices[-1], self._filled[-1])
+        if self._places and not self._is_small:  # algebraic multigrid is told the rigid motions
+            coarsest, places = self.matrices[-1], self._places[len(self.prolongations) - 1]
+            size, comm = coarsest.getBlockSize(), coarsest.comm.tompi4py()
+            attach_motions(coarsest, rigid_motions(comm, places, size), self._filled[-1])
         if not filled:
             _fill(matrix, held, diagonal)
         for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
@@ -179,7 +177,7 @@ class Multigrid:
             The number of unknowns of the finest mesh over that of the next coarser one; 0, with
             nothing done, where the next coarser level is one of lower degree.
         """
-        if self._degrees:
+        if self.degrees:
             return 0.0
         sides = [rhs]
         for prolongation in self.prolongations:
@@ -220,12 +218,12 @@ class Multigrid:
 
     def drop_meshes(self) -> bool:
         """Leave coarser meshes out from now on; return whether lower degrees are left."""
-        meshes = self.prolongations[self._degrees :]
-        if not meshes or not self._degrees:
+        meshes = self.prolongations[self.degrees :]
+        if not meshes or not self.degrees:
             return False
         self.free()
         destroy(*meshes)
-        del self.prolongations[self._degrees :]
+        del self.prolongations[self.degrees :]
         return True
 
     def free(self) -> None:
@@ -248,7 +246,7 @@ class Multigrid:
         for level in range(count - 1, 0, -1):
             self.pc.setMGInterpolation(level, self.prolongations[count - 1 - level])
             down, up = self.pc.getMGSmootherDown(level), self.pc.getMGSmootherUp(level)
-            high = self._degrees > 1 and level == count - 1
+            high = self.degrees > 1 and level == count - 1
             for solver, sweep in ((down, DOWN), (up, UP)):
                 self._smooth(solver, BOTH if high else sweep)
             up.setInitialGuessNonzero(True)
@@ -268,14 +266,6 @@ class Multigrid:
             one = self.prolongations[0].comm.size == 1
             options = CHOLESKY if one else REDUNDANT_CHOLESKY
         return f"{self.prefix}mg_coarse_", {}, options
-
-    def _attach(self, coarse: PETSc.Mat, empty: LocalIndices) -> None:
-        """Tell the matrix of the coarsest level the rigid motions; for one component nothing."""
-        size = coarse.getBlockSize()
-        if size > 1:
-            places = self._places[len(self.prolongations) - 1]
-            motions = rigid_motions(coarse.comm.tompi4py(), places, size)
-            attach_motions(coarse, motions.reshape(-1, motions.shape[2]), empty)
 
     @property
     def _is_small(self) -> bool:
@@ -312,15 +302,11 @@ def multigrid_for(
         return None
     layout = system.layout
     degrees, meshes = prolongations(layout.nodal)
-    places: list[Array] = []
+    found, places = [*degrees, *meshes], []
     if layout.frame is not None:
-        found = [*degrees, *meshes]
         places = coarse_places(found, owned_places(layout.nodal))
-        wide = [layout.frame.prolongation(each, finest=k == 0) for k, each in enumerate(found)]
-        degrees, meshes = wide[: len(degrees)], wide[len(degrees) :]
-    if not degrees and not meshes:
-        return None
-    return Multigrid(degrees, meshes, prefix, coarsest, places)
+        found = [layout.frame.prolongation(each, finest=k == 0) for k, each in enumerate(found)]
+    return Multigrid(found, len(degrees), prefix, coarsest, places) if found else None
 
 
 def _scale_diagonal(matrix: PETSc.Mat, factor: float) -> None:

@@ -35,7 +35,6 @@ class Rows:
 
     def __init__(self, matrix: PETSc.Mat):
         self._ffi, _ = loops()
-        self._comm = matrix.comm.tompi4py()
         self.matrix, self.others = matrix, np.empty(0, dtype=PETSc.IntType)
         local, other, numbers = (ctypes.c_void_p() for _ in range(3))
         if matrix.getType() == PETSc.Mat.Type.SEQAIJ:
@@ -86,7 +85,7 @@ class Rows:
         """
         found = np.full(self.matrix.getLocalSize()[1], -np.inf)
         run("largest", *self._local, values, found)
-        if self._comm.size == 1:
+        if self.matrix.comm.size == 1:
             return found
         there = PETSc.Vec().createWithArray(np.full(len(self.others), -np.inf), comm=MPI.COMM_SELF)
         if self._other is not None:
@@ -100,11 +99,6 @@ class Rows:
         found[:] = here.array_r
         destroy(there, here, places, scatter)
         return found
-
-    @property
-    def alone(self) -> bool:
-        """Whether this rank has the whole matrix."""
-        return self._comm.size == 1
 
     def hold(self, held: Mask, diagonal: float, result: "Rows") -> None:
         """Set a matrix of the same pattern to this one with the rows and columns of held dofs off.

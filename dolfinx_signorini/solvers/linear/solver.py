@@ -61,6 +61,7 @@ class LinearSolver(ABC):
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self._ksp = PETSc.KSP().create(self.comm)
 
+    @abstractmethod
     def solve(
         self,
         system: System,
@@ -87,10 +88,6 @@ class LinearSolver(ABC):
         Raises:
             InputError: The form turned out to be indefinite.
         """
-        if system.place(x, held):
-            multiplier = None
-        self._solve(system, x, held, atol, multiplier, stop, check, slack)
-        self.solves += slack is None
 
     @abstractmethod
     def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
@@ -111,20 +108,6 @@ class LinearSolver(ABC):
         """What solves take for the inverse of the matrix, in words."""
 
     @abstractmethod
-    def _solve(
-        self,
-        system: System,
-        x: PETSc.Vec,
-        held: Mask,
-        atol: float,
-        multiplier: PETSc.Vec | None,
-        stop: Stop | None,
-        check: Check | None,
-        slack: int | None,
-    ) -> None:
-        """Solve where the held dofs have their values already, see `solve`."""
-
-    @abstractmethod
     def free(self) -> None:
         """Free the set-up; a next solve makes a new one."""
 
@@ -142,11 +125,10 @@ class LinearSolver(ABC):
         """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
             self._matrix = without_nodes(self.A.copy())
-        rows = Rows(self.A)
-        if rows.alone:
+        if self.comm.size == 1:
             held = np.zeros(self.A.getLocalSize()[0], dtype=bool)
             held[dofs] = True
-            rows.hold(held, diagonal, Rows(self._matrix))
+            Rows(self.A).hold(held, diagonal, Rows(self._matrix))
             return self._matrix
         self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         first = self._matrix.getOwnershipRange()[0]
@@ -176,7 +158,6 @@ def set_residual(
         multiplier.copy(rhs)
         rhs.scale(-1.0)
     rhs.array_w[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = 0.0
-    largest = rhs.norm(PETSc.NormType.INFINITY)
-    unit = power_of_two(largest) if largest > 0.0 else 1.0
+    unit = power_of_two(rhs.norm(PETSc.NormType.INFINITY))
     rhs.scale(1.0 / unit)
     return unit

@@ -269,7 +269,7 @@ def test_few_coarse_nodes_are_solved_for_exactly():
         for item in (fine, others.pop(0)):
             item.destroy()
     matrix, b = problem.system.A.copy(), problem.system.b
-    multigrid = Multigrid([], [first], "exact_", AMG)
+    multigrid = Multigrid([first], 0, "exact_", AMG)
     multigrid.set_up(matrix, matrix, np.empty(0, dtype=np.int32), 1.0, 1)
     x, rest, coarse, load = b.duplicate(), b.duplicate(), *(first.createVecRight() for _ in "ab")
     multigrid.nested(b, x)
