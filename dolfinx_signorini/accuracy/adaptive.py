@@ -274,8 +274,9 @@ def _first_mesh(
         if level is sided:
             return data
         other = posed(pose, level)
+        found = data_of(other)
         other.destroy()
-        return data_of(other)
+        return found
 
     degree = problem.space.element.basix_element.degree
     first = first_mesh(sided, data_on, known, degree, max_unknowns, stiffness, "pose")

@@ -13,6 +13,7 @@ with the time that is left on a terminal, and tells a line now and then elsewher
 import logging
 import sys
 import time
+from functools import cache
 from threading import Event, RLock, Thread
 from types import TracebackType
 from typing import Self
@@ -36,6 +37,12 @@ class _Bar(tqdm):  # type: ignore[type-arg]
 
 
 _Bar.set_lock(RLock())
+
+
+@cache
+def warn_once(text: str) -> None:
+    """Log a warning, unless this process has logged the same one before."""
+    log.warning("%s", text)
 
 
 def say(text: str) -> None:

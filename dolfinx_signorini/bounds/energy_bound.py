@@ -98,8 +98,8 @@ def energy_bound(
         rest: What the data have beside the polynomials that stand for the data.
 
     Raises:
-        InputError: The terms contradict each other, the mesh has curved or other cells, or what is
-            told of obstacles is for obstacles elsewhere.
+        InputError: The terms contradict each other, the mesh has curved or other cells, data have
+            changed since the solve, or what is told of obstacles is for obstacles elsewhere.
     """
     check(
         problem=(problem, with_bound),
@@ -107,6 +107,7 @@ def energy_bound(
         rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
     domain = problem.space.mesh
+    problem.check_unchanged()
     _check_mesh(problem)
     terms.check_on(domain)
     on_boundary = [each for each in (rest.obstacle, rest.obstacle_in_space) if each is not None]

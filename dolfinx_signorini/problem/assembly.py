@@ -175,6 +175,15 @@ class Assembly:
         self._replaced = True
         return self.renewed(old)
 
+    def has_changed(self) -> bool:
+        """Return whether data are others than those of the last system; collective."""
+        fresh = self._changed()
+        self._due = self._due[0] or fresh[0], self._due[1] or any(fresh)
+        data = _dirichlet_values(self.layout.space, self.bcs, self.layout.fixed_dofs)
+        now = [data, *(at() for at in self._obstacles_at)]
+        same = all(np.array_equal(*both) for both in zip(self._read, now, strict=True))
+        return any(self._due) or anywhere(self.comm, not same)
+
     def _changed(self) -> tuple[bool, bool]:
         """Whether data of a and of L have changed since this was asked; collective."""
         return self._watch_a.changed(self.comm), self._watch_L.changed(self.comm)
@@ -185,17 +194,20 @@ class Assembly:
         data = _dirichlet_values(layout.space, self.bcs, layout.fixed_dofs)
         nodes = layout.fixed_dofs // layout.block
         checks.check_finite(layout.nodal, nodes, data, "Dirichlet data")
-        self._values = [at() for at in self._obstacles_at]
+        read = [data, *(at() for at in self._obstacles_at)]
+        self._values = read[1:]
         for (zone, each), found in zip(self._given, self._values, strict=True):
             checks.check_finite(layout.nodal, self.zone_dofs[zone], found, each.name)
         if self.directions is not None:
             ((_, each),), (gaps,) = self._given, self._values
             self.obstacles = [self.directions.bounds(gaps, data, each.name)]
+            self._read = read
             return self.obstacles[0][layout.free], data
         for k, (zone, each) in enumerate(self._given):
             known = self.zone_dofs[zone], self._values[k], data
             self._values[k] = checks.clamped(layout, each, *known, self._reach)
         self.obstacles = checks.apart(layout, self._tightest(), self._upper_name)
+        self._read = read
         return np.concatenate([found[layout.free] for found in self.obstacles]), data
 
     def _tightest(self) -> list[Array]:

@@ -623,6 +623,20 @@ class BoundConstrainedProblem(OnContact):
             destroy(self._system.A, self._system.b)
         self._system = None
 
+    def check_unchanged(self) -> None:
+        """Refuse a problem whose data are others than those of its solution; collective.
+
+        Raises:
+            InputError: The forms, the obstacles or the Dirichlet data have changed since the solve.
+        """
+        require(
+            self.comm,
+            not self._assembly.has_changed(),
+            "its data have changed since it was solved; keep what a solve or a step overwrites, "
+            "such as the last solution, in a function of its own",
+            "problem",
+        )
+
     def _solution(self) -> PETSc.Vec:
         _ = self.system
         if self._x is None:

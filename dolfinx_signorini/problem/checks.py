@@ -13,6 +13,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
+from dolfinx_signorini.base.logs import warn_once
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.base.tolerances import FAR, ROUNDING, SOLVED, TINY
@@ -62,7 +63,8 @@ def apart(
         return list(obstacles)
     size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)  # no dof has neither
     size = comm.allreduce(float(size), op=MPI.MAX)
-    low, high = (_values_at_dofs(layout, obstacle) for obstacle in obstacles)
+    dofs = layout.obstacle_dofs
+    low, high = (_values_at_nodes(layout.space, dofs, obstacle)[dofs] for obstacle in obstacles)
     refusal: tuple[str, str] | None = None
     for k in np.flatnonzero(low - high > ROUNDING * size)[:1]:
         where = place(layout.space, layout.obstacle_dofs[k])
@@ -75,10 +77,9 @@ def apart(
     return [np.minimum(lower, mean), np.maximum(upper, mean)]
 
 
-def _values_at_dofs(layout: Layout, obstacle: Array) -> Array:
-    """The values of an obstacle at the places of its dofs; collective."""
-    g = function_with(layout.space, layout.obstacle_dofs, obstacle)
-    return values_at_control_points(layout.space, g.x.array)[layout.obstacle_dofs]
+def _values_at_nodes(space: fem.FunctionSpace, dofs: LocalIndices, coefficients: Array) -> Array:
+    """The values at all nodes of a function with some coefficients, whose other ones are 0."""
+    return values_at_control_points(space, function_with(space, dofs, coefficients).x.array)
 
 
 def clamped(
@@ -92,8 +93,9 @@ def clamped(
     """Return an obstacle, moved to those Dirichlet data that lie beyond; refuse data far beyond.
 
     Data may lie beyond the obstacle by as much as rounding: 1e-12 of the largest datum, or of the
-    size of the solution. In the Bernstein basis they are compared at vertices: the coefficients of
-    other dofs are no values, and may lie beyond where the data do not.
+    size of the solution. In the Bernstein basis values are compared, for coefficients may lie
+    beyond where the data do not. Interpolants of the two may cross between the vertices, which is
+    told and not refused.
 
     Args:
         layout: The dofs with an obstacle and those with Dirichlet data.
@@ -110,22 +112,32 @@ def clamped(
     comm, upper = space.mesh.comm, given.sign < 0.0
     i = np.flatnonzero(np.isin(dofs, fixed))
     j = np.searchsorted(fixed, dofs[i])
-    beyond = given.sign * (obstacle[i] - data[j])
+    own, known = obstacle[i], data[j]
     moved = obstacle.copy()
-    moved[i] = (np.maximum if upper else np.minimum)(obstacle[i], data[j])
-    if is_bernstein(space):
-        beyond[~_at_vertices(space, dofs[i])] = 0.0
+    moved[i] = (np.maximum if upper else np.minimum)(own, known)
+    everywhere = not is_bernstein(space)
+    if not everywhere and anywhere(comm, len(i) > 0):
+        own = _values_at_nodes(space, dofs, obstacle)[dofs[i]]
+        known = _values_at_nodes(space, fixed, data)[dofs[i]]
+    beyond = given.sign * (own - known)
     if not anywhere(comm, beyond > 0.0):
         return moved
     sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
     size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())
+    far, beside = beyond > ROUNDING * size, "below" if upper else "above"
+    known_there = everywhere | _at_vertices(space, dofs[i])
     message = ""
-    for k in np.flatnonzero(beyond > ROUNDING * size)[:1]:
+    for k in np.flatnonzero(far & known_there)[:1]:
         message = (
-            f"{obstacle[i[k]]:.6g} lies {'below' if upper else 'above'} the Dirichlet data "
-            f"{data[j[k]]:.6g} at {place(space, fixed[j[k]])}"
+            f"{own[k]:.6g} lies {beside} the Dirichlet data {known[k]:.6g} at "
+            f"{place(space, fixed[j[k]])}"
         )
     require(comm, not message, message, given.name)
+    if anywhere(comm, far):
+        warn_once(
+            f"{given.name}: its interpolant lies {beside} the Dirichlet data between vertices, "
+            "where the solution has the data; dolfinx_signorini.dirichlet takes both at one place"
+        )
     return moved
 
 

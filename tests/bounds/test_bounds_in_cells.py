@@ -255,3 +255,32 @@ def test_remainders_of_obstacles_on_the_boundary_are_refused(comm):
     with pytest.raises(InputError, match="obstacles that are elsewhere") as caught:
         energy_bound(problem, terms, Remainders(obstacle=np.zeros((3, 32, 3))))
     assert caught.value.subject == "rest"
+
+
+def test_a_bound_is_of_the_data_of_the_solve(comm):
+    """A step that begins with the last solution as obstacle is another problem."""
+    domain = mesh.create_unit_square(comm, 8, 8)
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, g = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
+    facets = boundary_facets(domain)
+    g.x.array[:] = -0.05
+    f, held = fem.Constant(domain, -8.0), fem.Constant(domain, 0.0)
+    dofs = fem.locate_dofs_topological(V, 1, facets)
+    a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+    problem = ObstacleProblem(a, f * v * ufl.dx, lower=g, bcs=[fem.dirichletbc(held, dofs, V)])
+    terms = EnergyTerms(diffusion=1.0, load=f, dirichlet=[(held, facets)])
+    problem.solve(rtol=1e-10)
+    total = energy_bound(problem, terms).total
+    for data, value in ((g, None), (f, -7.0), (held, 0.1)):
+        numbers = data.x.array if value is None else data.value
+        before = numbers.copy()
+        numbers[...] = problem.u.x.array if value is None else value
+        for _ in range(2):
+            with pytest.raises(InputError, match="changed since it was solved"):
+                energy_bound(problem, terms)
+        problem.solve(rtol=1e-10)
+        assert energy_bound(problem, terms).total > 0.0
+        numbers[...] = before
+        problem.solve(rtol=1e-10)
+        assert energy_bound(problem, terms).total == pytest.approx(total, rel=1e-6)
+    problem.destroy()

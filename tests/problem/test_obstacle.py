@@ -9,14 +9,22 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.interpolate import CubicSpline
 
-from dolfinx_signorini import ObstacleProblem, bernstein_space, box_mesh, coarse_levels
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+from dolfinx_signorini import (
+    ObstacleProblem,
+    SignoriniProblem,
+    bernstein_space,
+    box_mesh,
+    coarse_levels,
+    solve_adaptively,
+)
+from dolfinx_signorini.base.logs import warn_once
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.solvers.cascade import solve_cascade
 
@@ -522,3 +530,59 @@ def test_a_cascade_over_the_hemisphere():
     assert COMM.allreduce(float(difference), op=MPI.MAX) <= 1e-8
     for each in (problem, alone):
         each.destroy()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("degree", [2, 3, 4])
+@pytest.mark.parametrize("whole", [True, False])
+def test_an_obstacle_beyond_dirichlet_data_between_vertices_is_told(sign, degree, whole, caplog):
+    """u = 0 on the boundary, and an obstacle that is 0 at the vertices and 0.2 between them."""
+    warn_once.cache_clear()
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    V = bernstein_space(domain, degree)
+    u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(domain)
+    facets = boundary_facets(domain)
+    g = sign * 0.2 * ufl.sin(2.0 * np.pi * x[0]) ** 2 * ufl.conditional(x[1] < 1e-9, 1.0, 0.0)
+    bound = {"lower" if sign > 0.0 else "upper": g}
+    forms = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -sign * v * ufl.dx
+    bcs = [dirichlet(V, facets, 0.0)]
+    if whole:
+        problem = ObstacleProblem(*forms, bcs=bcs, **bound)
+    else:
+        problem = SignoriniProblem(*forms, contact=facets, bcs=bcs, **bound)
+    told = [record.getMessage() for record in caplog.records]
+    assert MPI.COMM_WORLD.rank or any(
+        "the Dirichlet data between vertices" in text for text in told
+    )
+    problem.destroy()
+
+
+@pytest.mark.parametrize("load", ["kink", "jump"])
+def test_obstacles_of_both_kinds_with_data_that_meshes_follow(load):
+    """The first mesh is posed again, where its facets follow the data."""
+    domain = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+    sides = {
+        name: mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+        for name, y in (("bottom", 0.0), ("top", 1.0))
+    }
+
+    def pose(sided):
+        V = fem.functionspace(sided.mesh, ("Lagrange", 1))
+        u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(sided.mesh)
+        t = x[0] - 0.37
+        f = -2.0 - (abs(t) if load == "kink" else ufl.conditional(t < 0.0, 1.0, 0.0))
+        return ObstacleProblem(
+            ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            f * v * ufl.dx,
+            lower=-0.3 - (x[0] - 0.5) ** 2,
+            contact=sided.sides["bottom"],
+            obstacle=-0.2,
+            bcs=[dirichlet(V, sided.sides["top"], 0.0)],
+        )
+
+    found = solve_adaptively(pose, SidedMesh(domain, sides), norm="L2", accuracy=1e-2)
+    assert found.reached
+    x = found.problem.space.mesh.geometry.x
+    width = np.abs(x[:, 0] - 0.37).min(initial=1.0)
+    assert MPI.COMM_WORLD.allreduce(width, op=MPI.MIN) <= 1e-12  # a line of the mesh is there
+    found.problem.destroy()

@@ -8,7 +8,7 @@ of cells, where no polynomial follows.
 
 import math
 from collections.abc import Sequence
-from functools import cache, reduce
+from functools import reduce
 from itertools import product
 from typing import Any
 
@@ -16,7 +16,7 @@ import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.logs import log
+from dolfinx_signorini.base.logs import warn_once
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.data.form_data import choices_in_diffusion
 from dolfinx_signorini.data.formulas import Formula
@@ -173,14 +173,9 @@ def warn_of_cut_coefficients(a: ufl.Form, domain: mesh.Mesh) -> None:
         return
     for choice, formula, corners in choices_in_diffusion(a):
         if anywhere(domain.comm, jumps_in_cells(formula, corners)):
-            _warn_once(str(choice))
-
-
-@cache
-def _warn_once(choice: str) -> None:
-    log.warning(
-        "a: the coefficient %s chooses inside of cells, which leaves an error of order h^(1/2) in "
-        "the energy norm for any degree; let facets follow the jump, and give the coefficient on "
-        'cells: the page "Coefficients that jump" (docs/howto/jumps.md)',
-        choice,
-    )
+            warn_once(
+                f"a: the coefficient {choice} chooses inside of cells, which leaves an error of "
+                "order h^(1/2) in the energy norm for any degree; let facets follow the jump, and "
+                'give the coefficient on cells: the page "Coefficients that jump" '
+                "(docs/howto/jumps.md)"
+            )

@@ -32,6 +32,7 @@ class DirectSolver(LinearSolver):
     def __init__(self, system: System, prefix: str = "", options: Mapping[str, Any] | None = None):
         super().__init__(system, prefix, options)
         self._iterative: IterativeSolver | None = None
+        self._factored: PETSc.Mat | None = None  # for the costs
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
 
@@ -75,7 +76,7 @@ class DirectSolver(LinearSolver):
     def free(self) -> None:
         """Free the factors; a next solve makes them anew."""
         self._ksp.reset()
-        self._held = None
+        self._held = self._factored = None
         if self._iterative is not None:
             self._iterative.free()
 
@@ -98,7 +99,8 @@ class DirectSolver(LinearSolver):
         pc = self._ksp.getPC()
         if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
-        negative, zero, _ = pc.getFactorMatrix().getInertia()
+        self._factored = pc.getFactorMatrix()
+        negative, zero, _ = self._factored.getInertia()
         return not (negative or zero)
 
 

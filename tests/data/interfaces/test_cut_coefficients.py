@@ -10,6 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
+from dolfinx_signorini.base import logs
 from dolfinx_signorini.data.interfaces import piecewise_forms
 from dolfinx_signorini.problem.arguments import has_choices
 
@@ -30,7 +31,7 @@ def circle(x, y, radius):
 @pytest.fixture(autouse=True)
 def forget():
     """Each coefficient is told once in a process."""
-    piecewise_forms._warn_once.cache_clear()
+    logs.warn_once.cache_clear()
 
 
 def warnings(caplog, domain, form, solves=1):
