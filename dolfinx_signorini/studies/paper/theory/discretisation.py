@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.terms import assembled
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
@@ -123,23 +123,14 @@ class Discretisation(SignoriniProblem):
         return float(self.comm.allreduce(float(product)))
 
     @property
-    def multiplier(self) -> Array:
-        """The force of contact on each contact dof of this rank."""
-        x = self.system.vector_of(self.u_h)
-        forces = self.system.multiplier(x)
-        x.destroy()
-        return forces
-
-    @property
     def contact_set(self) -> ContactSet:
         """{u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
 
         The pressure is the force on a node divided by the diagonal entry of A: in the unit of u.
         """
-        pressure = fem.Function(self.space)
-        pressure.x.array[self.contact_dofs] = self.multiplier / self.system.contact_diagonal
-        gap, pressed = (self.curve.values(v) for v in (self.u_h, pressure))
-        return contact_set_of_nodes(self.curve, gap, pressed)
+        gap, pressure = self.curve.values(self.u_h), self.forces
+        pressure.x.array[self.contact_dofs] /= self.system.contact_diagonal
+        return contact_set_of_nodes(self.curve, gap, self.curve.values(pressure))
 
     def _linear_solution(self, load: fem.Function, start: fem.Function, held: bool) -> fem.Function:
         """Solve A x = load, with the values of the start held at the boundary or with none held."""

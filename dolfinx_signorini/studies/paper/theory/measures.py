@@ -124,11 +124,10 @@ def _bounds(d: Discretisation) -> Row:
     found = enclosures(d, sup["Linf"], sup["W1_inf"])
     # How far contact may begin too early, in (e / b)^{2/3}.
     width = (DETACHMENT[0] - found.outer) / (sup["Linf"] / AMPLITUDE) ** (1.0 / DETACHMENT_EXPONENT)
-    total = d.comm.allreduce(float(d.multiplier.sum()))
     return {
         "enclosure": asdict(found) | {"outer_width": width},
         "force": {
-            "error": abs(float(d.curve.values(d.flux).sum()) - float(total)),
+            "error": abs(float(d.curve.values(d.flux).sum()) - d.force),
             "bound": bound,
             "dual": dual_force_bound(d, sup["Linf"], bound),
         },
