@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="NUMBER",
         help="a statement, may be repeated, whose tables are printed; all by default, which take "
-        "more than a minute: " + ", ".join(s.key for s in MEASURED),
+        "more than a minute: " + ", ".join(MEASURED),
     )
     parser.add_argument(
         "--max-n",
@@ -101,8 +101,7 @@ def _statements(args: argparse.Namespace) -> list[Statement]:
     try:
         return select(args.statement)
     except KeyError as error:
-        known = ", ".join(statement.key for statement in MEASURED)
-        message = f"unknown {error.args[0]!r}, known are {known}"
+        message = f"unknown {error.args[0]!r}, known are {', '.join(MEASURED)}"
         raise InputError(message, "--statement") from None
 
 

@@ -34,8 +34,6 @@ from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 Point = tuple[float, float]
 
-PLACES = (0.0, 0.25, 0.5, 0.75)  # of a boundary edge: on its first node ... in the middle ...
-
 
 @dataclass(frozen=True)
 class Example:

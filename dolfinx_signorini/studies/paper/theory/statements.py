@@ -130,8 +130,7 @@ EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
 INTRODUCTION: str = _TEXTS.pop("introduction")  # of the document, with places for its figures
 _GROUPS: Mapping[str, list[str]] = _TEXTS.pop("groups")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
-CHECKS = {statement.key: statement.checks for statement in STATEMENTS if statement.checks}
-MEASURED = tuple(statement for statement in STATEMENTS if statement.checks)
+MEASURED = {statement.key: statement for statement in STATEMENTS if statement.checks}
 
 
 def select(keys: Sequence[str] | None) -> list[Statement]:
@@ -140,5 +139,4 @@ def select(keys: Sequence[str] | None) -> list[Statement]:
     Raises:
         KeyError: A key is unknown, or nothing is measured for the statement.
     """
-    known = {statement.key: statement for statement in MEASURED}
-    return list(STATEMENTS) if not keys else [known[key] for key in dict.fromkeys(keys)]
+    return list(STATEMENTS) if not keys else [MEASURED[key] for key in dict.fromkeys(keys)]
