@@ -15,6 +15,7 @@ from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.cascade import checked_tolerance
 from dolfinx_signorini.studies.paper import pictures
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.studies.paper.study import PAPER_NORMS, StudySettings, run_study
@@ -87,8 +88,7 @@ def _settings(args: argparse.Namespace) -> StudySettings:
         raise InputError(f"must lie between {first} and {LARGEST}, not {args.max_n}", "--max-n")
     if args.method not in METHODS:
         raise InputError(f"unknown {args.method!r}, known are {', '.join(METHODS)}", "--method")
-    if args.rtol is not None and not 0.0 < args.rtol < 1.0:
-        raise InputError(f"must lie between 0 and 1, not {args.rtol}", "--rtol")
+    checked_tolerance(args.rtol, 1.0, "--rtol")
     norms = listed_norms(args.norms, PAPER_NAMES)
     return StudySettings(method=args.method, norms=norms, rtol=args.rtol)
 

@@ -60,12 +60,12 @@ def run(args: argparse.Namespace) -> int:
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
     # A file of a mesh may be another one than that of the rows at hand.
     keys = {v: {"value": v, **scene.domain.record()} for v, scene in scenes.items()}
-    found = {value: records.finished(key) for value, key in keys.items()}
-    done = {value: row for value, row in found.items() if row is not None}
-    missing = [value for value in values if value not in done]
-    for value in values:
-        if value not in missing:
+    done: dict[str, Row] = {}
+    for value, key in keys.items():
+        if finished := records.finished(key):
             log.info("%s = %s: already done", args.key, value)
+            done[value] = finished
+    missing = [value for value in values if value not in done]
     with Progress("sweep", len(missing)) as progress:
         for value in missing:
             if value in scenes:

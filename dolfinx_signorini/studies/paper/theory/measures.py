@@ -69,10 +69,9 @@ def _supercloseness(d: Discretisation) -> Row:
 
 
 def _one_sided(d: Discretisation) -> Row:
-    """The w_h of Lemma 3.5; "outside" is how far w_h is below R_h(u) - u or above R_h(u)."""
-    found = one_sided_approximation(d)
-    kept = {name: getattr(found, name) for name in ("norm", "distance", "tested", "cases")}
-    return {"one_sided": kept | {"outside": max(found.below, found.above)}}
+    """The w_h of Lemma 3.5."""
+    found, kept = one_sided_approximation(d), ("norm", "distance", "tested", "cases", "outside")
+    return {"one_sided": {name: getattr(found, name) for name in kept}}
 
 
 def _near(d: Discretisation) -> Row:
