@@ -61,7 +61,6 @@ class Discretisation(SignoriniProblem):
     Attributes:
         exact: The solution on this mesh.
         terms: The strong form.
-        forms: The bilinear and the linear form of (S_h).
         curve: The boundary.
         load: The values of the linear form for the basis functions, as coefficients.
         flux: <du/dn, phi_i> for every basis function.
@@ -74,8 +73,8 @@ class Discretisation(SignoriniProblem):
         v = ufl.TestFunction(space)
         flux = self._flux(v)
         self.terms = EnergyTerms(reaction=1.0, load=self.exact.load)
-        self.forms = h1_product(space), self._product(v) - flux
-        super().__init__(*self.forms, contact=boundary_facets(domain))
+        load = self._product(v) - flux
+        super().__init__(h1_product(space), load, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
         self.flux, self.load = assembled(flux, space), fem.Function(space)
         self.system.fill(self.load, self.b)
@@ -110,7 +109,7 @@ class Discretisation(SignoriniProblem):
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
-        return compiled.integral(ufl.action(ufl.action(self.forms[0], w), v))
+        return compiled.integral(ufl.action(ufl.action(self.a, w), v))
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""

@@ -88,7 +88,7 @@ def test_lemma_3_3_fails_for_a_function_that_solves_nothing():
 def distance_at_nodes(d):
     """The distance of R_h(u) from the solution whose obstacle is R_h(u) - u at the nodes."""
     u = interpolant(d.space, d.exact.u)
-    problem = SignoriniProblem(*d.forms, contact=d.contact, obstacle=difference(d.ritz, u))
+    problem = SignoriniProblem(d.a, d.L, contact=d.contact, obstacle=difference(d.ritz, u))
     solution = problem.solve(rtol=THEORY_RTOL)
     problem.destroy()
     return d.norm(difference(solution, d.ritz))
