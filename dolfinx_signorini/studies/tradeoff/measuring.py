@@ -169,15 +169,15 @@ def _reset_peak() -> None:
 
 def _peak_bytes() -> int:
     """The largest resident memory of this process since the last reset; 0 where that is unknown."""
-    for line in told_by_kernel("self/status"):
-        if line.startswith("VmHWM:"):
-            return 1024 * int(line.split()[1])
-    return 0
+    kilobytes, *_ = told_by_kernel("self/status", "VmHWM").split() or ["0"]
+    return 1024 * int(kilobytes)
 
 
-def told_by_kernel(name: str) -> list[str]:
-    """Return the lines of a file of /proc; none where the kernel has no such file."""
-    try:
-        return Path("/proc", name).read_text().splitlines()
-    except OSError:
-        return []
+def told_by_kernel(name: str, entry: str) -> str:
+    """Return the first entry of a name in a file of /proc; empty where there is none."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc", name).read_text().splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == entry:
+                return value.strip()
+    return ""

@@ -43,7 +43,8 @@ class Example:
 
     Attributes:
         exact: The solution on a mesh.
-        singular: Where the gradient of the solution is not smooth.
+        singular: Where the gradient of the solution is not smooth. The solution names these points
+            as well, unless they are many: sup norms look closely at each.
         contact: The relative interior of the contact set: open intervals of the arc length along
             the boundary, counterclockwise from (0, 0).
     """
