@@ -101,20 +101,20 @@ def _write(
 ) -> None:
     """Write and print the results; rank 0 only, which has the picture."""
     assert picture is not None
-    tables = [error_table(rows, settings.norms)]
+    tables = {"table1": error_table(rows, settings.norms)}
     if len(rows) > 1:
-        tables.append(order_table(rows, settings.norms))
-    for number, table in enumerate(tables, start=1):
+        tables["table2"] = order_table(rows, settings.norms)
+    for name, table in tables.items():
         say(table.text())
-        write_file(folder / f"table{number}.md", table.markdown())
-        write_file(folder / f"table{number}.csv", table.csv())
-    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables))
+        write_file(folder / f"{name}.md", table.markdown())
+        write_file(folder / f"{name}.csv", table.csv())
+    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables.values()))
     report = {
         "versions": versions(),
         "settings": vars(settings) | {"norms": list(settings.norms)},
         "rows": rows,
         "tables": {
-            f"table{number}": {
+            name: {
                 label: {
                     norm: {
                         "value": c.value,
@@ -126,7 +126,7 @@ def _write(
                 }
                 for label, cells in table.rows
             }
-            for number, table in enumerate(tables, start=1)
+            for name, table in tables.items()
         },
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")
