@@ -173,8 +173,8 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
             y = [row.get(name, float("nan")) for row in rows]
             label = typeset_norm(name.removeprefix("error "))
             line = "-" if numeric else ":"  # nothing lies between two formulas
-            marker = MARKERS[k % len(MARKERS)]
-            axes.plot(x, y, line, marker=marker, color=COLOURS[k], label=label)
+            marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
+            axes.plot(x, y, line, marker=marker, color=colour, label=label)
         several = "error" if names is errors else "force of contact"
         axes.set(xlabel=key, ylabel=several if names is errors or len(names) > 1 else names[0])
         if names is errors:
