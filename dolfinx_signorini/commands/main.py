@@ -6,6 +6,7 @@ unexpected error on one rank ends all of them.
 """
 
 import argparse
+import logging
 import os
 import re
 import signal
@@ -22,7 +23,7 @@ from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.base.logs import listen, log
 from dolfinx_signorini.base.records import versions
 from dolfinx_signorini.commands import check, reproduce, solve, sweep, theory, tradeoff
-from dolfinx_signorini.commands.options import LEVELS, add_talk, completion
+from dolfinx_signorini.commands.options import add_talk, completion
 from dolfinx_signorini.commands.printing import Guarded
 
 JOBS = {
@@ -88,7 +89,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="print a script that completes commands and options in a shell",
     )
     add_talk(parser)
-    parser.set_defaults(quiet=None)
+    parser.set_defaults(level=logging.INFO)
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
     for name, (module, summary) in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)
@@ -118,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _stoppable():
             args = make_parser().parse_args(argv)
-            handler = listen(LEVELS[args.quiet])
+            handler = listen(args.level)
             code = int(JOBS[args.job][0].run(args))
             guarded.flush()
         if guarded.failure:

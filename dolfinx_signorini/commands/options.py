@@ -7,26 +7,25 @@ from pathlib import Path
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.records import folder_name
 
-LEVELS = {True: logging.WARNING, None: logging.INFO, False: logging.DEBUG}
-
 
 def add_talk(parser: argparse.ArgumentParser) -> None:
-    """Add -q and -v, which are read before and behind the name of a job."""
+    """Add -q and -v, which set the level and are read before and behind the name of a job."""
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument(
         "-q",
         "--quiet",
+        dest="level",
         action="store_const",
-        const=True,
+        const=logging.WARNING,
         default=argparse.SUPPRESS,
         help="no progress: results and warnings only",
     )
     talk.add_argument(
         "-v",
         "--verbose",
-        dest="quiet",
+        dest="level",
         action="store_const",
-        const=False,
+        const=logging.DEBUG,
         default=argparse.SUPPRESS,
         help="each mesh and each phase with its seconds",
     )

@@ -15,6 +15,7 @@ from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.solvers import METHODS
+from dolfinx_signorini.solvers.cascade import checked_tolerance
 from dolfinx_signorini.studies.paper import pictures
 from dolfinx_signorini.studies.paper.sampling import PAPER_NAMES
 from dolfinx_signorini.studies.paper.study import PAPER_NORMS, StudySettings, run_study
@@ -87,8 +88,7 @@ def _settings(args: argparse.Namespace) -> StudySettings:
         raise InputError(f"must lie between {first} and {LARGEST}, not {args.max_n}", "--max-n")
     if args.method not in METHODS:
         raise InputError(f"unknown {args.method!r}, known are {', '.join(METHODS)}", "--method")
-    if args.rtol is not None and not 0.0 < args.rtol < 1.0:
-        raise InputError(f"must lie between 0 and 1, not {args.rtol}", "--rtol")
+    checked_tolerance(args.rtol, 1.0, "--rtol")
     norms = listed_norms(args.norms, PAPER_NAMES)
     return StudySettings(method=args.method, norms=norms, rtol=args.rtol)
 
@@ -101,20 +101,20 @@ def _write(
 ) -> None:
     """Write and print the results; rank 0 only, which has the picture."""
     assert picture is not None
-    tables = [error_table(rows, settings.norms)]
+    tables = {"table1": error_table(rows, settings.norms)}
     if len(rows) > 1:
-        tables.append(order_table(rows, settings.norms))
-    for number, table in enumerate(tables, start=1):
+        tables["table2"] = order_table(rows, settings.norms)
+    for name, table in tables.items():
         say(table.text())
-        write_file(folder / f"table{number}.md", table.markdown())
-        write_file(folder / f"table{number}.csv", table.csv())
-    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables))
+        write_file(folder / f"{name}.md", table.markdown())
+        write_file(folder / f"{name}.csv", table.csv())
+    write_file(folder / "tables.txt", "\n".join(table.text() for table in tables.values()))
     report = {
         "versions": versions(),
         "settings": vars(settings) | {"norms": list(settings.norms)},
         "rows": rows,
         "tables": {
-            f"table{number}": {
+            name: {
                 label: {
                     norm: {
                         "value": c.value,
@@ -126,7 +126,7 @@ def _write(
                 }
                 for label, cells in table.rows
             }
-            for number, table in enumerate(tables, start=1)
+            for name, table in tables.items()
         },
     }
     write_file(folder / "results.json", json.dumps(report, indent=1) + "\n")

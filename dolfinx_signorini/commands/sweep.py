@@ -60,12 +60,12 @@ def run(args: argparse.Namespace) -> int:
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
     # A file of a mesh may be another one than that of the rows at hand.
     keys = {v: {"value": v, **scene.domain.record()} for v, scene in scenes.items()}
-    found = {value: records.finished(key) for value, key in keys.items()}
-    done = {value: row for value, row in found.items() if row is not None}
-    missing = [value for value in values if value not in done]
-    for value in values:
-        if value not in missing:
+    done: dict[str, Row] = {}
+    for value, key in keys.items():
+        if finished := records.finished(key):
             log.info("%s = %s: already done", args.key, value)
+            done[value] = finished
+    missing = [value for value in values if value not in done]
     with Progress("sweep", len(missing)) as progress:
         for value in missing:
             if value in scenes:
@@ -173,8 +173,8 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
             y = [row.get(name, float("nan")) for row in rows]
             label = typeset_norm(name.removeprefix("error "))
             line = "-" if numeric else ":"  # nothing lies between two formulas
-            marker = MARKERS[k % len(MARKERS)]
-            axes.plot(x, y, line, marker=marker, color=COLOURS[k], label=label)
+            marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
+            axes.plot(x, y, line, marker=marker, color=colour, label=label)
         several = "error" if names is errors else "force of contact"
         axes.set(xlabel=key, ylabel=several if names is errors or len(names) > 1 else names[0])
         if names is errors:

@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="NUMBER",
         help="a statement, may be repeated, whose tables are printed; all by default, which take "
-        "more than a minute: " + ", ".join(s.key for s in MEASURED),
+        "more than a minute: " + ", ".join(MEASURED),
     )
     parser.add_argument(
         "--max-n",
@@ -57,7 +57,10 @@ def run(args: argparse.Namespace) -> int:
         NotConvergedError: Some problem could not be solved.
     """
     comm = MPI.COMM_WORLD
-    chosen = _statements(args)
+    if not SMALLEST <= args.max_n <= _largest():
+        message = f"must lie between {SMALLEST} and {_largest()}, not {args.max_n}"
+        raise InputError(message, "--max-n")
+    chosen = select(args.statement)
     needed = {name for statement in chosen for name in statement.experiments}
     names = [name for name in experiments() if name in needed]
     files = [f"{PICTURES}/{name}" for name in picture_files((*FIGURES, ONE_SIDED))]
@@ -92,18 +95,6 @@ def _write(
         draw_one_sided(approximation).save(pictures / ONE_SIDED)
     write_file(args.out / DOCUMENT, document.text(_command(args)))
     log.info("tables: %s, pictures beside it", args.out / DOCUMENT)
-
-
-def _statements(args: argparse.Namespace) -> list[Statement]:
-    if not SMALLEST <= args.max_n <= _largest():
-        message = f"must lie between {SMALLEST} and {_largest()}, not {args.max_n}"
-        raise InputError(message, "--max-n")
-    try:
-        return select(args.statement)
-    except KeyError as error:
-        known = ", ".join(statement.key for statement in MEASURED)
-        message = f"unknown {error.args[0]!r}, known are {known}"
-        raise InputError(message, "--statement") from None
 
 
 def _largest() -> int:

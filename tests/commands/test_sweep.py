@@ -198,6 +198,13 @@ def test_one_point_is_no_plot():
     assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1", "two"]
 
 
+def test_more_norms_than_colours_are_drawn():
+    errors = {f"error L{p}": 1.0 / p for p in range(1, 12)}
+    row = {"value": "1", "in contact": 0.5, "force of contact": 1.0, **errors}
+    figure = draw_sweep("key", [row, row | {"value": "2"}])
+    assert len(figure.axes[2].lines) == len(errors)
+
+
 def test_versions_and_completion(capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main(["--version"])

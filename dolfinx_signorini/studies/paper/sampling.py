@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import basix
 import numpy as np
 from dolfinx import fem
+from scipy.integrate import newton_cotes
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
@@ -35,31 +36,21 @@ SAMPLING = {
     W1_INF: "largest error or derivative at the quadrature points",
     H1_2: "sqrt(L2 (L2 + |.|_H1)) by 7 Newton-Cotes points on each boundary edge",
 }
-NEWTON_COTES = np.array([41.0, 216.0, 27.0, 272.0, 27.0, 216.0, 41.0]) / 840.0
 
 
-class VerticesAndMidpoints(QuadratureRule):
-    """The points of the paper's samples of L^inf, without weights:
+class Equispaced(QuadratureRule):
+    """Equispaced points, as many as a polynomial of the degree needs, with weights on an interval:
 
-    points, _ = VerticesAndMidpoints("default", 2).points(basix.CellType.triangle)
+    vertices_and_midpoints, _ = Equispaced("default", 2).points(basix.CellType.triangle)
     """
 
     def points(self, cell: basix.CellType, reverse: bool = False) -> tuple[Array, Array]:
-        """Return the points of the reference cell, and weights that mean nothing."""
+        """Return the points, and closed Newton-Cotes weights; on triangles weights mean nothing."""
         kind = basix.LatticeType.equispaced
         points = np.asarray(basix.create_lattice(cell, self.degree, kind, True), dtype=np.float64)
-        return points, np.ones(len(points))
-
-
-class NewtonCotes(QuadratureRule):
-    """The closed rule with 7 points on an interval, exact to degree 7:
-
-    points, weights = NewtonCotes("default", 7).points(basix.CellType.interval)
-    """
-
-    def points(self, cell: basix.CellType, reverse: bool = False) -> tuple[Array, Array]:
-        """Return the points of the reference interval, and the weights."""
-        return np.linspace(0.0, 1.0, 7, dtype=np.float64)[:, None], NEWTON_COTES
+        if cell != basix.CellType.interval:
+            return points, np.ones(len(points))
+        return points, newton_cotes(self.degree, 1)[0] / self.degree
 
 
 def paper_errors(
@@ -85,11 +76,10 @@ def paper_errors(
     found = sampled_norms(u_h, exact, list(inside.values()), rule)
     values |= {name: found[norm] for name, norm in inside.items()}
     if LINF in names:
-        sample = Norm(0.0, math.inf)
-        lattice = VerticesAndMidpoints("default", 2)
-        values[LINF] = sampled_norms(u_h, exact, [sample], lattice)[sample]
+        sample, points = Norm(0.0, math.inf), Equispaced("default", 2)
+        values[LINF] = sampled_norms(u_h, exact, [sample], points)[sample]
     if H1_2 in names:
-        rule, ends = NewtonCotes("default", 7), ["L2_boundary", "H1_boundary"]
+        rule, ends = Equispaced("default", 6), ["L2_boundary", "H1_boundary"]
         l2, h1 = error_norms(u_h, exact, ends, boundary_rule=rule).values()
         values[H1_2] = math.sqrt(l2 * (l2 + math.sqrt(h1**2 - l2**2)))
     return {name: values[name] for name in names}

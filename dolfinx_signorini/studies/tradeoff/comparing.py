@@ -50,11 +50,6 @@ def compared(rows: Sequence[Row], norm: str) -> list[Row]:
     ]
 
 
-def is_baseline(row: Row) -> bool:
-    """Return whether a row is of the paper's kind: uniform meshes, P1, the cascade."""
-    return kind_of(row) == UNIFORM_P1 and row["method"] == "cascade"
-
-
 def pareto_front(rows: Sequence[Row], norm: str, cost: str = "total") -> list[Row]:
     """Return the rows that no other row beats in both error and cost, cheapest first.
 
@@ -98,7 +93,7 @@ def _powers(rows: Sequence[Row], norm: str) -> list[float]:
 
 def _best(rows: Sequence[Row], norm: str) -> list[float]:
     """The smallest error of uniform P1, or nothing without uniform P1."""
-    errors = [row["errors"][norm] for row in rows if is_baseline(row)]
+    errors = [row["errors"][norm] for row in of_kind(rows, UNIFORM_P1)]
     return [min(errors)] if errors else []
 
 
@@ -118,7 +113,7 @@ def slope(rows: Sequence[Row], norm: str) -> float | None:
 
 def target_table(rows: Sequence[Row], norm: str) -> Table:
     """Return heads and lines of a table: the cheapest row for each error, beside uniform P1."""
-    baseline = [row for row in rows if is_baseline(row)]
+    baseline = of_kind(rows, UNIFORM_P1)
     best = _best(rows, norm)
     lines = []
     for target in targets(rows, norm):
@@ -154,7 +149,7 @@ def order_table(rows: Sequence[Row], norms: Sequence[str]) -> Table:
 
 def rivals(rows: Sequence[Row], norms: Sequence[str]) -> list[Row]:
     """Return the finest uniform P1 row, and the cheapest rows that are as accurate in some norm."""
-    baseline = filter(is_baseline, compared(rows, norms[0]))
+    baseline = of_kind(compared(rows, norms[0]), UNIFORM_P1)
     result = [max(baseline, key=lambda row: row["n"])]
     for norm in norms:
         row = cheapest(compared(rows, norm), norm, result[0]["errors"][norm])

@@ -46,12 +46,10 @@ def grid(max_unknowns: int, dimension: int = 2, sweeps: bool = True) -> list[Con
         sweeps: Whether tolerances, quadrature rules and methods are varied, too.
     """
     found = [Configuration(kind, n) for kind, sizes in CELLS[dimension].items() for n in sizes]
-    found = [c for c in found if (c.size + 1) ** dimension <= max_unknowns]
     # From small to large, so that memory left by larger ones does not count as peak memory.
     found.sort(key=lambda c: c.size)
-    if not sweeps:
-        return found
-    return [c for c in [*found, *_sweeps()] if c.size**2 < max_unknowns]
+    found += _sweeps() if sweeps else []
+    return [c for c in found if (c.size + 1) ** dimension <= max_unknowns]
 
 
 def ladder(

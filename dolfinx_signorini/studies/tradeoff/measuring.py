@@ -7,6 +7,7 @@ because a run on a coarse mesh comes first. The evaluation of the errors is no p
 and its seconds are a separate entry.
 """
 
+import contextlib
 import functools
 import statistics
 import sys
@@ -116,18 +117,16 @@ class Meter:
 
     def _row(self, c: Configuration, repeats: int) -> dict[str, Any]:
         """Solve some times; return cost and errors."""
-        family, memory, totals = self._family(c.rule), 0, list[float]()
-        samples: list[dict[str, float]] = []
+        samples, totals = list[dict[str, float]](), list[float]()
         run: Run | None = None
-        while len(samples) < repeats and sum(totals) < ENOUGH:
+        while run is None or (len(samples) < repeats and sum(totals) < ENOUGH):
             if run is not None:
                 run.destroy()
             _reset_peak()
-            run = solve_configuration(self.comm, family, c)
+            run = solve_configuration(self.comm, self._family(c.rule), c)
             memory = self.comm.allreduce(_peak_bytes())
             samples.append(run.seconds)
             totals.append(run.total_seconds)
-        assert run is not None
         row = run.diagnostics | {
             "seconds": {p: statistics.median(s[p] for s in samples) for p in run.seconds},
             "total": statistics.median(totals),
@@ -164,23 +163,21 @@ def _coarsest(configuration: Configuration) -> Configuration:
 
 def _reset_peak() -> None:
     """Let the kernel forget the peak memory of this process, where the kernel can."""
-    try:
+    with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def _peak_bytes() -> int:
     """The largest resident memory of this process since the last reset; 0 where that is unknown."""
-    for line in told_by_kernel("self/status"):
-        if line.startswith("VmHWM:"):
-            return 1024 * int(line.split()[1])
-    return 0
+    kilobytes, *_ = told_by_kernel("self/status", "VmHWM").split() or ["0"]
+    return 1024 * int(kilobytes)
 
 
-def told_by_kernel(name: str) -> list[str]:
-    """Return the lines of a file of /proc; none where the kernel has no such file."""
-    try:
-        return Path("/proc", name).read_text().splitlines()
-    except OSError:
-        return []
+def told_by_kernel(name: str, entry: str) -> str:
+    """Return the first entry of a name in a file of /proc; empty where there is none."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc", name).read_text().splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == entry:
+                return value.strip()
+    return ""

@@ -141,7 +141,5 @@ def _diagrams(rows: Sequence[Row], norms: Sequence[str]) -> Iterator[tuple[str, 
 
 def _processor() -> str:
     """The processor of this machine, as the kernel calls it."""
-    for line in told_by_kernel("cpuinfo"):
-        if line.startswith("model name"):
-            return f"{os.cpu_count()} cores of {line.split(':', 1)[1].strip()}"
-    return f"{os.cpu_count()} cores"
+    model = told_by_kernel("cpuinfo", "model name")
+    return f"{os.cpu_count()} cores" + (f" of {model}" if model else "")

@@ -25,8 +25,7 @@ from dolfinx_signorini.norms.references import Reference, carried
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_points
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL, SignoriniProblem
-from dolfinx_signorini.solvers import METHODS
-from dolfinx_signorini.solvers.cascade import coarse_levels, solve_cascade
+from dolfinx_signorini.solvers.cascade import check_method, coarse_levels, solve_cascade
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.tradeoff.family import Family, Kind, Posed
@@ -234,8 +233,7 @@ def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configura
         raise InputError(f"a mesh needs at least one cell across, not {c.n}", "n")
     if not 1 <= c.kind.degree <= HIGHEST_DEGREE:
         raise InputError(f"1 to {HIGHEST_DEGREE}, not {c.kind.degree}", "degree")
-    if c.method not in METHODS:
-        raise InputError(f"unknown {c.method!r}", "method")
+    check_method(c.method)
     if not family.has_kind(c.kind):
         raise InputError("only in the plane, with the obstacle on the boundary", "graded")
     if (c.kind.mesh == "adapted") != (c.norm is not None):

@@ -175,8 +175,8 @@ class ContactSet:
 def contact_set_of_nodes(curve: BoundaryCurve, gap: Array, pressure: Array) -> ContactSet:
     """Return the contact set of gaps and pressures, in the unit of the gap, at nodes of a curve.
 
-    Each detachment point is placed between the last node in contact and the first free one, where
-    the linear interpolant of gap - pressure changes its sign.
+    No pressure is negative. Each detachment point is placed between the last node in contact and
+    the first free one, where the linear interpolant of gap - pressure changes its sign.
     """
     if (gap <= 0.0).all():
         return ContactSet(curve.length, ((0.0, curve.length),), ())
@@ -184,7 +184,7 @@ def contact_set_of_nodes(curve: BoundaryCurve, gap: Array, pressure: Array) -> C
     def change(node: int, step: int) -> float:
         """Where gap - pressure vanishes between a node in contact and its free neighbour."""
         width = curve.widths[node if step > 0 else node - 1]
-        free, pressed = gap[(node + step) % len(gap)], max(pressure[node], 0.0)
+        free, pressed = gap[(node + step) % len(gap)], pressure[node]
         return float((curve.s[node] + step * width * pressed / (pressed + free)) % curve.length)
 
     intervals, detachments = [], list[float]()

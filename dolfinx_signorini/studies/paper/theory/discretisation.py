@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.terms import assembled
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
@@ -61,7 +61,6 @@ class Discretisation(SignoriniProblem):
     Attributes:
         exact: The solution on this mesh.
         terms: The strong form.
-        forms: The bilinear and the linear form of (S_h).
         curve: The boundary.
         load: The values of the linear form for the basis functions, as coefficients.
         flux: <du/dn, phi_i> for every basis function.
@@ -74,8 +73,8 @@ class Discretisation(SignoriniProblem):
         v = ufl.TestFunction(space)
         flux = self._flux(v)
         self.terms = EnergyTerms(reaction=1.0, load=self.exact.load)
-        self.forms = h1_product(space), self._product(v) - flux
-        super().__init__(*self.forms, contact=boundary_facets(domain))
+        load = self._product(v) - flux
+        super().__init__(h1_product(space), load, contact=boundary_facets(domain))
         self.curve = BoundaryCurve(space)
         self.flux, self.load = assembled(flux, space), fem.Function(space)
         self.system.fill(self.load, self.b)
@@ -110,7 +109,7 @@ class Discretisation(SignoriniProblem):
 
     def product(self, v: fem.Function, w: fem.Function) -> float:
         """Return (v, w)_H1 for two functions of V_h."""
-        return compiled.integral(ufl.action(ufl.action(self.forms[0], w), v))
+        return compiled.integral(ufl.action(ufl.action(self.a, w), v))
 
     def norm(self, v: fem.Function) -> float:
         """Return the H^1 norm of a function of V_h."""
@@ -123,23 +122,14 @@ class Discretisation(SignoriniProblem):
         return float(self.comm.allreduce(float(product)))
 
     @property
-    def multiplier(self) -> Array:
-        """The force of contact on each contact dof of this rank."""
-        x = self.system.vector_of(self.u_h)
-        forces = self.system.multiplier(x)
-        x.destroy()
-        return forces
-
-    @property
     def contact_set(self) -> ContactSet:
         """{u_h = 0} on the boundary: the edges with both nodes in contact, and single nodes.
 
         The pressure is the force on a node divided by the diagonal entry of A: in the unit of u.
         """
-        pressure = fem.Function(self.space)
-        pressure.x.array[self.contact_dofs] = self.multiplier / self.system.contact_diagonal
-        gap, pressed = (self.curve.values(v) for v in (self.u_h, pressure))
-        return contact_set_of_nodes(self.curve, gap, pressed)
+        gap, pressure = self.curve.values(self.u_h), self.forces
+        pressure.x.array[self.contact_dofs] /= self.system.contact_diagonal
+        return contact_set_of_nodes(self.curve, gap, self.curve.values(pressure))
 
     def _linear_solution(self, load: fem.Function, start: fem.Function, held: bool) -> fem.Function:
         """Solve A x = load, with the values of the start held at the boundary or with none held."""

@@ -124,7 +124,7 @@ class _Dual:
         self.held = ends_of(fine_cells)  # nodes
         form = self.load * ufl.TestFunction(fine.space) * self.dx
         contact = fine.curve.facets_between(fine_cells)
-        problem = SignoriniProblem(fine.forms[0], form, contact=contact)
+        problem = SignoriniProblem(fine.a, form, contact=contact)
         self.z = problem.solve(rtol=THEORY_RTOL)
         problem.destroy()
 

@@ -83,7 +83,7 @@ def dual_force_bound(discretisation: Discretisation, value: float, energy: float
     facets = d.curve.facets_between(low | np.roll(low, -1))  # the edges with such a node
     nothing = fem.Constant(space.mesh, np.float64(0.0)) * ufl.TestFunction(space) * ufl.dx
     # psi solves a Signorini problem, too: the flux of psi pushes wherever psi = 1.
-    dual = SignoriniProblem(d.forms[0], nothing, contact=facets, obstacle=1.0)
+    dual = SignoriniProblem(d.a, nothing, contact=facets, obstacle=1.0)
     psi = dual.solve(rtol=THEORY_RTOL)
     missed = energy_bound(dual, EnergyTerms(reaction=1.0)).total
     whole = compiled.integral(psi * ufl.dx)

@@ -34,8 +34,6 @@ from dolfinx_signorini.studies.paper.theory.proven import power_exponents
 
 Point = tuple[float, float]
 
-PLACES = (0.0, 0.25, 0.5, 0.75)  # of a boundary edge: on its first node ... in the middle ...
-
 
 @dataclass(frozen=True)
 class Example:
@@ -45,7 +43,8 @@ class Example:
 
     Attributes:
         exact: The solution on a mesh.
-        singular: Where the gradient of the solution is not smooth.
+        singular: Where the gradient of the solution is not smooth. The solution names these points
+            as well, unless they are many: sup norms look closely at each.
         contact: The relative interior of the contact set: open intervals of the arc length along
             the boundary, counterclockwise from (0, 0).
     """

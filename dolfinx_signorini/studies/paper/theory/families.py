@@ -5,7 +5,7 @@ are not computed again.
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -99,7 +99,7 @@ def compute_row(comm: MPI.Comm, experiment: Mapping[str, Any], n: int) -> Row:
 
 
 def run_experiments(
-    comm: MPI.Comm, names: Iterable[str], max_n: int, folder: Path
+    comm: MPI.Comm, names: Collection[str], max_n: int, folder: Path
 ) -> Mapping[str, list[Row]]:
     """Compute the rows of experiments that are not on disk yet.
 
@@ -116,25 +116,22 @@ def run_experiments(
         InputError: The folder cannot be used.
         NotConvergedError: Some problem could not be solved.
     """
-    records = Records(comm, folder / ROWS, SETTINGS)
-    known = experiments()
+    records, known = Records(comm, folder / ROWS, SETTINGS), experiments()
+    wanted = []
+    for name in names:
+        # Dual solutions need a finer mesh than that of the row.
+        finer = measures.REFINEMENT if "dual" in known[name]["measure"] else 1
+        for n in known[name]["cells"]:
+            if finer * n <= max_n:
+                title, key = f"{name}, N = {n}", {"experiment": name, "n": n}
+                wanted.append(Wanted(title, key, partial(_timed, comm, title, known[name], n), n))
+    rows = records.table("theory", wanted)
+    return {name: [row for row in rows if row["experiment"] == name] for name in names}
 
-    def wanted(name: str, n: int) -> Wanted:
-        title = f"{name}, N = {n}"
 
-        def computed() -> Row:
-            start = time.perf_counter()
-            row = compute_row(comm, known[name], n)
-            log.info("%s: %.1f s", title, time.perf_counter() - start)
-            return row
-
-        return Wanted(title, {"experiment": name, "n": n}, computed, n)
-
-    # Dual solutions need a finer mesh than that of the row.
-    finest = {
-        name: max_n // (measures.REFINEMENT if "dual" in known[name]["measure"] else 1)
-        for name in names
-    }
-    cells = {name: [n for n in known[name]["cells"] if n <= most] for name, most in finest.items()}
-    rows = iter(records.table("theory", [wanted(name, n) for name in cells for n in cells[name]]))
-    return {name: [next(rows) for _ in cells[name]] for name in cells}
+def _timed(comm: MPI.Comm, title: str, experiment: Mapping[str, Any], n: int) -> Row:
+    """Compute a row, and tell how long that took."""
+    start = time.perf_counter()
+    row = compute_row(comm, experiment, n)
+    log.info("%s: %.1f s", title, time.perf_counter() - start)
+    return row

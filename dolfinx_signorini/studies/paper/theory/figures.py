@@ -12,7 +12,6 @@ from dolfinx_signorini.pictures.picture import Picture, add_curve, name_cells
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
 from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory.checks import Rows, entry, fine, last_order, value_of
-from dolfinx_signorini.studies.paper.theory.examples import PLACES
 from dolfinx_signorini.studies.paper.theory.measures import PLACED
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.studies.paper.theory.proven import (
@@ -24,7 +23,6 @@ from dolfinx_signorini.studies.paper.theory.proven import (
 
 Panel = Mapping[str, Any]
 
-POWER_EXPONENTS = (2.5, 3.5, 6.0, 16.0, np.inf)
 LEGENDS: dict[str, dict[str, Any]] = {
     "inside": {"loc": "lower left"},
     "best": {},
@@ -103,17 +101,16 @@ def _intervals(axes: Axes, rows: Rows, panel: Panel) -> None:
 
 def _powers(axes: Axes, rows: Rows, panel: Panel) -> None:
     """Measured, proven and allowed orders against p (Corollaries 4.1 and 4.2)."""
-    x, norm = np.arange(len(POWER_EXPONENTS)), panel["norm"]
-    measured = [
-        last_order([(row["n"], row["errors"][norm]) for row in rows[f"power {p:g}"]])
-        for p in POWER_EXPONENTS
-    ]
-    proven = [proven_order(p, norm).value for p in POWER_EXPONENTS]
-    allowed = [allowed_order(p, norm) for p in POWER_EXPONENTS]
+    families, norm = _numbered(rows, "power"), panel["norm"]
+    x = np.arange(len(families))
+    errors = ([(r["n"], r["errors"][norm]) for r in family] for family in families.values())
+    measured = list(map(last_order, errors))
+    proven = [proven_order(p, norm).value for p in families]
+    allowed = [allowed_order(p, norm) for p in families]
     axes.plot(x, proven, "-", color=COLOURS[1], label="proven (less any eps)")
     axes.plot(x, allowed, "--", color=COLOURS[2], label="allowed by the singularity")
     axes.plot(x, measured, "o", color=COLOURS[0], label="measured")
-    axes.set_xticks(x, [f"{p:g}" for p in POWER_EXPONENTS])
+    axes.set_xticks(x, [f"{p:g}" for p in families])
 
 
 def _logarithm(axes: Axes, rows: Rows, panel: Panel) -> None:
@@ -127,14 +124,20 @@ def _logarithm(axes: Axes, rows: Rows, panel: Panel) -> None:
 
 def _placement(axes: Axes, rows: Rows, panel: Panel) -> None:
     """The errors on the finest mesh by the place of the detachment point (Section 7)."""
-    finest = [rows[f"placed {place:g}"][-1] for place in PLACES]
-    last = [row["errors"] for row in finest]
+    finest = {place: family[-1] for place, family in _numbered(rows, "placed").items()}
+    places, last = list(finest), [row["errors"] for row in finest.values()]
     for i, norm in enumerate(PLACED):
         marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
         values = [errors[norm] / last[0][norm] for errors in last]
-        axes.plot(PLACES, values, marker + "-", color=colour, label=NAMES[norm])
-    axes.set_xticks(PLACES, panel["places"])
-    axes.set_title(f"Place of the detachment point, N = {finest[0]['n']}")
+        axes.plot(places, values, marker + "-", color=colour, label=NAMES[norm])
+    axes.set_xticks(places, panel["places"])
+    axes.set_title(f"Place of the detachment point, N = {finest[0.0]['n']}")
+
+
+def _numbered(rows: Rows, example: str) -> dict[float, Sequence[Any]]:
+    """The rows of the experiments on an example, by the number behind its name."""
+    named = {name: family for name, family in rows.items() if name.startswith(f"{example} ")}
+    return {float(name.split()[1]): family for name, family in named.items()}
 
 
 _DRAWN: Mapping[str, Callable[[Axes, Rows, Panel], None]] = {

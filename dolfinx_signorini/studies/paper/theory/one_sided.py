@@ -100,8 +100,7 @@ class OneSided:
     Attributes:
         w_h: The function, harmonic in the discrete sense inside.
         norm: The H^1 norm of w_h.
-        below: How far w_h lies below R_h(u) - u at a sample: not at all.
-        above: How far w_h lies above R_h(u) at a node: not at all.
+        outside: How far w_h is below R_h(u) - u at a sample or above R_h(u) at a node: not at all.
         distance: The largest w_h - R_h(u) + u at a node, which (13) bounds.
         tested: ||R_h(u) - u_h||_H1^2 over (R_h(u) - u_h, w_h)_H1, at most 1 by the proof of (9).
         cases: The number of nodes of case 1, 2 and 3 of the paper's Fig. 1, and of none.
@@ -112,8 +111,7 @@ class OneSided:
 
     w_h: fem.Function
     norm: float
-    below: float
-    above: float
+    outside: float
     distance: float
     tested: float
     cases: tuple[int, int, int, int]
@@ -138,8 +136,7 @@ def one_sided_approximation(discretisation: Discretisation) -> OneSided:
     return OneSided(
         w_h=w_h,
         norm=discretisation.norm(w_h),
-        below=float(max((-exact.u - exact.along(y)).max(), 0.0)),
-        above=float(max(y.max(), 0.0)),
+        outside=float(max((-exact.u - exact.along(y)).max(), y.max(), 0.0)),
         distance=float((y + exact.u[:, 0]).max()),
         tested=discretisation.product(apart, apart) / discretisation.product(apart, w_h),
         cases=count_cases(data, y),

@@ -1,4 +1,4 @@
-"""The orders of convergence that the paper proves, each with the statement that proves it.
+"""The orders of convergence that the paper proves.
 
 What is known of a solution u is an exponent p. Below 4, u is in W^{2,p}. Above 4, u = u_s + u_r as
 in Theorem 2.3, with u_r in W^{2,p}; infinity stands for every finite p.
@@ -38,17 +38,15 @@ NAMES = {
 class ProvenOrder:
     """An order of convergence, whose text is the order:
 
-        assert str(ProvenOrder(1.5, True, "Theorem 4.3")) == "1.5 - eps"
+        assert str(ProvenOrder(1.5, True)) == "1.5 - eps"
 
     Attributes:
         value: The order; reached up to an arbitrarily small loss where `open` is set.
         open: Whether "minus epsilon" belongs to the order.
-        source: The statement of the paper.
     """
 
     value: float
     open: bool
-    source: str
 
     def __str__(self) -> str:
         return f"{self.value:.4g}" + (" - eps" if self.open else "")
@@ -120,7 +118,7 @@ def proven_order(p: float, norm: str, contact_sets: bool = False) -> ProvenOrder
         raise ValueError(f"norm {norm!r}: nothing is proven for it on the boundary")
     best = _best(p, lambda q, above: _corollary(q, above, wanted))
     if wanted.derivatives == 0.0 and contact_sets and math.isinf(p):
-        return ProvenOrder(duality, True, "Theorem 6.1")
+        return ProvenOrder(duality, True)  # Theorem 6.1
     return best
 
 
@@ -134,22 +132,21 @@ def _best(p: float, order: Callable[[float, bool], ProvenOrder]) -> ProvenOrder:
 
 
 def _supercloseness(p: float, above: bool) -> ProvenOrder:
-    return ProvenOrder(1.5 - (2.0 if p > 4.0 else 1.0) / p, above, "Theorem 3.6")
+    return ProvenOrder(1.5 - (2.0 if p > 4.0 else 1.0) / p, above)
 
 
 def _corollary(p: float, above: bool, norm: Norm) -> ProvenOrder:
     base = _supercloseness(p, above)
-    source = "Theorem 4.3" if math.isinf(p) else f"Corollary 4.{2 if p > 4.0 else 1}"
     if norm.derivatives == 1.0:
         # Order 1 up to an exponent, here excluded for p = 4 as the limit of p < 4; above that
         # exponent supercloseness less the inverse estimate from H^1.
         critical = critical_exponent(p)
         if norm.p < critical or (norm.p == critical and p != 4.0):
-            return ProvenOrder(1.0, p > 4.0, source)
-        return ProvenOrder(base.value - 1.0 + 2.0 / norm.p, above, source)
+            return ProvenOrder(1.0, p > 4.0)
+        return ProvenOrder(base.value - 1.0 + 2.0 / norm.p, above)
     # |ln h|^{1/2} in L^inf is less than any power of h.
     logarithm = norm.derivatives == 0.0 and math.isinf(norm.p)
-    return ProvenOrder(base.value, above or logarithm, source)
+    return ProvenOrder(base.value, above or logarithm)
 
 
 def interpolation_constant() -> float:

@@ -19,7 +19,7 @@ PICTURES = "theory"  # the folder of the pictures, beside the document
 class Document:
     """What was measured for statements, as a document in Markdown:
 
-        document = Document(MEASURED, rows)
+        document = Document(STATEMENTS, rows)
         print(document.text("dolfinx-signorini theory"))
 
     Args:

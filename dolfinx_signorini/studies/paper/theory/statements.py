@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory.checks import RULES, Check, value_of
 from dolfinx_signorini.studies.paper.theory.measures import TOGETHER
@@ -130,15 +131,16 @@ EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
 INTRODUCTION: str = _TEXTS.pop("introduction")  # of the document, with places for its figures
 _GROUPS: Mapping[str, list[str]] = _TEXTS.pop("groups")
 STATEMENTS = tuple(_statement(key, texts) for key, texts in _TEXTS.items())
-CHECKS = {statement.key: statement.checks for statement in STATEMENTS if statement.checks}
-MEASURED = tuple(statement for statement in STATEMENTS if statement.checks)
+MEASURED = {statement.key: statement for statement in STATEMENTS if statement.checks}
 
 
 def select(keys: Sequence[str] | None) -> list[Statement]:
     """Return statements by their keys, all of them by default.
 
     Raises:
-        KeyError: A key is unknown, or nothing is measured for the statement.
+        InputError: A key is unknown, or nothing is measured for the statement.
     """
-    known = {statement.key: statement for statement in MEASURED}
-    return list(STATEMENTS) if not keys else [known[key] for key in dict.fromkeys(keys)]
+    for key in keys or ():
+        if key not in MEASURED:
+            raise InputError(f"unknown {key!r}, known are {', '.join(MEASURED)}", "--statement")
+    return list(STATEMENTS) if not keys else [MEASURED[key] for key in dict.fromkeys(keys)]

@@ -10,8 +10,9 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.meshes.sided_meshes import cell_corners, simplex_sizes
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, owned_cells, simplex_sizes
 from dolfinx_signorini.norms.orders import grading_exponent
 from dolfinx_signorini.scenes.domains.polygons import Polygon
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
@@ -60,8 +61,4 @@ def shape(domain: mesh.Mesh) -> float:
 
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest angle of a cell in degrees."""
-    x = cell_corners(domain)
-    before, behind = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
-    products = (before * behind).sum(axis=2)
-    cosines = products / np.linalg.norm(before, axis=2) / np.linalg.norm(behind, axis=2)
-    return highest(domain.comm, np.degrees(np.arccos(cosines)))
+    return highest(domain.comm, np.degrees(cell_angles(domain, owned_cells(domain))))

@@ -59,7 +59,6 @@ def test_table_2(norm):
 
 def test_duality_needs_the_contact_sets():
     assert proven_order(math.inf, "L4").value == 1.5
-    assert proven_order(math.inf, "L4").source == "Theorem 4.3"
     assert proven_order(math.inf, "L4", contact_sets=True).value == 2.0
 
 

@@ -26,7 +26,7 @@ from dolfinx_signorini.studies.paper.theory.errors import check_obstacle_problem
 from dolfinx_signorini.studies.paper.theory.examples import Example, paper_example
 from dolfinx_signorini.studies.paper.theory.measures import RITZ_NORMS
 from dolfinx_signorini.studies.paper.theory.proven import supercloseness_order
-from dolfinx_signorini.studies.paper.theory.statements import CHECKS
+from dolfinx_signorini.studies.paper.theory.statements import MEASURED
 
 
 def order(coarse, fine, ratio):
@@ -80,7 +80,7 @@ def pulled_example():
 def test_lemma_3_3_fails_for_a_function_that_solves_nothing():
     d = Discretisation(pulled_example(), friedrichs_keller(MPI.COMM_WORLD, 15))
     row = {"n": 15, "obstacle": asdict(check_obstacle_problem(d))}
-    verdicts = [check.verdict({"paper": [row]}) for check in CHECKS["3.3"][:2]]
+    verdicts = [check.verdict({"paper": [row]}) for check in MEASURED["3.3"].checks[:2]]
     assert not any(verdict.holds for verdict in verdicts)
     d.destroy()
 
@@ -88,7 +88,7 @@ def test_lemma_3_3_fails_for_a_function_that_solves_nothing():
 def distance_at_nodes(d):
     """The distance of R_h(u) from the solution whose obstacle is R_h(u) - u at the nodes."""
     u = interpolant(d.space, d.exact.u)
-    problem = SignoriniProblem(*d.forms, contact=d.contact, obstacle=difference(d.ritz, u))
+    problem = SignoriniProblem(d.a, d.L, contact=d.contact, obstacle=difference(d.ritz, u))
     solution = problem.solve(rtol=THEORY_RTOL)
     problem.destroy()
     return d.norm(difference(solution, d.ritz))
