@@ -39,7 +39,7 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
     table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
     quantity = None if of is None else ErrorAtPoints(f, None, False, of)
     found = []
-    for cells in _blocks(domain, len(points)):
+    for cells in blocks(domain, len(points)):
         edges = cell_edges(domain, cells)
         if quantity is not None:
             sizes = quantity(Points(domain, cells, points))
@@ -67,15 +67,15 @@ def powers_tested(f: fem.Function, p: float) -> fem.Function:
     element, parts = space.element.basix_element, component_arrays(f)
     points, weights = rule_of_powers(element, p).points(element.cell_type)
     table = element.tabulate(0, points)[0, :, :, 0]
-    blocks = _blocks(domain, len(points))
+    in_blocks = blocks(domain, len(points))
 
     def values_in(cells: LocalIndices) -> list[Array]:
         return [part[space.dofmap.list[cells]] @ table.T for part in parts]
 
-    sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in blocks]
+    sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in in_blocks]
     largest = highest(domain.comm, np.array(sizes)) or 1.0  # the others to high powers are nothing
     found = []
-    for cells in blocks:
+    for cells in in_blocks:
         values = [np.asarray(each / largest) for each in values_in(cells)]
         size = np.abs(length(values))
         units = [over(each, size) for each in values]
@@ -93,10 +93,10 @@ def over(values: Array, sizes: Array) -> Array:
     return np.divide(values, sizes, out=np.zeros_like(values), where=sizes > 0.0)
 
 
-def _blocks(domain: mesh.Mesh, points: int) -> list[LocalIndices]:
-    """The owned cells in blocks, for so many points in each cell; at least one block."""
+def blocks(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
+    """Return the owned cells in blocks, for so many rows for each cell; at least one block."""
     owned = owned_cells(domain)
-    return np.array_split(owned, 1 + len(owned) * points // BLOCK)
+    return np.array_split(owned, 1 + len(owned) * rows // BLOCK)
 
 
 def _at_points(values: Array, table: Array, maps: Array | None) -> list[Array]:

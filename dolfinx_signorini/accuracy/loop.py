@@ -76,7 +76,7 @@ class Loop:
         request: What is asked for.
         on_step: Is told of each step.
         began: When the seconds began.
-        terms: The terms of the error that the data have and no comparison shows.
+        read: Returns what is known of the coefficients of a problem; None where nothing is read.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
 
