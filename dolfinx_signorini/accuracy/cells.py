@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
-from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
@@ -32,25 +32,13 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
         of: The quantity of the function whose L^p norm is meant, collective; by default the
             function.
     """
-    space, domain = f.function_space, f.function_space.mesh
-    element = space.element.basix_element
+    domain, element = f.function_space.mesh, f.function_space.element.basix_element
     points, weights = _points(element, norm)
-    gradient = norm.derivatives > 0
-    table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
-    quantity = None if of is None else ErrorAtPoints(f, None, False, of)
+    parts = ErrorAtPoints(f, None, norm.derivatives > 0.0, of)
     found = []
     for cells in blocks(domain, len(points)):
-        edges = cell_edges(domain, cells)
-        if quantity is not None:
-            sizes = quantity(Points(domain, cells, points))
-        else:
-            dofs = space.dofmap.list[cells]
-            maps = inverses(edges) if gradient else None
-            values = [part[dofs] for part in component_arrays(f)]
-            parts = [_at_points(each, table, maps) for each in values]
-            sizes = [length(each) for each in zip(*parts, strict=True)]
-        sizes = [np.abs(size, out=size) for size in sizes]
-        found.append(norms_of_sizes(sizes, weights, edges, norm.p))
+        sizes = [np.abs(part, out=part) for part in parts(Points(domain, cells, points))]
+        found.append(norms_of_sizes(sizes, weights, cell_edges(domain, cells), norm.p))
     return np.concatenate(found)
 
 
@@ -97,18 +85,6 @@ def blocks(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
     """Return the owned cells in blocks, for so many rows for each cell; at least one block."""
     owned = owned_cells(domain)
     return np.array_split(owned, 1 + len(owned) * rows // BLOCK)
-
-
-def _at_points(values: Array, table: Array, maps: Array | None) -> list[Array]:
-    """The values of a component at points of cells, and the derivatives if there are maps."""
-    found = [values @ table[0].T]
-    if maps is not None:
-        slopes = [values @ part.T for part in table[1:]]
-        found += [
-            sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
-            for columns in maps.transpose(2, 1, 0)
-        ]
-    return found
 
 
 def norms_of_sizes(sizes: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
