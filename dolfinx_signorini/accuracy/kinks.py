@@ -28,6 +28,7 @@ from dolfinx_signorini.data.interfaces.interface import Interface, OneSided, int
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges
@@ -73,8 +74,8 @@ class _Kinks:
         norm: Norm,
     ):
         self.norm, self.data = norm, data
-        domain, space = problem.space.mesh, problem.space
-        element, dim = space.element.basix_element, domain.topology.dim
+        domain, element = problem.space.mesh, problem.space.element.basix_element
+        dim = domain.topology.dim
         self.edges = cell_edges(domain, cells)
         corners = cell_corners(domain, cells)
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
@@ -86,9 +87,8 @@ class _Kinks:
         self.nodes, self.samples = (
             inside(corners, np.array(places, dtype=np.float64)) for places in (nodal.points, points)
         )
-        centre = np.full((1, dim), 1.0 / (dim + 1.0))
-        middle = np.asarray(element.tabulate(0, centre))[0, 0, :, 0]
-        self.u = problem.u.x.array[space.dofmap.list[cells]] @ middle
+        middles = Points(domain, cells, np.full((1, dim), 1.0 / (dim + 1.0)))
+        self.u = middles.values(problem.u)[0][:, 0]
 
     def left(self, interface: Interface) -> Array:
         """What the elements leave on each cell of the kink at an interface."""
