@@ -9,12 +9,10 @@ error reaches about half as far into the domain as the facet is long; the mean o
 what lies beyond an obstacle, reach as far as a dual solution tells.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -60,12 +58,6 @@ from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem,
 from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import datum, evaluator
-from dolfinx_signorini.solvers.result import SolveResult
-
-# For each problem the last result, and how far the solution is from its data between the nodes.
-_found: WeakKeyDictionary[BoundConstrainedProblem, tuple[SolveResult | None, list["Distances"]]] = (
-    WeakKeyDictionary()
-)
 
 
 @dataclass(frozen=True)
@@ -203,16 +195,14 @@ def lifting_forces(problem: BoundConstrainedProblem, z: fem.Function) -> fem.Fun
     return result
 
 
-def distances_from_data(problem: BoundConstrainedProblem) -> list[Distances]:
-    """Return the distances from obstacles and Dirichlet data on the boundary; collective.
+def distances_from_data(problem: BoundConstrainedProblem) -> Iterator[Distances]:
+    """Yield the distances from obstacles and Dirichlet data on the boundary; collective.
 
     Args:
         problem: The solved problem.
     """
-    if problem not in _found or _found[problem][0] is not problem.result:
-        both = itertools.chain(_from_obstacles(problem), _from_conditions(problem))
-        _found[problem] = problem.result, list(both)
-    return _found[problem][1]
+    yield from _from_obstacles(problem)
+    yield from _from_conditions(problem)
 
 
 def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
