@@ -53,6 +53,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     owned_cells,
 )
 from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.norms.power_sums import p_norm
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle
@@ -293,17 +294,10 @@ def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm)
     slopes = np.diff(off, axis=1) * SAMPLES / scale[:, None]
     # The facet itself, or what is near the facet.
     volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    parts = _norms(slopes if norm.derivatives == 1 else off, volume, norm.p)
+    values, steep = (
+        p_norm(each, norm.p, volume[:, None] / each.shape[1]) for each in (off, slopes)
+    )
+    parts = steep if norm.derivatives == 1 else values
     if norm.derivatives == 0.5:  # interpolated between those of values and slopes
-        parts = np.sqrt(parts * (parts + _norms(slopes, volume, norm.p)))
+        parts = np.sqrt(values * (values + steep))
     return np.asarray(collected(parts, pairs[:, 0], len(defects), norm.p))
-
-
-def _norms(values: Array, volume: Array, p: float) -> Array:
-    """The L^p norms over volumes of what has values at points, shape (volumes, points)."""
-    largest = np.abs(values).max(axis=1, initial=0.0)
-    if math.isinf(p):
-        return np.asarray(largest)
-    shares = np.abs(values) / np.where(largest > 0.0, largest, 1.0)[:, None]
-    means = (shares**p).mean(axis=1) if values.shape[1] else np.zeros(len(values))
-    return np.asarray(largest * (means * volume) ** (1.0 / p))

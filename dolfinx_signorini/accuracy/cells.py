@@ -1,7 +1,6 @@
 """Norms of finite element functions cell by cell, and how values of cells are put together."""
 
 import math
-from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -13,11 +12,12 @@ from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
-from dolfinx_signorini.norms.power_sums import power
+from dolfinx_signorini.norms.power_sums import p_norm, power
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 
@@ -33,13 +33,16 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
             function.
     """
     domain, element = f.function_space.mesh, f.function_space.element.basix_element
-    points, weights = _points(element, norm)
+    points = equispaced(domain.topology.dim, 2 * element.degree + 4)
+    weights: Array = np.ones(1)
+    if not math.isinf(norm.p):
+        points, weights = rule_of_powers(element, norm.p).points(element.cell_type)
     parts = ErrorAtPoints(f, None, norm.derivatives > 0.0, of)
     found = []
     for cells in blocks(domain, len(points)):
-        sizes = [np.abs(part, out=part) for part in parts(Points(domain, cells, points))]
-        found.append(norms_of_sizes(sizes, weights, cell_edges(domain, cells), norm.p))
-    return np.concatenate(found)
+        values = parts(Points(domain, cells, points))
+        found.append(p_norm(np.transpose([p_norm(v, norm.p, weights) for v in values]), norm.p))
+    return np.asarray(np.concatenate(found) * volumes(domain) ** (1.0 / norm.p))
 
 
 def powers_tested(f: fem.Function, p: float) -> fem.Function:
@@ -87,32 +90,15 @@ def blocks(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
     return np.array_split(owned, 1 + len(owned) * rows // BLOCK)
 
 
-def norms_of_sizes(sizes: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
-    """Return L^p norms on cells of the components of a function together.
-
-    Args:
-        sizes: The absolute values of each component, shape (cells, points).
-        weights: The weights of the points; not used for p = infinity.
-        edges: The edges from the first vertex of each cell, see `cell_edges`.
-        p: The exponent, from 1 to infinity.
-    """
-    largest: Array = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
-    if math.isinf(p):
-        return largest
-    unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
-    scaled = (np.asarray(size / unit, dtype=np.float64) for size in sizes)
-    powers: Array = np.sum([power(size, p) @ weights for size in scaled], axis=0)
-    return np.asarray(unit * (powers * np.abs(determinants(edges))) ** (1.0 / p))
-
-
-def shared_out(parts: Array, p: float, whole: float) -> Array:
+def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:
     """Return numbers of cells that add up to the root of the sum of the p-th powers of parts.
 
     Args:
         parts: One value per owned cell, not negative.
         p: The exponent, from 1 on.
-        whole: This root, see `total`, and not 0.
+        comm: The communicator of the mesh; the call is collective.
     """
+    whole = total(parts, p, comm) or 1.0
     return np.asarray(parts * (parts / whole) ** (p - 1.0))
 
 
@@ -180,15 +166,6 @@ def total(values: Array, power: float, comm: MPI.Comm) -> float:
     return float(
         largest * comm.allreduce(float(((values / largest) ** power).sum())) ** (1.0 / power)
     )
-
-
-def _points(element: basix.finite_element.FiniteElement, norm: Norm) -> tuple[Array, Array]:
-    cell, degree = element.cell_type, element.degree
-    if math.isinf(norm.p):
-        kind = basix.LatticeType.equispaced
-        lattice = np.array(basix.create_lattice(cell, 2 * degree + 4, kind, exterior=True))
-        return lattice, np.ones(len(lattice))
-    return rule_of_powers(element, norm.p).points(cell)
 
 
 def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:

@@ -251,8 +251,7 @@ class Estimator:
         if norm is None or norm.boundary or not self._target.weighted:
             return
         self.local = self.rates.local_prediction(SAFETY * self.found.inside, norm.p)
-        parts = self.local.remaining
-        parts = shared_out(parts, norm.p, total(parts, norm.p, self._comm) or 1.0)
+        parts = shared_out(self.local.remaining, norm.p, self._comm)
         remaining = np.maximum(self.prediction.remaining, parts)
         self.prediction = replace(self.prediction, remaining=remaining)
         self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))
