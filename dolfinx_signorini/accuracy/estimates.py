@@ -190,7 +190,7 @@ class Estimator:
             moved: The curved sides that have been moved.
             solved: The solutions, of which the finer one was solved after that.
         """
-        parts = SAFETY * moved(solved, None)[1]
+        parts = SAFETY * moved.parts(solved)
         self._add(parts)
         self.polygon = total(parts, self.rates.power, self._comm)
         both = self.prediction.remaining
