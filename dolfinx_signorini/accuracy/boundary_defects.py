@@ -9,12 +9,10 @@ error reaches about half as far into the domain as the facet is long; the mean o
 what lies beyond an obstacle, reach as far as a dual solution tells.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -56,17 +54,12 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import length
+from dolfinx_signorini.norms.power_sums import p_norm
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import datum, evaluator
-from dolfinx_signorini.solvers.result import SolveResult
-
-# For each problem the last result, and how far the solution is from its data between the nodes.
-_found: WeakKeyDictionary[BoundConstrainedProblem, tuple[SolveResult | None, list["Distances"]]] = (
-    WeakKeyDictionary()
-)
 
 
 @dataclass(frozen=True)
@@ -204,16 +197,14 @@ def lifting_forces(problem: BoundConstrainedProblem, z: fem.Function) -> fem.Fun
     return result
 
 
-def distances_from_data(problem: BoundConstrainedProblem) -> list[Distances]:
-    """Return the distances from obstacles and Dirichlet data on the boundary; collective.
+def distances_from_data(problem: BoundConstrainedProblem) -> Iterator[Distances]:
+    """Yield the distances from obstacles and Dirichlet data on the boundary; collective.
 
     Args:
         problem: The solved problem.
     """
-    if problem not in _found or _found[problem][0] is not problem.result:
-        both = itertools.chain(_from_obstacles(problem), _from_conditions(problem))
-        _found[problem] = problem.result, list(both)
-    return _found[problem][1]
+    yield from _from_obstacles(problem)
+    yield from _from_conditions(problem)
 
 
 def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
@@ -311,17 +302,10 @@ def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm)
     slopes = np.diff(off, axis=1) * SAMPLES / scale[:, None]
     # The facet itself, or what is near the facet.
     volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    parts = _norms(slopes if norm.derivatives == 1 else off, volume, norm.p)
+    values, steep = (
+        p_norm(each, norm.p, volume[:, None] / each.shape[1]) for each in (off, slopes)
+    )
+    parts = steep if norm.derivatives == 1 else values
     if norm.derivatives == 0.5:  # interpolated between those of values and slopes
-        parts = np.sqrt(parts * (parts + _norms(slopes, volume, norm.p)))
+        parts = np.sqrt(values * (values + steep))
     return np.asarray(collected(parts, pairs[:, 0], len(defects), norm.p))
-
-
-def _norms(values: Array, volume: Array, p: float) -> Array:
-    """The L^p norms over volumes of what has values at points, shape (volumes, points)."""
-    largest = np.abs(values).max(axis=1, initial=0.0)
-    if math.isinf(p):
-        return np.asarray(largest)
-    shares = np.abs(values) / np.where(largest > 0.0, largest, 1.0)[:, None]
-    means = (shares**p).mean(axis=1) if values.shape[1] else np.zeros(len(values))
-    return np.asarray(largest * (means * volume) ** (1.0 / p))

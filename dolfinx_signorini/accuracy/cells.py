@@ -1,7 +1,6 @@
 """Norms of finite element functions cell by cell, and how values of cells are put together."""
 
 import math
-from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -11,13 +10,14 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
-from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
-from dolfinx_signorini.norms.power_sums import power
+from dolfinx_signorini.norms.power_sums import p_norm, power
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 
@@ -32,26 +32,17 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
         of: The quantity of the function whose L^p norm is meant, collective; by default the
             function.
     """
-    space, domain = f.function_space, f.function_space.mesh
-    element = space.element.basix_element
-    points, weights = _points(element, norm)
-    gradient = norm.derivatives > 0
-    table = element.tabulate(1 if gradient else 0, points)[:, :, :, 0]
-    quantity = None if of is None else ErrorAtPoints(f, None, False, of)
+    domain, element = f.function_space.mesh, f.function_space.element.basix_element
+    points = equispaced(domain.topology.dim, 2 * element.degree + 4)
+    weights: Array = np.ones(1)
+    if not math.isinf(norm.p):
+        points, weights = rule_of_powers(element, norm.p).points(element.cell_type)
+    parts = ErrorAtPoints(f, None, norm.derivatives > 0.0, of)
     found = []
-    for cells in _blocks(domain, len(points)):
-        edges = cell_edges(domain, cells)
-        if quantity is not None:
-            sizes = quantity(Points(domain, cells, points))
-        else:
-            dofs = space.dofmap.list[cells]
-            maps = inverses(edges) if gradient else None
-            values = [part[dofs] for part in component_arrays(f)]
-            parts = [_at_points(each, table, maps) for each in values]
-            sizes = [length(each) for each in zip(*parts, strict=True)]
-        sizes = [np.abs(size, out=size) for size in sizes]
-        found.append(norms_of_sizes(sizes, weights, edges, norm.p))
-    return np.concatenate(found)
+    for cells in blocks(domain, len(points)):
+        values = parts(Points(domain, cells, points))
+        found.append(p_norm(np.transpose([p_norm(v, norm.p, weights) for v in values]), norm.p))
+    return np.asarray(np.concatenate(found) * volumes(domain) ** (1.0 / norm.p))
 
 
 def powers_tested(f: fem.Function, p: float) -> fem.Function:
@@ -67,15 +58,15 @@ def powers_tested(f: fem.Function, p: float) -> fem.Function:
     element, parts = space.element.basix_element, component_arrays(f)
     points, weights = rule_of_powers(element, p).points(element.cell_type)
     table = element.tabulate(0, points)[0, :, :, 0]
-    blocks = _blocks(domain, len(points))
+    in_blocks = blocks(domain, len(points))
 
     def values_in(cells: LocalIndices) -> list[Array]:
         return [part[space.dofmap.list[cells]] @ table.T for part in parts]
 
-    sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in blocks]
+    sizes = [np.abs(length(values_in(cells))).max(initial=0.0) for cells in in_blocks]
     largest = highest(domain.comm, np.array(sizes)) or 1.0  # the others to high powers are nothing
     found = []
-    for cells in blocks:
+    for cells in in_blocks:
         values = [np.asarray(each / largest) for each in values_in(cells)]
         size = np.abs(length(values))
         units = [over(each, size) for each in values]
@@ -93,50 +84,21 @@ def over(values: Array, sizes: Array) -> Array:
     return np.divide(values, sizes, out=np.zeros_like(values), where=sizes > 0.0)
 
 
-def _blocks(domain: mesh.Mesh, points: int) -> list[LocalIndices]:
-    """The owned cells in blocks, for so many points in each cell; at least one block."""
+def blocks(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
+    """Return the owned cells in blocks, for so many rows for each cell; at least one block."""
     owned = owned_cells(domain)
-    return np.array_split(owned, 1 + len(owned) * points // BLOCK)
+    return np.array_split(owned, 1 + len(owned) * rows // BLOCK)
 
 
-def _at_points(values: Array, table: Array, maps: Array | None) -> list[Array]:
-    """The values of a component at points of cells, and the derivatives if there are maps."""
-    found = [values @ table[0].T]
-    if maps is not None:
-        slopes = [values @ part.T for part in table[1:]]
-        found += [
-            sum(slope * column[:, None] for slope, column in zip(slopes, columns, strict=True))
-            for columns in maps.transpose(2, 1, 0)
-        ]
-    return found
-
-
-def norms_of_sizes(sizes: Sequence[Array], weights: Array, edges: Array, p: float) -> Array:
-    """Return L^p norms on cells of the components of a function together.
-
-    Args:
-        sizes: The absolute values of each component, shape (cells, points).
-        weights: The weights of the points; not used for p = infinity.
-        edges: The edges from the first vertex of each cell, see `cell_edges`.
-        p: The exponent, from 1 to infinity.
-    """
-    largest: Array = np.max([size.max(axis=1, initial=0.0) for size in sizes], axis=0)
-    if math.isinf(p):
-        return largest
-    unit = float(largest.max(initial=0.0)) or 1.0  # powers of larger numbers underflow less
-    scaled = (np.asarray(size / unit, dtype=np.float64) for size in sizes)
-    powers: Array = np.sum([power(size, p) @ weights for size in scaled], axis=0)
-    return np.asarray(unit * (powers * np.abs(determinants(edges))) ** (1.0 / p))
-
-
-def shared_out(parts: Array, p: float, whole: float) -> Array:
+def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:
     """Return numbers of cells that add up to the root of the sum of the p-th powers of parts.
 
     Args:
         parts: One value per owned cell, not negative.
         p: The exponent, from 1 on.
-        whole: This root, see `total`, and not 0.
+        comm: The communicator of the mesh; the call is collective.
     """
+    whole = total(parts, p, comm) or 1.0
     return np.asarray(parts * (parts / whole) ** (p - 1.0))
 
 
@@ -204,15 +166,6 @@ def total(values: Array, power: float, comm: MPI.Comm) -> float:
     return float(
         largest * comm.allreduce(float(((values / largest) ** power).sum())) ** (1.0 / power)
     )
-
-
-def _points(element: basix.finite_element.FiniteElement, norm: Norm) -> tuple[Array, Array]:
-    cell, degree = element.cell_type, element.degree
-    if math.isinf(norm.p):
-        kind = basix.LatticeType.equispaced
-        lattice = np.array(basix.create_lattice(cell, 2 * degree + 4, kind, exterior=True))
-        return lattice, np.ones(len(lattice))
-    return rule_of_powers(element, norm.p).points(cell)
 
 
 def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:

@@ -12,7 +12,6 @@ obstacle problem revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacl
 
 import math
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -26,6 +25,7 @@ from dolfinx_signorini.base.ranks import marked, summed
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.elements import facet_dofs
+from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
@@ -188,8 +188,5 @@ def facet_lattice(space: fem.FunctionSpace) -> Array:
         space: A space on triangles, with SAMPLES parts of an edge, or on tetrahedra, with a third.
     """
     dim = space.mesh.topology.dim
-    facet = basix.cell.subentity_types(space.element.basix_element.cell_type)[dim - 1][0]
-    count = SAMPLES if dim == 2 else SAMPLES // 3
-    kind = basix.LatticeType.equispaced
-    lattice: Array = np.asarray(basix.create_lattice(facet, count, kind, exterior=True))
+    lattice = equispaced(dim - 1, SAMPLES if dim == 2 else SAMPLES // 3)
     return lattice[np.lexsort(lattice.T[::-1])]

@@ -269,14 +269,13 @@ def _directions(
     Around an edge the plane at right angles to the edge counts.
     """
     topology, tdim, gdim = domain.topology, domain.topology.dim, domain.geometry.dim
-    ends = _vertices(domain, tdim - 2, places)
-    others = _vertices(domain, dim, entities)
+    for each in (tdim - 2, dim):
+        topology.create_connectivity(each, tdim)
+    ends = entity_nodes(domain, tdim - 2, places)
+    others = entity_nodes(domain, dim, entities)
     away = ~(others[:, :, None] == ends[:, None]).any(axis=2)
     others = others[away].reshape(len(places), dim - tdim + 2)
-    topology.create_connectivity(0, tdim)
-    count = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
-    nodes = entity_nodes(domain, 0, np.arange(count, dtype=np.int32)).ravel()
-    x = domain.geometry.x[nodes][:, :gdim]
+    x = domain.geometry.x[:, :gdim]
     rays = x[others] - x[ends[:, :1]]
     frames = np.broadcast_to(np.eye(2), (len(places), 2, 2))
     if tdim == 3:
@@ -290,14 +289,6 @@ def _directions(
         frames = np.stack([one, np.cross(along, one)], axis=1)
     plane = np.einsum("mpa,mva->mvp", frames, rays)
     return np.arctan2(plane[:, :, 1], plane[:, :, 0]), np.asarray(frames)
-
-
-def _vertices(domain: mesh.Mesh, dim: int, entities: LocalIndices) -> LocalIndices:
-    """The vertices of entities, shape (entities, dim + 1)."""
-    if dim == 0:
-        return entities.reshape(-1, 1)
-    domain.topology.create_connectivity(dim, 0)
-    return domain.topology.connectivity(dim, 0).array.reshape(-1, dim + 1)[entities]
 
 
 def _exponent(around: _Around, logarithms: bool) -> float:

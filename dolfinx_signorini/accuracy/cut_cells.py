@@ -14,12 +14,11 @@ that means elsewhere, the solution for cells that are strained by this error tel
 
 import math
 
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, total
+from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, total, volumes
 from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
@@ -31,8 +30,10 @@ from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
+from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SPREAD = 1.7  # times what cut cells add: the cells around have part in the error, as measured
@@ -93,14 +94,15 @@ class _Cuts:
         element = self.space.element.basix_element
         dim, self.degree = self.domain.topology.dim, element.degree
         pieces, owners = cut_cells(data.entries, self.domain, self.degree)
-        self.cells, self.owners = np.unique(owners, return_inverse=True)
+        cells, self.owners = np.unique(owners, return_inverse=True)
+        self.cells = cells.astype(np.int32)
         rule = interior_rule(element.cell_type, 2 * self.degree)
         points, weights = rule.points(element.cell_type)
         places = inside(pieces, points)
         self.reference, self.x = places[..., :dim], places[..., dim:]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
         self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
-        self.edges = cell_edges(self.domain, self.cells.astype(np.int32))
+        self.edges = cell_edges(self.domain, self.cells)
         self.normals = self._normals(data)
         self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
         self.across = (self.fluxes * self.normals).sum(axis=2)
@@ -120,11 +122,8 @@ class _Cuts:
 
     def errors(self) -> Array:
         """The errors of the derivative of the solution along the normals."""
-        dofs = self.space.dofmap.list[self.cells]
-        table = self._tabulated(self.space.element.basix_element, 1)[1:]
-        slopes = np.einsum("jqpd,pd->qpj", table, self.u.x.array[dofs][self.owners])
-        slopes = np.einsum("qpj,pji->qpi", slopes, np.linalg.inv(self.edges)[self.owners])
-        flux = (slopes * self.fluxes).sum(axis=2)
+        points = Points(self.domain, self.cells[self.owners], np.swapaxes(self.reference, 0, 1))
+        flux = np.einsum("ipq,qpi->qp", points.gradients(self.u)[0], self.fluxes)
         beside = np.einsum("qpi,pi->qp", self.normals, self._beside()[self.owners])
         means, known = (self.integrals(f) / self.volumes for f in (flux, beside))
         noisy = np.abs(means - known) > NOTABLE * np.abs(known)
@@ -135,25 +134,12 @@ class _Cuts:
 
     def _projected(self, values: Array) -> Array:
         """The projection on polynomials of the degree of the derivatives, cell by cell."""
-        kind, variant = self.space.element.basix_element.cell_type, basix.LagrangeVariant.legendre
-        basis = self._tabulated(  # orthonormal on the reference cell
-            basix.create_element(
-                basix.ElementFamily.P, kind, self.degree - 1, variant, discontinuous=True
-            ),
-            0,
-        )[0].transpose(2, 0, 1)
-        scale = np.abs(np.linalg.det(self.edges))
+        shape, dim = self.reference.shape[:2], self.reference.shape[2]
+        basis = polynomials(dim, self.degree - 1, self.reference.reshape(-1, dim))
+        basis = basis.reshape(-1, *shape)
+        scale = volumes(self.domain)[self.cells] / math.factorial(dim)
         moments = np.array([self.integrals(values * f) / scale for f in basis])
         return np.asarray((moments[:, None, self.owners] * basis).sum(axis=0))
-
-    def _tabulated(self, element: basix.finite_element.FiniteElement, order: int) -> Array:
-        """A basis with its derivatives at the points."""
-        shape = self.reference.shape
-        flat = np.ascontiguousarray(self.reference.reshape(-1, shape[2]))
-        flat = flat if len(flat) else np.zeros((1, shape[2]))  # basix needs one
-        table = np.asarray(element.tabulate(order, flat))[..., 0]
-        table = table[:, : shape[0] * shape[1]]
-        return table.reshape(len(table), *shape[:2], table.shape[2])
 
     def widths(self) -> Array:
         """The widths of the cells along their normals."""
@@ -197,8 +183,7 @@ class _Cuts:
             return moved
         comm, widths = self.domain.comm, self.widths()
         areas = self.volumes / np.where(widths > 0.0, widths, np.inf)
-        edges = cell_edges(self.domain, owned_cells(self.domain))
-        sizes = np.abs(np.linalg.det(edges)) / math.factorial(dim)
+        sizes = volumes(self.domain) / math.factorial(dim)
         mean = total(areas * steps, 1.0, comm) / (total(areas, 1.0, comm) or 1.0)
         far = mean * total(sizes, 1.0, comm) ** (1.0 / norm.p)
         near = total(steps * self.volumes ** (1.0 / norm.p), norm.p, comm)
@@ -211,17 +196,12 @@ class _Cuts:
         whole[self.cells] = False
         cells = np.flatnonzero(whole).astype(np.int32)
         dim = self.domain.topology.dim
-        middles = cell_corners(self.domain, cells).mean(axis=1)
-        edges = cell_edges(self.domain, cells)
-        centre = np.full((1, dim), 1.0 / (dim + 1.0))
-        table = self.space.element.basix_element.tabulate(1, centre)[1:, 0, :, 0]
-        slopes = self.u.x.array[self.space.dofmap.list[cells]] @ table.T
-        slopes = np.einsum("cj,cji->ci", slopes, np.linalg.inv(edges))
-        A = self._diffusion(middles)
-        fluxes = np.einsum("ijc,cj->ci", A, slopes)
+        middles = Points(self.domain, cells, np.full((1, dim), 1.0 / (dim + 1.0)))
+        A = self._diffusion(np.stack(middles.x, axis=2))
+        fluxes = np.einsum("ijcq,jcq->ic", A, middles.gradients(self.u)[0])
         # Errors of the flux are smallest where A is small.
-        weights = np.abs(np.linalg.det(edges)) / np.trace(A)
-        values = weights, *(weights * fluxes.T)
+        weights = volumes(self.domain)[cells] / np.trace(A)[:, 0]
+        values = weights, *(weights * fluxes)
         sums = np.array([summed_at_vertices(self.domain, f, cells) for f in values])
         around = sums[:, self.domain.geometry.dofmap[self.cells]].sum(axis=2)
         return np.asarray((around[1:] / np.where(around[0] > 0.0, around[0], np.inf)).T)

@@ -21,10 +21,11 @@ import basix
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import BLOCK, Array
+from dolfinx_signorini.accuracy.cells import blocks
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
-from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import cell_edges
 from dolfinx_signorini.norms.pointwise import length
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
@@ -55,17 +56,16 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
     """
     space, domain = f.function_space, f.function_space.mesh
     element, dim = space.element.basix_element, domain.topology.dim
-    degree, cells = element.degree, owned_cells(domain)
+    degree = element.degree
     table = element.tabulate(degree, np.zeros((1, dim)))[:, 0, :, 0]
     directions = product(range(dim), repeat=degree)
     rows = table[[basix.index(*map(d.count, range(dim))) for d in directions]]
-    found, step = [], max(1, BLOCK // dim**degree)
-    for start in range(0, max(len(cells), 1), step):
-        block = cells[start : start + step]
+    found = []
+    for block in blocks(domain, dim**degree):
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
         maps = size[:, None, None] * inverses(edges)
-        dofs = space.dofmap.list[start : start + len(block)]
+        dofs = space.dofmap.list[block]
         sizes = []
         for part in component_arrays(f):
             values = part[dofs] @ rows.T

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import joined, shared_out, total
+from dolfinx_signorini.accuracy.cells import joined, over, shared_out, total
 from dolfinx_signorini.accuracy.contact_ends import (
     cells_at_contact_ends,
     cells_at_kinks,
@@ -30,7 +30,7 @@ from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, check_target, size
 from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
@@ -153,13 +153,13 @@ class Estimator:
     @property
     def infinite(self) -> str:
         """The doubt, if a corner does not look smooth, or the same of a logarithm; collective."""
-        doubt = self.doubt if self._somewhere(self.rates.singular_corners) else ""
+        doubt = self.doubt if anywhere(self._comm, self.rates.singular_corners) else ""
         return doubt or self._with_logarithm()
 
     @property
     def diverges(self) -> str:
         """The doubt, if divisions of a corner are seen to gain nothing; collective."""
-        doubt = self.doubt if self._somewhere(self.rates.standing_corners) else ""
+        doubt = self.doubt if anywhere(self._comm, self.rates.standing_corners) else ""
         return doubt or self._with_logarithm()
 
     def _with_logarithm(self) -> str:
@@ -170,7 +170,7 @@ class Estimator:
         """
         left = self.prediction.remaining
         worst = left >= NOTABLE * highest(self._comm, left)
-        others = self._somewhere(worst & ~self.rates.standing_corners)
+        others = anywhere(self._comm, worst & ~self.rates.standing_corners)
         return "" if others else self._told_infinite(self.logarithm)
 
     def _told_infinite(self, exponent: float) -> str:
@@ -183,9 +183,6 @@ class Estimator:
             "as the angles and the conditions have it"
         )
 
-    def _somewhere(self, cells: Mask) -> bool:
-        return anywhere(self._comm, cells)
-
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.
 
@@ -193,11 +190,11 @@ class Estimator:
             moved: The curved sides that have been moved.
             solved: The solutions, of which the finer one was solved after that.
         """
-        parts = SAFETY * moved(solved, None)[1]
+        parts = SAFETY * moved.parts(solved)
         self._add(parts)
         self.polygon = total(parts, self.rates.power, self._comm)
         both = self.prediction.remaining
-        shares = np.divide(parts, both, out=np.zeros_like(both), where=both > 0.0)
+        shares = over(parts, both)
         self.prediction = replace(
             self.prediction,
             factors=(1.0 - shares) * self.prediction.factors + shares * moved.factor,
@@ -254,8 +251,7 @@ class Estimator:
         if norm is None or norm.boundary or not self._target.weighted:
             return
         self.local = self.rates.local_prediction(SAFETY * self.found.inside, norm.p)
-        parts = self.local.remaining
-        parts = shared_out(parts, norm.p, total(parts, norm.p, self._comm) or 1.0)
+        parts = shared_out(self.local.remaining, norm.p, self._comm)
         remaining = np.maximum(self.prediction.remaining, parts)
         self.prediction = replace(self.prediction, remaining=remaining)
         self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))

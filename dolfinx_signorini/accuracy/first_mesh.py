@@ -133,7 +133,8 @@ def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST
         for fit in fits:
             fit.follow(sided.mesh, refinement.parents)
     coarse = "is narrower than the cells of the first mesh, which is as fine as its limits allow"
-    notes += [f"{fit.name} {coarse}" for fit in fits if fit.rough(sided.mesh)]
+    rough = [fit.name for fit in fits if anywhere(comm, fit.marks(sided.mesh))]
+    notes += [f"{name} {coarse}" for name in rough]
     return Resolved(sided, tuple(dict.fromkeys(notes)))
 
 
@@ -174,10 +175,6 @@ class _Interpolation:
         if domain.comm.allreduce(float(shares.sum())) <= MASS:
             return np.zeros(count, dtype=bool)
         return (shares > NOTABLE * highest(domain.comm, shares)) & (wide > HALF_OF_THE_DIGITS)
-
-    def rough(self, domain: mesh.Mesh) -> bool:
-        """Whether some cell is too large for the datum; the call is collective."""
-        return anywhere(domain.comm, self.marks(domain))
 
     def follow(self, domain: mesh.Mesh, parents: LocalIndices) -> None:
         """Go on to a refined mesh.

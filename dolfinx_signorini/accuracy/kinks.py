@@ -17,7 +17,7 @@ import math
 import basix
 import numpy as np
 
-from dolfinx_signorini.accuracy.cells import MAX_DEGREE, norms_of_sizes
+from dolfinx_signorini.accuracy.cells import MAX_DEGREE
 from dolfinx_signorini.accuracy.contact_ends import SAMPLES
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices
@@ -27,11 +27,13 @@ from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.interface import Interface, OneSided, interfaces
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, cell_edges
 from dolfinx_signorini.norms.names import Norm
+from dolfinx_signorini.norms.power_sums import p_norm
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 NEARER = 0.85  # of what interpolation leaves, at most: measured 0.25 to 0.85
@@ -73,8 +75,8 @@ class _Kinks:
         norm: Norm,
     ):
         self.norm, self.data = norm, data
-        domain, space = problem.space.mesh, problem.space
-        element, dim = space.element.basix_element, domain.topology.dim
+        domain, element = problem.space.mesh, problem.space.element.basix_element
+        dim = domain.topology.dim
         self.edges = cell_edges(domain, cells)
         corners = cell_corners(domain, cells)
         kind, variant = element.cell_type, basix.LagrangeVariant.gll_warped
@@ -86,9 +88,8 @@ class _Kinks:
         self.nodes, self.samples = (
             inside(corners, np.array(places, dtype=np.float64)) for places in (nodal.points, points)
         )
-        centre = np.full((1, dim), 1.0 / (dim + 1.0))
-        middle = np.asarray(element.tabulate(0, centre))[0, 0, :, 0]
-        self.u = problem.u.x.array[space.dofmap.list[cells]] @ middle
+        middles = Points(domain, cells, np.full((1, dim), 1.0 / (dim + 1.0)))
+        self.u = middles.values(problem.u)[0][:, 0]
 
     def left(self, interface: Interface) -> Array:
         """What the elements leave on each cell of the kink at an interface."""
@@ -115,8 +116,9 @@ class _Kinks:
             else:
                 found = jump * samples**2 / 2.0 + kink * samples**3 / 6.0 - polynomials[0]
         found = np.where(np.isfinite(found).all(axis=0), found, 0.0)
-        result[crossed] = norms_of_sizes([np.abs(found.T)], self.weights, edges, self.norm.p)
-        return NEARER * result
+        scale = np.abs(determinants(edges)) ** (1.0 / self.norm.p)
+        result[crossed] = NEARER * scale * p_norm(found.T, self.norm.p, self.weights)
+        return result
 
     def _jumps(
         self, interface: Interface, x: Array, normal: Array, u: Array

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -45,13 +44,6 @@ ROUGH = (
     "its error does; give the integral a higher quadrature_degree, or a weight that jumps on facets"
 )
 
-# How many vertices, edges, facets and cells of a divided mesh lie in a vertex, an edge, a facet and
-# a cell of the mesh before.
-DIVIDED = {
-    2: np.array([[1, 1, 0], [0, 2, 3], [0, 0, 4]]),
-    3: np.array([[1, 1, 0, 0], [0, 2, 3, 1], [0, 0, 4, 8], [0, 0, 0, 8]]),
-}
-
 
 def posed(pose: Pose, sided: SidedMesh) -> BoundConstrainedProblem:
     """Pose a problem on a mesh by the user's function; the call is collective.
@@ -76,7 +68,7 @@ class Loop:
         request: What is asked for.
         on_step: Is told of each step.
         began: When the seconds began.
-        terms: The terms of the error that the data have and no comparison shows.
+        read: Returns what is known of the coefficients of a problem; None where nothing is read.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
 
@@ -369,11 +361,13 @@ class Loop:
 
 
 def _unknowns(sided: SidedMesh, space: fem.FunctionSpace) -> int:
-    """The number of dofs that a space of the same kind has on a mesh with every cell divided."""
-    topology = sided.mesh.topology
-    dims = range(topology.dim + 1)
-    for dim in dims:
+    """The number of dofs that a space of the same kind has on a mesh with every cell divided.
+
+    The nodes are those that elements of twice the degree have on the mesh itself.
+    """
+    topology, inside = sided.mesh.topology, 2 * space.element.basix_element.degree - 1
+    nodes = 0
+    for dim in range(topology.dim + 1):
         topology.create_entities(dim)
-    entities = np.array([topology.index_map(dim).size_global for dim in dims])
-    dofs = [numbers[0] for numbers in space.element.basix_element.num_entity_dofs]
-    return int(dofs @ DIVIDED[topology.dim] @ entities) * int(space.dofmap.bs)
+        nodes += math.comb(inside, dim) * topology.index_map(dim).size_global
+    return nodes * int(space.dofmap.bs)

@@ -54,7 +54,6 @@ class Prediction:
         power: The exponent with which the parts add up.
         exponent: The exponent with which errors at separate places add up: to this power the parts
             fall, see `Target.exponent`.
-        order: The order of convergence for smooth solutions.
     """
 
     remaining: Array
@@ -63,7 +62,6 @@ class Prediction:
     confirmed: npt.NDArray[np.bool_]
     power: float
     exponent: float
-    order: float
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx_signorini.accuracy.cells import cell_norms, total
 from dolfinx_signorini.accuracy.rates import SLOWEST
 from dolfinx_signorini.accuracy.targets import Target, size
-from dolfinx_signorini.accuracy.terms import Dual, Solved, difference
+from dolfinx_signorini.accuracy.terms import Solved, difference
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.curved_sides import CurvedSides
@@ -32,7 +32,7 @@ class MovedSides:
         moved = MovedSides(curves, sided, division, problem.u, target)
         if moved:
             ...  # solve again
-            parts = moved(solved, None)
+            parts = moved.parts(solved)
 
     Args:
         curves: The curved sides.
@@ -72,28 +72,27 @@ class MovedSides:
     def __bool__(self) -> bool:
         return self._moved
 
-    def __call__(self, solved: Solved, dual: Dual | None) -> Array:
-        """Return what the facets leave in the error on each cell, see `terms.Term`.
+    def parts(self, solved: Solved) -> Array:
+        """Return what the facets leave in the error on each cell; the parts have no sign.
 
         Args:
             solved: The solution on the moved mesh as the finer one; the call is collective.
-            dual: Not used.
         """
         target, u, comm = self._target, solved.fine.u, solved.fine.comm
         rest = self.factor / (1.0 - self.factor)
         detail = difference(u, self._before)
         if not target.weighted and target.norm is not None:
-            return solved.in_norm(rest * target.on_cells(detail))
+            return solved.in_norm(rest * target.on_cells(detail))[1]
         if target.norm is None:
             whole = rest * abs(self._functional(u) - self._value)
         else:
             whole = rest * size(detail, target)
         # Where the sides have moved, the solution tells how much that means.
         slopes = cell_norms(difference(self._u, self._before), parse_norm("W1_1"))
-        parts = solved.on_parents(np.array([slopes, slopes]))
-        if total(parts[1], 1.0, comm) == 0.0:
-            parts = np.array([self._gaps, self._gaps])
-        return np.asarray(parts * (whole / (total(parts[1], 1.0, comm) or 1.0)))
+        (parts,) = solved.on_parents(slopes[None])
+        if total(parts, 1.0, comm) == 0.0:
+            parts = self._gaps
+        return np.asarray(parts * (whole / (total(parts, 1.0, comm) or 1.0)))
 
     def _order(self) -> float:
         """The order of convergence of polygons to a curved domain."""

@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 from dolfinx import fem
-from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.tolerances import SOLVED
@@ -14,6 +13,7 @@ from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import Datum
+from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.dirichlet import data_of_condition
 
@@ -55,11 +55,8 @@ def _varies(problem: BoundConstrainedProblem, condition: fem.DirichletBC) -> boo
     """Whether a component has several values at the nodes of a condition; collective."""
     values = np.full(len(problem.u.x.array), np.nan)
     condition.set(values)
-    for component in range(problem.space.dofmap.bs):
-        part = values[component :: problem.space.dofmap.bs]
-        part = part[np.isfinite(part)]
-        low = problem.comm.allreduce(float(part.min(initial=np.inf)), op=MPI.MIN)
-        high = problem.comm.allreduce(float(part.max(initial=-np.inf)), op=MPI.MAX)
+    for part in values.reshape(-1, problem.space.dofmap.bs).T:
+        (low,), (high,) = box(problem.comm, part[np.isfinite(part), None])
         if high - low > SOLVED * max(abs(low), abs(high)):
             return True
     return False

@@ -25,9 +25,6 @@ from dolfinx_signorini.meshes.quadrature import QuadratureRule
 
 HIGHER = 6  # degrees: rules of nearly twice the points in each direction
 
-# For forms on all meshes, by signature: the degree of the rule of each integral, see `_few_points`.
-_few: dict[str, list[int | None]] = {}
-
 
 def missed_by_quadrature(a: ufl.Form, L: ufl.Form, w: fem.Function) -> list[ufl.Form]:
     """Return the forms of (L+ - L)(v) and -(a+ - a)(w, v), as far as the rules differ.
@@ -47,10 +44,8 @@ def missed_of_functional(functional: Functional, u: fem.Function) -> float:
 
 def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:
     """The integrals with more points, less those of a form, where that makes a difference."""
-    key = form.signature()
-    if key not in _few:
-        _few[key] = [_few_points(integral, (*form.arguments(), w)) for integral in form.integrals()]
-    for integral, degree in zip(form.integrals(), _few[key], strict=True):
+    for integral in form.integrals():
+        degree = _few_points(integral, (*form.arguments(), w))
         if degree is None:
             continue
         rule = QuadratureRule("default", max(min(degree + HIGHER, MAX_DEGREE), degree + 1))

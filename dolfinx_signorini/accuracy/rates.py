@@ -120,7 +120,7 @@ class Rates:
         rho = 2.0 ** -np.where(smooth, self.order, rates)
         singular = self.values < SINGULAR * self.order
         remaining = norms * rho / (1.0 - rho)
-        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.order)
+        return Prediction(remaining, rho, singular, self._confirmed, p, p)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -141,9 +141,7 @@ class Rates:
         at_ends = of_one_sign if sup else 1.0
         remaining = cells * np.where(self._known, at_ends, left)
         singular = self.values < SINGULAR * self.order
-        return Prediction(
-            remaining, rho, singular, self._confirmed, self.power, self.exponent, self.order
-        )
+        return Prediction(remaining, rho, singular, self._confirmed, self.power, self.exponent)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.

@@ -19,11 +19,13 @@ functions; Christof and Haubner, Theorem 2.3, for a = 0.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from scipy.integrate import quad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compiled
@@ -231,7 +233,7 @@ def _factor(
     c, s = (ufl.conditional(ufl.lt(X, 0.0), *pair) for pair in ((small, large), (large, small)))
     dual = s / r if k == 0.5 else s * (3.0 * c * c - s * s) / (r * r * r)
     t = ufl.max_value(ufl.min_value((r - inner) / (outer - inner), 1.0), 0.0)
-    eta = 1.0 - t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
+    eta = _cut_off(t)
     slope = -30.0 * t * t * (1.0 - t) * (1.0 - t) / (outer - inner)
     bend = -60.0 * t * (1.0 - 3.0 * t + 2.0 * t * t) / (outer - inner) ** 2
     cells, near = _cells(problem, p, outer, inner)
@@ -269,11 +271,14 @@ def _mean(problem: SignoriniProblem, source: Expr, cells: npt.NDArray[np.int32])
 
 
 def _whole(k: float, inner: float, outer: float) -> float:
-    """The integral of eta r^{-k} sin(k theta) over the half-plane, by a Gauss rule."""
-    nodes, weights = np.polynomial.legendre.leggauss(32)
-    total = inner ** (2.0 - k) / (2.0 - k)
-    r = inner + 0.5 * (outer - inner) * (nodes + 1.0)
-    t = (r - inner) / (outer - inner)
-    eta = 1.0 - t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
-    total += 0.5 * (outer - inner) * float(weights @ (eta * r ** (1.0 - k)))
-    return total / k
+    """The integral of eta r^{-k} sin(k theta) over the half-plane."""
+
+    def beyond(r: float) -> float:
+        return float(_cut_off((r - inner) / (outer - inner)) * r ** (1.0 - k))
+
+    return float(inner ** (2.0 - k) / (2.0 - k) + quad(beyond, inner, outer)[0]) / k
+
+
+def _cut_off(t: Any) -> Any:
+    """The polynomial from 1 at t = 0 to 0 at t = 1 with two derivatives that vanish at both."""
+    return 1.0 - t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)

@@ -193,7 +193,7 @@ class Solved:
         p = self.target.norm.p
         parts = collected(parts, self.parents, self.count, p)
         if self.target.weighted:  # parts of cells add up as they are
-            parts = shared_out(parts, p, total(parts, p, self.fine.comm) or 1.0)
+            parts = shared_out(parts, p, self.fine.comm)
         return np.array([parts, parts])
 
 

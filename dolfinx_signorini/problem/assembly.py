@@ -125,7 +125,7 @@ class Assembly:
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`.
         """
-        return self._assembled(None, self._bounds(), True)
+        return self._assembled(self._bounds())
 
     def renewed(self, old: System, matrix: bool = False) -> System:
         """Return the system for the present data; the old one must not be used any more.
@@ -154,7 +154,7 @@ class Assembly:
         if not anywhere(self.comm, load or moved):
             return replace(old, obstacle=obstacle)
         self._due = True, True
-        made = self._assembled(old, (obstacle, data), fresh)
+        made = self._assembled((obstacle, data), old, fresh)
         old.b.destroy()
         self._due = False, False
         return made
@@ -248,17 +248,27 @@ class Assembly:
         destroy(A, b, diagonal)
         return reach
 
-    def _assembled(self, old: System | None, bounds: tuple[Array, Array], matrix: bool) -> System:
-        A = self._matrix(old) if matrix or old is None else old.A
+    def _assembled(
+        self, bounds: tuple[Array, Array], old: System | None = None, matrix: bool = True
+    ) -> System:
+        """Return the system with obstacle and Dirichlet data, and the old matrix or a new one."""
+        kept = None if matrix else old
+        A = self._matrix(old) if kept is None else kept.A
+        vector, fixed = A.getDiagonal(), self.layout.fixed_dofs
+        diagonal = np.array(vector.array_r)
+        vector.destroy()
         with self.phases("load"):
             b = fem_petsc.assemble_vector(self._L)
             with b.localForm() as local:
                 self.total_load = self.comm.allreduce(float(local.array_r.sum()))
-            _lift(b, self._a, self.bcs, self.layout, A)
+            if self.bcs:
+                fem_petsc.apply_lifting(b, [self._a], bcs=[self.bcs])
+            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            b.array_w[fixed] = diagonal[fixed] * bounds[1]
             b.array_w[:] = self.layout.turned(b.array_r)
         with self.phases("checks"):
             try:
-                return self._checked(A, b, bounds, old, matrix)
+                return self._checked(A, b, diagonal, bounds, old, kept)
             except InputError:
                 b.destroy()
                 if old is None:
@@ -287,23 +297,18 @@ class Assembly:
         self,
         A: PETSc.Mat,
         b: PETSc.Vec,
+        diagonal: Array,
         bounds: tuple[Array, Array],
         old: System | None,
-        matrix: bool,
+        kept: System | None,
     ) -> System:
         """Return the system of its parts, after a check of what is new."""
-        vector = A.getDiagonal()
-        diagonal = np.array(vector.array_r)
-        vector.destroy()
         checks.check_entries(self.comm, diagonal, b.array_r)
-        assembled = old.assembled + matrix if old is not None else 1
-        doubtful = (old is None or matrix) and not is_sum_of_squares(self._forms[0])
+        doubtful = kept is None and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
-        if old is None or matrix:
-            loose, free = self._loose(A, diagonal)
-        else:
-            loose, free = old.loose, old.free
+        loose, free = self._loose(A, diagonal) if kept is None else (kept.loose, kept.free)
+        before = 0 if old is None else old.assembled
         made = System(
             layout=self.layout,
             A=A,
@@ -313,7 +318,7 @@ class Assembly:
             fixed_values=bounds[1],
             loose=loose,
             free=free,
-            assembled=assembled,
+            assembled=before + (kept is None),
         )
         checks.check_range(made, diagonal, [each for _, each in self._given])
         if doubtful:
@@ -392,19 +397,6 @@ def _assembled_matrix(
         A.assemble()
         diagonal.destroy()
     return A
-
-
-def _lift(
-    b: PETSc.Vec, form: fem.Form, bcs: Sequence[fem.DirichletBC], layout: Layout, A: PETSc.Mat
-) -> None:
-    """Lift the Dirichlet data in a load vector whose shares of the ranks are not added up yet."""
-    if bcs:
-        fem_petsc.apply_lifting(b, [form], bcs=[list(bcs)])
-    b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    if bcs:
-        fixed, diagonal = layout.fixed_dofs, A.getDiagonal()
-        b.array_w[fixed] = diagonal.array_r[fixed] * _dirichlet_values(layout.space, bcs, fixed)
-        diagonal.destroy()
 
 
 def restricted(form: ufl.Form, domain: mesh.Mesh, cells: LocalIndices) -> ufl.Form:

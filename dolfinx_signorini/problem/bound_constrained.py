@@ -536,8 +536,10 @@ class BoundConstrainedProblem(OnContact):
             require(self.comm, finite, "has a value that is not finite", name)
         self.update()
         system = self.system
-        if self.result is None and coarse is None:
-            self._warn_of_jumps()
+        # Coefficients of vectors are not read, and those that are integrated by pieces are known.
+        read = not self.vector_valued and self.assembled_forms[0] is self.a
+        if read and self.result is None and coarse is None and has_choices(self.a):
+            warn_of_cut_coefficients(self.a, self.space.mesh)
         if not warm_start:
             self._free_solver()
         if not warm_start or self.result is None:
@@ -609,11 +611,6 @@ class BoundConstrainedProblem(OnContact):
         self._free_solver()
         self._free_solution()
         self._system = self._assembly.integrated(system, a, L)
-
-    def _warn_of_jumps(self) -> None:
-        """Warn where the diffusion jumps inside of cells and is not integrated piece by piece."""
-        if self.assembled_forms[0] is self.a and has_choices(self.a):
-            warn_of_cut_coefficients(self.a, self.space.mesh)
 
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""

@@ -15,7 +15,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.logs import warn_once
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere, function_with
+from dolfinx_signorini.base.ranks import anywhere, function_with, highest
 from dolfinx_signorini.base.tolerances import FAR, ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
     control_points,
@@ -61,8 +61,7 @@ def apart(
     comm, (lower, upper) = layout.space.mesh.comm, obstacles
     if not anywhere(comm, lower > upper):
         return list(obstacles)
-    size = np.minimum(np.abs(lower), np.abs(upper)).max(initial=0.0)  # no dof has neither
-    size = comm.allreduce(float(size), op=MPI.MAX)
+    size = highest(comm, np.minimum(np.abs(lower), np.abs(upper)))  # no dof has neither
     dofs = layout.obstacle_dofs
     low, high = (_values_at_nodes(layout.space, dofs, obstacle)[dofs] for obstacle in obstacles)
     refusal: tuple[str, str] | None = None
@@ -122,8 +121,7 @@ def clamped(
     beyond = given.sign * (own - known)
     if not anywhere(comm, beyond > 0.0):
         return moved
-    sizes = np.abs(obstacle).max(initial=0.0), np.abs(data).max(initial=0.0)
-    size = max(comm.allreduce(float(max(sizes)), op=MPI.MAX), reach())
+    size = max(highest(comm, np.abs(obstacle)), highest(comm, np.abs(data)), reach())
     far, beside = beyond > ROUNDING * size, "below" if upper else "above"
     known_there = everywhere | _at_vertices(space, dofs[i])
     message = ""
@@ -307,8 +305,8 @@ def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
     """The owned nodes, shape (n, dimension), the lowest corner of their box, and its sizes."""
     count, dimension = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     points = control_points(space)[:count, :dimension]
-    lowest, highest = box(space.mesh.comm, points)
-    return points, lowest, highest - lowest
+    low, high = box(space.mesh.comm, points)
+    return points, low, high - low
 
 
 def check_definite(A: PETSc.Mat, layout: Layout, diagonal: Array) -> None:

@@ -271,6 +271,3 @@ class ContactProblem(BoundConstrainedProblem):
         directions = self._assembly.directions
         assert directions is not None
         return directions
-
-    def _warn_of_jumps(self) -> None:
-        """Coefficients of vectors are not read."""

@@ -28,7 +28,13 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SIX_DIGITS, SOLVED
+from dolfinx_signorini.base.tolerances import (
+    HALF_OF_THE_DIGITS,
+    ROUNDING,
+    SIX_DIGITS,
+    SOLVED,
+    TINY,
+)
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.components import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
@@ -141,7 +147,7 @@ def check_held(system: System) -> None:
     for k in np.flatnonzero(loose.counts):
         count = int(loose.counts[k])
         own = rows[numbers == k, :count]
-        unit = works[k, :count] / max(pushes[k], np.finfo(np.float64).tiny)
+        unit = works[k, :count] / max(pushes[k], TINY)
         found, message = _unpressed(system.comm, own, unit)
         if found is not None:
             column = loose.rows[:, :count] @ found * (loose.numbers == k)
@@ -303,8 +309,8 @@ def _name(layout: Layout, component: int | None, column: Array) -> str:
     moving = np.abs(values).max(axis=1, initial=0.0) > 0.0
     total, count = comm.allreduce(values.sum(axis=0)), comm.allreduce(int(moving.sum()))
     mean = total / max(count, 1)
-    turn = np.abs(values[moving] - mean).max(initial=0.0)
-    turns = comm.allreduce(float(turn), op=MPI.MAX) > HALF_OF_THE_DIGITS * np.abs(mean).max()
+    turn = highest(comm, np.abs(values[moving] - mean))
+    turns = turn > HALF_OF_THE_DIGITS * np.abs(mean).max()
     of = f" of {parts.names[component]}" if component is not None and parts.count > 1 else ""
     if turns:
         return f"a turn{of}"

@@ -181,7 +181,7 @@ def test_what_facets_leave_is_the_error_of_a_polygon(comm):
         problem.solve(rtol=1e-10)
         nothing = fem.Function(fem.functionspace(sided.mesh, ("Lagrange", 1)))
         coarse = Solution(nothing, nothing)
-        parts = moved(Solved(coarse, problem, division.parents, target(norm)), None)[1]
+        parts = moved.parts(Solved(coarse, problem, division.parents, target(norm)))
         found = SimpleNamespace(problem=problem, sided=division.sided)
         ratios[norm] = total(parts, target(norm).power, comm) / true_error(found, norm)
         problem.destroy()

@@ -16,7 +16,7 @@ N = 8
 
 def prediction(remaining, rates, singular, power=2.0, exponent=None):
     exponent = power if exponent is None else exponent
-    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent, 3.0)
+    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent)
 
 
 def corners(sided):
