@@ -14,7 +14,7 @@ from dolfinx_signorini.accuracy.loop import _unknowns
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.accuracy.terms import Solution, Solved, difference
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
@@ -423,7 +423,8 @@ def test_a_loop_that_has_come_to_rounding_ends(comm):
     x = ufl.SpatialCoordinate(found.sided.mesh)
     error = true_error(found, "L2", lambda _: 1.0 + x[0] * x[1])
     assert error <= 10.0 * found.estimate
-    assert found.estimate < ROUNDING
+    # Rounding in a linear solve grows with the condition, and so with the number of unknowns.
+    assert found.estimate < 4.0 * PRECISION * found.problem.unknowns
     found.problem.destroy()
 
 
