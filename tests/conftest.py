@@ -26,7 +26,7 @@ from dolfinx_signorini.scenes.files.reading import parse_scene
 Array = npt.NDArray[np.float64]
 
 RANKS = MPI.COMM_WORLD.Dup()  # for what the tests themselves tell each other
-SETS = 6  # sets of parameters of a test in a run of the suite on one rank
+SETS = 5  # sets of parameters of a test in a run of the suite on one rank
 PATIENCE = 120_000  # looks at the other ranks, a millisecond apart
 DEMOS = Path(__file__).parents[1] / "demos" / "scenes"
 
