@@ -48,7 +48,7 @@ class FormulaAtPoints:
     """
 
     def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr], inside: bool = True):
-        self._vector = lowered(ufl.as_vector([part for e in expressions for part in components(e)]))
+        self._vector = lowered(_vector(expressions))
         self._inside = inside
         self._constants = extract_constants(self._vector)
         self._functions = extract_coefficients(self._vector)
@@ -127,8 +127,7 @@ def values_at(
     except InputError:
         pass
     # A coordinate comes last: DOLFINx 0.11 refuses expressions that are the same everywhere.
-    every = [*expressions, ufl.SpatialCoordinate(domain)[0]]
-    vector = ufl.as_vector([part for e in every for part in components(e)])
+    vector = _vector([*expressions, ufl.SpatialCoordinate(domain)[0]])
 
     def compiled_at(points: Points) -> list[Array]:
         with compiled.remembered():
@@ -138,6 +137,11 @@ def values_at(
         return list(np.moveaxis(found.reshape(shape), 2, 0)[:-1].copy())
 
     return compiled_at
+
+
+def _vector(expressions: Sequence[Expr]) -> Expr:
+    """The components of expressions in turn, as one vector."""
+    return ufl.as_vector([part for e in expressions for part in components(e)])
 
 
 def components(u: Expr) -> list[Expr]:
