@@ -28,7 +28,7 @@ from dolfinx_signorini.accuracy.kinks import kink_errors
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
-from dolfinx_signorini.accuracy.targets import Target, check_target, size
+from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import anywhere, highest
@@ -56,12 +56,8 @@ class Estimator:
 
     Args:
         space: The space of the first solution.
-        target: What is to be accurate.
+        target: What is to be accurate, see `checked_target`.
         read: Returns what is known of the coefficients of a problem; None where nothing is read.
-
-    Raises:
-        InputError: The functional is not linear, or 0 for all functions of the space; or the
-            quantity is none.
 
     Attributes:
         rates: The rates of the cells of the present mesh.
@@ -81,7 +77,6 @@ class Estimator:
     polygon: float
 
     def __init__(self, space: fem.FunctionSpace, target: Target, read: Reader | None = None):
-        check_target(target, space)
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._read, self._comm = target, read, domain.comm
         self._terms = UNSEEN if read is None else (*UNSEEN, data_errors(read))

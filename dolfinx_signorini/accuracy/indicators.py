@@ -111,10 +111,13 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         apart = solved.distance
         load = _derivative(solved.error, target)
         dual = dual_solution(solved, load, None if norm is None else apart)
-        cells: Array = np.sum([term(solved, dual)[1] for term in TERMS], axis=0)
-        if norm is None:  # parts may cancel in one difference by chance
-            apart = max(apart, total(cells, 1.0, fine.comm))
-            resolved &= _resolved(solved, dual.z, dual.detail)
+        signed, cells = np.sum([term(solved, dual) for term in TERMS], axis=0)
+        if norm is None:
+            # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
+            apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
+            cells *= apart / (total(cells, 1.0, fine.comm) or 1.0)
+            if not target.rough:
+                resolved &= _resolved(solved, dual.z, dual.detail)
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))

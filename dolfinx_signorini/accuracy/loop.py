@@ -21,7 +21,7 @@ from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.quadrature_errors import missed_of_functional
 from dolfinx_signorini.accuracy.steps import Pose, Request, Result, Step
-from dolfinx_signorini.accuracy.targets import size
+from dolfinx_signorini.accuracy.targets import checked_target, size
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.base import tolerances
 from dolfinx_signorini.base.errors import InputError, NotConvergedError, together
@@ -227,7 +227,9 @@ class Loop:
 
     def _begin(self) -> None:
         """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
-        self.estimator = Estimator(self.problem.space, self.request.target, self.read)
+        target = checked_target(self.request.target, self.problem.space)
+        self.request = replace(self.request, target=target)
+        self.estimator = Estimator(self.problem.space, target, self.read)
         self.rounds = 0
 
     def _takes_another_degree(self) -> bool:

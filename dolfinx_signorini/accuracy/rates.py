@@ -20,7 +20,8 @@ solution is known, and a rate that was measured between this one and the rate fo
 tells how much of the indicator is singular: this part falls more slowly than the rest, and is the
 larger part of what divisions leave. An indicator may be the product of a part of the
 solution and a part of a dual solution, which is another one on every mesh: then the part of the
-solution is measured alone, and the rate of the product is twice that of the part.
+solution is measured alone, and the rate of the product is twice that of the part; but for a dual
+solution that jumps, which adds no rate of its own.
 """
 
 import numpy as np
@@ -66,7 +67,8 @@ class Rates:
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
         self.order, self.dimension = target.order(degree), dimension
         self.power, self.exponent = target.power, target.exponent
-        self._times, self._power = (2.0, 2.0) if target.weighted else (1.0, target.power)
+        self._power = 2.0 if target.weighted else target.power
+        self._times = 2.0 if target.weighted and not target.rough else 1.0
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
         self.at_corners: Mask = np.zeros(count, dtype=bool)

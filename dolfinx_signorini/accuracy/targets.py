@@ -40,12 +40,15 @@ class Target:
         functional: The functional, linear in its argument; None for a norm.
         of: The quantity of the first derivatives whose norm is meant, with a W^{1,p} norm as
             `norm`, for such norms are of its kind; None for the solution itself.
+        rough: Whether the functional has derivatives on facets, as the flux through a side has. The
+            dual solution jumps there: no order of convergence is gained from the dual solution.
     """
 
     name: str
     norm: Norm | None = None
     functional: Functional | None = None
     of: Quantity | None = None
+    rough: bool = False
 
     @property
     def weighted(self) -> bool:
@@ -81,7 +84,7 @@ class Target:
             degree: The degree of the elements.
         """
         if self.norm is None:
-            return 2.0 * degree
+            return (1.0 if self.rough else 2.0) * degree
         return degree + 1.0 - self.norm.derivatives
 
     def singular_order(self, exponent: Numbers, dual: Numbers, dimension: int = 2) -> Numbers:
@@ -93,7 +96,7 @@ class Target:
             dimension: That of the space in which r is the distance, see `orders.is_finite`.
         """
         if self.weighted or self.norm is None:
-            return exponent + dual - 2.0 + dimension
+            return exponent + (0.0 if self.rough else dual) - 2.0 + dimension
         return singular_order(self.norm, exponent, dimension)
 
     def on_cells(self, f: fem.Function) -> Array:
@@ -144,8 +147,8 @@ def size(error: fem.Function, target: Target) -> float:
     return total(target.on_cells(error), norm.p, comm)
 
 
-def check_target(target: Target, space: fem.FunctionSpace) -> None:
-    """Refuse what tells nothing about functions of a space; the call is collective.
+def checked_target(target: Target, space: fem.FunctionSpace) -> Target:
+    """Return a target with what functions of a space tell of the target; the call is collective.
 
     Args:
         target: What is to be accurate; nothing is checked for a norm of the solution.
@@ -158,7 +161,7 @@ def check_target(target: Target, space: fem.FunctionSpace) -> None:
     if target.of is not None:
         _check_quantity(target.of, space)
     if target.functional is None:
-        return
+        return target
     form = target.functional(ufl.TestFunction(space))
     values = np.zeros(0)
     if not form.empty():
@@ -171,6 +174,9 @@ def check_target(target: Target, space: fem.FunctionSpace) -> None:
     if not 0.0 < largest < math.inf:
         said = "not a finite number" if largest > 0.0 else "0 for all functions"
         raise InputError(f"the functional is {said} on the first mesh", "norm")
+    on_facets = [part.integrand() for part in form.integrals() if "facet" in part.integral_type()]
+    slopes = [each for part in on_facets for each in extract_type(part, ufl.classes.Derivative)]
+    return replace(target, rough=any(extract_type(each, ufl.Argument) for each in slopes))
 
 
 def _check_quantity(of: Quantity, space: fem.FunctionSpace) -> None:

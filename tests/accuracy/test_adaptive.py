@@ -11,7 +11,7 @@ from dolfinx_signorini import SignoriniProblem
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.loop import _unknowns
-from dolfinx_signorini.accuracy.targets import target
+from dolfinx_signorini.accuracy.targets import checked_target, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved, difference
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import PRECISION
@@ -204,7 +204,15 @@ def smooth_poser(width, degree=2):
     return pose, value
 
 
-@pytest.mark.parametrize("asked", ["L2", "W1_4", "L2_boundary", lambda v: v * ufl.dx])
+def flux(v):
+    """The flux through the side x = 1: the dual solution jumps there."""
+    domain = extract_unique_domain(v)
+    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
+    on_side = ufl.conditional(ufl.gt(x[0], 1.0 - 1e-9), 1.0, 0.0)
+    return on_side * ufl.inner(ufl.grad(v), n) * ufl.ds(metadata={"quadrature_degree": 12})
+
+
+@pytest.mark.parametrize("asked", ["L2", "W1_4", "L2_boundary", lambda v: v * ufl.dx, flux])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_smooth_solutions_converge_as_fast_as_a_target_says(comm, degree, asked):
     pose, exact = smooth_poser(0.4, degree)
@@ -213,13 +221,27 @@ def test_smooth_solutions_converge_as_fast_as_a_target_says(comm, degree, asked)
         problem = pose(square(comm, n))
         u = problem.solve(rtol=1e-11)
         reference = expression(u.function_space.mesh, exact)
+        wanted = checked_target(wanted, u.function_space)
         if wanted.norm is not None:
             errors.append(error_norms(u, reference, [asked])[asked])
         else:
-            form = fem.form((u - reference.u) * ufl.dx(metadata={"quadrature_degree": 12}))
+            measured = asked if asked is flux else lambda v: v * ufl.dx(degree=12)
+            form = fem.form(measured(u - reference.u))
             errors.append(abs(comm.allreduce(fem.assemble_scalar(form))))
         problem.destroy()
     assert np.log2(errors[0] / errors[1]) == pytest.approx(wanted.order(degree), abs=0.4)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3])
+def test_the_flux_through_a_side_is_met(comm, degree, accuracy):
+    pose, exact = smooth_poser(0.4, degree)
+    found = solve_adaptively(pose, square(comm), norm=flux, accuracy=accuracy, max_unknowns=200_000)
+    u = found.problem.u
+    form = fem.form(flux(u - exact(u.function_space.mesh)))
+    error = abs(comm.allreduce(fem.assemble_scalar(form)))
+    assert found.reached and error <= found.estimate <= accuracy
+    found.problem.destroy()
 
 
 @pytest.mark.parametrize("norm", ["H1", "L4", "Linf"])
