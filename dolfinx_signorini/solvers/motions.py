@@ -11,10 +11,11 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import control_points
 from dolfinx_signorini.meshes.sided_meshes import box
-from dolfinx_signorini.solvers.system import Layout
+from dolfinx_signorini.solvers.system import Layout, System
 
 
 def rigid_motions(comm: MPI.Comm, places: Array, size: int) -> Array:
@@ -54,6 +55,32 @@ def motions_of(layout: Layout) -> Array:
 def owned_places(nodal: fem.FunctionSpace) -> Array:
     """Return the places of the owned dofs of a scalar space, shape (dofs, 3)."""
     return control_points(nodal)[: nodal.dofmap.index_map.size_local]
+
+
+def at_rest(system: System) -> tuple[Array, Array]:
+    """Return the rigid motion r nearest to the Dirichlet data, and the load b - A r; collective.
+
+    That is the load on a body that rests at r, 0 at the fixed dofs. b has the data times entries of
+    the matrix: a constant that is added to all data and obstacles moves nothing, but makes b
+    larger.
+
+    Args:
+        system: The system.
+    """
+    fixed, data, load = system.fixed_dofs, system.fixed_values, system.b.array_r.copy()
+    motion = np.zeros(len(load))
+    if anywhere(system.comm, data != 0.0):
+        motions = motions_of(system.layout)
+        own = motions[fixed]
+        products, known = system.comm.allreduce(own.T @ own), system.comm.allreduce(own.T @ data)
+        motion = motions @ (np.linalg.pinv(products, ROUNDING, hermitian=True) @ known)
+        rest, forces = system.A.createVecs()
+        rest.array_w[:] = motion
+        system.A.mult(rest, forces)
+        load -= forces.array_r
+        destroy(rest, forces)
+    load[fixed] = 0.0
+    return motion, load
 
 
 def attach_motions(matrix: PETSc.Mat, motions: Array, held: LocalIndices) -> None:

@@ -8,12 +8,14 @@ dofs, that is
     max(min(d gap_below, lambda), -d gap_above) = 0 between both,    lambda = 0 elsewhere
 
 for any d > 0; the diagonal of A as d gives both the same unit. The 2-norm of this vector relative
-to the forces decides on convergence for every solver of this package. The forces are the load ||b||
-and what the obstacle does: the pressure on the dofs that are held, but no more than
-||d max(g, 0)||, which is also the force that lifts the body over the obstacle. (The lifting force
-alone would not do: a thin body on a high obstacle presses on the obstacle with little more than
-its load, and the load would be lost in the force.) No residual is asked for below what rounding
-makes of the height of the obstacle.
+to the forces decides on convergence for every solver of this package. The forces are those on a
+body that rests where the Dirichlet data have it, see `motions.at_rest`, so that the origin of u
+does not matter: the load, and what the obstacle does, the pressure on the dofs that are held, but
+no more than ||d max(g, 0)|| with the height g of the obstacle above the body at rest, which is also
+the force that lifts the body over the obstacle. (The lifting force alone would not do: a thin body
+on a high obstacle presses on the obstacle with little more than its load, and the load would be
+lost in the force.) No residual is asked for below what rounding makes of the height of the obstacle
+and of the place of rest.
 """
 
 import math
@@ -24,6 +26,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import PRECISION, TINY
+from dolfinx_signorini.solvers.motions import at_rest
 from dolfinx_signorini.solvers.system import System
 
 ROUNDING = 64 * PRECISION  # of A u where u is as high as the obstacle
@@ -52,11 +55,14 @@ class NaturalResidual:
         self.system = system
         self.rtol = rtol
         self.multiplier = system.A.createVecLeft()
-        load = system.b.array_r.copy()
-        load[system.fixed_dofs] = 0.0
-        pushing = system.contact_diagonal * np.maximum(system.signs * system.obstacle, 0.0)
+        rest, load = at_rest(system)
+        lifting = system.b.array_r - load
+        lifting[system.fixed_dofs] = 0.0
+        height = system.signs * (system.obstacle - rest[system.contact_dofs])
+        pushing = system.contact_diagonal * np.maximum(height, 0.0)
         self.load = parallel_norm(system.comm, load)
         self.pushing = parallel_norm(system.comm, pushing)
+        self.least = ROUNDING / rtol * (parallel_norm(system.comm, lifting) + self.pushing)
         self.scale = self._scale(self.pushing)
         self.norm = self.scale
 
@@ -105,7 +111,7 @@ class NaturalResidual:
         return self.system.defect(x, self.multiplier.array_r)
 
     def _scale(self, pressure: float) -> float:
-        scale = max(self.load + min(pressure, self.pushing), ROUNDING / self.rtol * self.pushing)
+        scale = max(self.load + min(pressure, self.pushing), self.least)
         return scale if scale > 0.0 else 1.0  # without any forces residuals are absolute
 
     def destroy(self) -> None:

@@ -50,6 +50,11 @@ class Stop:
         self._before: PETSc.Vec | None = None  # the iterate before the present one
         self._solution: PETSc.Vec | None = None  # of the linear solve that was ended before
 
+    @property
+    def begun(self) -> bool:
+        """Whether a linear solve has begun."""
+        return self._before is not None
+
     def begin(self, ratio: float) -> None:
         """Say that the next linear solve starts from the solution of the next coarser mesh.
 

@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import ufl
 from dolfinx import fem
-from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.adaptive import found_lines
@@ -31,6 +30,7 @@ from dolfinx_signorini.scenes.posing import PosedScene
 from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.regularity import point_text
 from dolfinx_signorini.scenes.solving import SceneResult
+from dolfinx_signorini.solvers.motions import at_rest
 
 Force: TypeAlias = float | tuple[float, ...]  # of a body with a number for each component
 
@@ -259,8 +259,8 @@ def _imbalance(problem: BoundConstrainedProblem, forces: Sequence[Array]) -> flo
     The parts of a force may cancel, and the sum of sizes at dofs tells what rounding is small to.
     """
     owned = problem.space.dofmap.index_map.size_local * problem.space.dofmap.bs
-    at_dofs = float(np.abs(problem.forces.x.array[:owned]).sum())
-    whole = problem.b.norm(PETSc.NormType.NORM_1) + problem.comm.allreduce(at_dofs)
+    at_dofs = at_rest(problem.system)[1], problem.forces.x.array[:owned]
+    whole = problem.comm.allreduce(float(sum(np.abs(part).sum() for part in at_dofs)))
     columns = np.array(forces)
     largest = max(float(np.abs(columns).max(initial=0.0)), whole)
     if largest == 0.0:

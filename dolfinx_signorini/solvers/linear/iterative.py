@@ -111,8 +111,13 @@ class IterativeSolver(LinearSolver):
     def _begin_coarse(
         self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
     ) -> None:
-        """Add the solution on the next coarser mesh to x."""
+        """Add the solution on the next coarser mesh to x, whose first start says nothing."""
         assert self.multigrid is not None
+        if not stop.begun:
+            known = np.zeros(x.getLocalSize(), dtype=bool)
+            known[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = True
+            self.multigrid.extended(x, known)
+            multiplier = None
         unit = set_residual(system, x, held, multiplier, self._rhs)
         ratio = self.multigrid.nested(self._rhs, self._correction)
         if ratio > 0.0:

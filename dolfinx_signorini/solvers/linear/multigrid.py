@@ -166,6 +166,39 @@ class Multigrid:
                 made.append(fine)
         self._state, self._filled = (number, off), []
 
+    def extended(self, x: PETSc.Vec, known: Mask) -> None:
+        """Extend the values of x at known dofs to all others, by the functions of coarser levels.
+
+        On the coarsest level the others have the mean of the known values. So there is no jump
+        beside known values that no coarser level sees.
+
+        Args:
+            x: The vector, whose other values are overwritten; the call is collective.
+            known: Whether the value of each owned dof is known.
+        """
+        levels = [x.copy()]
+        levels[0].array_w[~known] = np.nan
+        for prolongation in self.prolongations:
+            rows, columns = Rows(prolongation).units()
+            coarse = prolongation.createVecRight()
+            coarse.set(np.nan)
+            coarse.assemble()
+            coarse.setValues(columns, levels[-1].array_r[rows])
+            coarse.assemble()
+            levels.append(coarse)
+        values = levels[-1].array_w
+        own = values[np.isfinite(values)]
+        total, count = x.comm.tompi4py().allreduce(np.array([own.sum(), len(own)]))
+        values[~np.isfinite(values)] = total / max(count, 1.0)
+        for prolongation in reversed(self.prolongations):
+            coarse, fine = levels.pop(), levels[-1]
+            given = fine.array_r.copy()
+            prolongation.mult(coarse, fine)
+            fine.array_w[:] = np.where(np.isfinite(given), given, fine.array_r)
+            coarse.destroy()
+        levels[0].copy(x)
+        levels[0].destroy()
+
     def nested(self, rhs: PETSc.Vec, x: PETSc.Vec) -> float:
         """Solve on the coarser meshes, from the coarsest one on, and prolongate the solution.
 
