@@ -197,6 +197,17 @@ def check_outputs(comm: MPI.Comm, folder: Path, names: Iterable[str]) -> None:
     on_first(comm, folder, check)
 
 
+def remove_outputs(folder: Path, names: Iterable[str]) -> None:
+    """Delete the files of an earlier run, of which the present one may write fewer; rank 0 only.
+
+    Args:
+        folder: The output folder.
+        names: See `check_outputs`, which has refused files of others.
+    """
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
 def versions() -> dict[str, str]:
     """Return the versions of this package, DOLFINx and PETSc, which a result depends on."""
     try:

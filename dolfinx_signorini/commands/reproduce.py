@@ -10,7 +10,13 @@ from mpi4py import MPI
 from dolfinx_signorini.base.costs import Cost, cost_text
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import Progress, log, say
-from dolfinx_signorini.base.records import check_outputs, on_first, versions, write_file
+from dolfinx_signorini.base.records import (
+    check_outputs,
+    on_first,
+    remove_outputs,
+    versions,
+    write_file,
+)
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.pictures.picture import picture_files
@@ -24,6 +30,7 @@ from dolfinx_signorini.studies.paper.tables import error_table, order_table, pap
 LARGEST = 5001  # cells per side
 PICTURES = ("solution_and_load", "convergence", "bottom_edge")
 TABLES = ("table1.md", "table1.csv", "table2.md", "table2.csv", "tables.txt", "results.json")
+OUTPUTS = (*TABLES, *picture_files(PICTURES))
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     """
     comm = MPI.COMM_WORLD
     settings = _settings(args)
-    check_outputs(comm, args.out, (*TABLES, *picture_files(PICTURES)))
+    check_outputs(comm, args.out, OUTPUTS)
     first, second, *_ = map(int, paper_table(1))
     rows = run_study(comm, range(first, args.max_n + 1, second - first), settings, args.out)
     with Progress("tables and pictures"):
@@ -104,6 +111,7 @@ def _write(
     tables = {"table1": error_table(rows, settings.norms)}
     if len(rows) > 1:
         tables["table2"] = order_table(rows, settings.norms)
+    remove_outputs(folder, OUTPUTS)
     for name, table in tables.items():
         say(table.text())
         write_file(folder / f"{name}.md", table.markdown())

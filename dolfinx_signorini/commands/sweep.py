@@ -14,7 +14,14 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.base.logs import Progress, log
-from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first, write_file
+from dolfinx_signorini.base.records import (
+    ROWS,
+    Records,
+    check_outputs,
+    on_first,
+    remove_outputs,
+    write_file,
+)
 from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.commands.options import add_out, add_scene
 from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
@@ -26,6 +33,7 @@ from dolfinx_signorini.scenes.output.summary import force_columns, summarise
 from dolfinx_signorini.scenes.solving import solve_scene
 
 PICTURE, TABLE = "sweep", "sweep.csv"
+OUTPUTS = (TABLE, *picture_files([PICTURE]))
 FAILED = "not solved"  # the column that says why a row has no numbers
 Row = dict[str, Any]
 
@@ -54,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """
     comm, values = MPI.COMM_WORLD, list(dict.fromkeys(value.strip() for value in args.values))
     scenes, failures = _scenes(args, comm, values)
-    check_outputs(comm, args.out, (TABLE, *picture_files([PICTURE])))
+    check_outputs(comm, args.out, OUTPUTS)
     text = next(iter(scenes.values())).text
     settings = {"scene": text, "set": args.overrides, "key": args.key}
     records = Records(comm, args.out / ROWS, settings, keys=("value",))
@@ -135,6 +143,7 @@ def _write(folder: Path, key: str, rows: list[Row]) -> None:
     columns = ["value", *numbers, *([FAILED] if len(solved) < len(rows) else [])]
     cells = [[row.get(name, "") for name in columns] for row in rows]
     print(_text([key, *numbers], rows, cells), end="", flush=True)
+    remove_outputs(folder, OUTPUTS)
     write_file(folder / TABLE, csv_table([key, *columns[1:]], cells))
     if len(solved) > 1:
         draw_sweep(key, solved).save(folder / PICTURE)

@@ -90,6 +90,10 @@ def test_a_sweep_goes_on_with_further_values(scene, folder, capsys):
     if COMM.rank == 0:
         assert not (folder / "out" / "sweep.png").exists()  # no plot of one point
     assert sweep(scene, folder, "-1", "-2") == 0
+    assert sweep(scene, folder, "-1", more=["-q"]) == 0
+    if COMM.rank == 0:  # nor one of the points of an earlier run
+        assert not (folder / "out" / "sweep.png").exists()
+    assert sweep(scene, folder, "-1", "-2") == 0
     said = capsys.readouterr().err
     if COMM.rank == 0:
         assert "neumann.1.flux = -1: already done" in said
