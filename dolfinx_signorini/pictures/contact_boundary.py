@@ -27,7 +27,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
 from dolfinx_signorini.norms.boundary_edges import edge_chains
 from dolfinx_signorini.pictures.triangles import gathered
 
-# Of the largest |u|, times (h / L)^{3/2} with the mesh width h and the size L of the boundary: a
+# Of the range of u, times (h / L)^{3/2} with the mesh width h and the size L of the boundary: a
 # smaller gap is what a mesh cannot tell from contact (a gap opens like r^{3/2}).
 CLEAR = 0.3
 
@@ -49,6 +49,10 @@ class Solved(Protocol):
         """The owned dofs with Dirichlet data."""
 
     @property
+    def obstacle_nodes(self) -> LocalIndices:
+        """The owned dofs with an obstacle, with or without Dirichlet data."""
+
+    @property
     def gap(self) -> fem.Function:
         """The gap."""
 
@@ -67,9 +71,10 @@ class AlongDirection:
 
     Attributes:
         space: The scalar space of one component.
-        u: The displacement u.d at the contact nodes, 0 elsewhere.
+        u: The displacement u.d at the contact nodes, 0 elsewhere, with d as it is given.
         gap, pressure: As those of the problem.
         contact: The contact facets that this rank knows.
+        obstacle_nodes: The owned nodes of these facets.
         fixed_dofs: The contact nodes that Dirichlet data hold.
         directions: The unit vectors d at the contact nodes, 0 elsewhere.
         distance: The distance at rest from each contact node to the obstacle along d, 0 elsewhere.
@@ -82,6 +87,7 @@ class AlongDirection:
     gap: fem.Function
     pressure: fem.Function
     contact: LocalIndices
+    obstacle_nodes: LocalIndices
     fixed_dofs: LocalIndices
     directions: fem.Function
     distance: fem.Function
@@ -105,7 +111,7 @@ class ContactBoundary:
             is not known, see `known_pressure`.
         pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
             as many pieces as its degree.
-        touching: Whether the dof of a point is (but for rounding) at the obstacle.
+        touching: Whether u is (but for rounding) at the obstacle there.
         clear: Whether the gap is large against the accuracy of the mesh.
         upper: Whether the obstacle is an upper one.
         unknown: The name of u, as matplotlib sets it.
@@ -239,19 +245,41 @@ def gather_contact_boundary(
     return _gathered(ContactBoundary, problem, used, pieces, named[owners], tuple(sides))
 
 
-def known_pressure(u: fem.Function, gap: fem.Function, fixed: LocalIndices) -> Mask:
+def range_of(contact: Solved) -> float:
+    """Return the range of u at the dofs with an obstacle; collective.
+
+    The size of u depends on its origin, which is anyone's choice where no reaction has another one.
+
+    Args:
+        contact: The solved problem.
+    """
+    values = contact.u.x.array[contact.obstacle_nodes]
+    ends = np.stack([-values, values]).max(axis=1, initial=-np.inf)
+    ends = np.max(contact.space.mesh.comm.allgather(ends), axis=0)
+    return float(max(ends.sum(), 0.0))
+
+
+def touching_nodes(contact: Solved) -> Mask:
+    """Tell at which dofs of this rank the gap vanishes but for rounding; collective.
+
+    Args:
+        contact: The solved problem.
+    """
+    size = highest(contact.space.mesh.comm, np.abs(contact.u.x.array))
+    return contact.gap.x.array <= max(SIX_DIGITS * range_of(contact), ROUNDING * size)
+
+
+def known_pressure(contact: Solved) -> Mask:
     """Tell at the places of which dofs the pressure is known; collective.
 
     Where Dirichlet data lie at the obstacle, the force is that of the data, of which nobody knows
     the share of the obstacle; in the Bernstein basis it has a share in the values on whole facets.
 
     Args:
-        u: The solution, or of a body the displacement along the direction.
-        gap: The gap.
-        fixed: The owned dofs with Dirichlet data.
+        contact: The solved problem.
     """
-    space, size = gap.function_space, highest(gap.function_space.mesh.comm, np.abs(u.x.array))
-    return determined(space, ~(marked(space, fixed) & (gap.x.array <= SIX_DIGITS * size)))
+    fixed = marked(contact.space, contact.fixed_dofs)
+    return determined(contact.space, ~(fixed & touching_nodes(contact)))
 
 
 def _gathered(
@@ -274,13 +302,12 @@ def _gathered(
         sides: The number of the side of each piece.
         names: The names of the sides.
     """
-    space = problem.space
-    known = known_pressure(problem.u, problem.gap, problem.fixed_dofs)
-    opened = problem.gap.x.array
-    fields = problem.u.x.array, opened, problem.pressure.x.array
+    space, known = problem.space, known_pressure(problem)
+    touching, size = determined(space, touching_nodes(problem)), range_of(problem)
+    fields = problem.u.x.array, problem.gap.x.array, problem.pressure.x.array
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
     pressure[~known[used]] = np.nan
-    columns = np.stack((values, gap, pressure, opened[used]), axis=1)
+    columns = np.stack((values, gap, pressure, touching[used].astype(np.float64)), axis=1)
     found = gathered(space, used, columns, pieces, sides)
     if found is None:
         return None
@@ -292,11 +319,9 @@ def _gathered(
     in_order = np.lexsort(corners.T[::-1])
     corners, sides = corners[in_order], sides[in_order]
     points, values = points[order], values[order]
-    size, gap = float(np.abs(values[:, 0]).max(initial=0.0)), values[:, 1]
     widths = np.linalg.norm(points[corners[:, 1]] - points[corners[:, 0]], axis=1)
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
-    clear = gap > CLEAR * size * (float(widths.max()) / extent) ** 1.5
-    touching = values[:, 3] <= SIX_DIGITS * size
+    clear = values[:, 1] > CLEAR * size * (float(widths.max()) / extent) ** 1.5
     told = problem.sign < 0.0, problem.unknown
-    return kind(points, values[:, :3], corners, touching, clear, *told, names, sides)
+    return kind(points, values[:, :3], corners, values[:, 3] > 0.0, clear, *told, names, sides)

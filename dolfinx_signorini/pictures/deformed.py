@@ -16,9 +16,9 @@ from dolfinx_signorini.data.node_values import (
     values_in_cells,
     vectors_at_nodes,
 )
-from dolfinx_signorini.meshes.elements import values_at_control_points
+from dolfinx_signorini.meshes.elements import determined, values_at_control_points
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_facets
-from dolfinx_signorini.pictures.contact_boundary import AlongDirection
+from dolfinx_signorini.pictures.contact_boundary import AlongDirection, touching_nodes
 from dolfinx_signorini.pictures.palette import IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid, fitting_height
@@ -97,13 +97,13 @@ def _gather_boundary(
 ) -> Triangles | None:
     """The contact boundary on rank 0, with what is known of each point in a row.
 
-    That is the displacement, the direction to the obstacle, the distance of both at rest, and the
-    gap.
+    That is the displacement, the direction to the obstacle, the distance of both at rest, and
+    whether they touch.
     """
-    gap = contact.gap.x.array
+    touching = determined(space, touching_nodes(contact))
     distance = values_at_control_points(space, contact.distance.x.array)
     directions = contact.directions.x.array.reshape(moved.shape)  # no coefficients, in any basis
-    rows = np.column_stack((moved, directions, distance, gap))
+    rows = np.column_stack((moved, directions, distance, touching))
     return gather_rows(space, rows, owned_facets(space.mesh, contact.contact))
 
 
@@ -112,8 +112,8 @@ def _surfaces(boundary: Triangles, scale: float) -> tuple[Array, Array, Array]:
     points, pieces = boundary.points, boundary.triangles
     dim = points.shape[1]
     split = np.split(boundary.values, [dim, 2 * dim, 2 * dim + 1], axis=1)
-    moved, directions, distance, gap = split
-    touching = (gap[pieces, 0] == 0.0).all(axis=1)
+    moved, directions, distance, touches = split
+    touching = (touches[pieces, 0] > 0.0).all(axis=1)
     there = (points + scale * distance * directions)[pieces]
     return there, directions[pieces], (points + scale * moved)[pieces[touching]]
 

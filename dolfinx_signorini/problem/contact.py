@@ -167,10 +167,11 @@ class ContactProblem(BoundConstrainedProblem):
             InputError: The problem has not been solved.
         """
         layout, u, gap = self._layout, self.along(self.u), self.gap
-        nodes = layout.obstacle_nodes
-        distances = u.x.array[nodes] + gap.x.array[nodes] / self._directions.lengths
+        nodes, lengths = layout.obstacle_nodes, self._directions.lengths
+        distances = u.x.array[nodes] + gap.x.array[nodes] / lengths
         distance = function_with(layout.nodal, nodes, distances, "distance")
-        known = u, gap, self.pressure, self.contact, layout.held_nodes
+        u = function_with(layout.nodal, nodes, lengths * u.x.array[nodes], u.name)
+        known = u, gap, self.pressure, self.contact, nodes, layout.held_nodes
         return AlongDirection(layout.nodal, *known, self.directions, distance)
 
     @property

@@ -8,7 +8,7 @@ are equal.
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -61,6 +61,11 @@ class OnContact(ABC):
             InputError: The problem has not been solved.
         """
         return self.forces
+
+    @property
+    def along_direction(self) -> Any:
+        """The contact as that of a scalar: the problem or the zone itself, if u is a scalar."""
+        return self
 
     @property
     def in_domain(self) -> bool:

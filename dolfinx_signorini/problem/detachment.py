@@ -19,10 +19,10 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check
-from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
+from dolfinx_signorini.pictures.contact_boundary import range_of
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
@@ -87,10 +87,8 @@ def detachment_points(
     require(comm, plane, "must be one in the plane", "problem")
     edges, gap, density, values = _boundary_table(problem)
     moved = np.inf
-    if isinstance(
-        problem, ContactProblem
-    ):  # sides bend away from an obstacle by much more than they move
-        moved = highest(comm, np.abs(problem.along(problem.u).x.array))
+    if isinstance(problem, ContactProblem):  # sides bend away from an obstacle by much more
+        moved = range_of(problem.along_direction)
     largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []

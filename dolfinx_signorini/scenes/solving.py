@@ -84,7 +84,8 @@ class SceneResult:
     Attributes:
         posed: The scene on its finest mesh.
         u: The solution.
-        gap: The distance from u to the nearest obstacle where there is one, 0 elsewhere.
+        gap: The distance from u to the nearest obstacle where there is one, 0 elsewhere. Of
+            obstacles in the domain and on the boundary those in the domain count.
         pressure: The density of the contact pressure, 0 away from the contact set. The pressure of
             one obstacle is never negative, and pushes u up from a lower obstacle and down from an
             upper one; of two obstacles the upper one has a negative pressure.
@@ -321,7 +322,7 @@ def _result(
     return SceneResult(
         posed=posed,
         u=problem.u,
-        gap=problem.gap,
+        gap=problem.zones[0].gap,
         pressure=problem.pressure,
         solve=problem.result,
         phases=phases,

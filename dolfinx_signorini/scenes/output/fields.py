@@ -40,8 +40,8 @@ def write_fields(result: SceneResult, folder: Path) -> None:
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
     `has_obstacle`: at the nodes with an obstacle and a pressure that is known, see
     `known_pressure`. Elsewhere both are 0. Where `in_contact` is 1 the solution touches the
-    obstacle. With obstacles in the domain and on the boundary gap and pressure of the contact
-    boundary are `boundary_gap` and `boundary_pressure`.
+    obstacle. With obstacles in the domain and on the boundary these are for the cells, and
+    `boundary_gap`, `boundary_pressure` and `boundary_in_contact` for the contact boundary.
 
     Args:
         result: The solved scene; the call is collective.
@@ -110,17 +110,15 @@ def masks(result: SceneResult) -> dict[str, Array]:
 
     The nodes are the places of the dofs, see `determined`.
     """
-    problem, space = result.posed.problem, result.gap.function_space
-    known = known_pressure(problem.along(problem.u), result.gap, problem.system.layout.held_nodes)
-    named = {
-        "has_obstacle" if zone.in_domain else "contact_boundary": zone.obstacle_nodes
-        for zone in problem.zones
-    }
-    named["in_contact"] = problem.active
-    return {
-        name: np.where(determined(space, marked(space, nodes)) & known, 1.0, 0.0)
-        for name, nodes in named.items()
-    }
+    space, found = result.gap.function_space, {}
+    for k, zone in enumerate(result.posed.problem.zones):
+        known = known_pressure(zone.along_direction)
+        for name, nodes in (
+            ("has_obstacle" if zone.in_domain else "contact_boundary", zone.obstacle_nodes),
+            ("boundary_in_contact" if k else "in_contact", zone.active),
+        ):
+            found[name] = np.where(determined(space, marked(space, nodes)) & known, 1.0, 0.0)
+    return found
 
 
 def indicator(result: SceneResult) -> dict[str, Array]:

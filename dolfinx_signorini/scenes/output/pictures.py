@@ -30,8 +30,7 @@ def scene_boundary(result: SceneResult) -> ContactBoundary | None:
     zone = problem.zones[0]
     if zone.in_domain:
         return gather_contact_region(zone)
-    along = problem.along_direction if isinstance(problem, ContactProblem) else zone
-    return gather_contact_boundary(along, _sides(result))
+    return gather_contact_boundary(zone.along_direction, _sides(result))
 
 
 def boundary_beside(result: SceneResult) -> ContactBoundary | None:
