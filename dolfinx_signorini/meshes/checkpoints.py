@@ -24,7 +24,7 @@ from dolfinx_signorini.base.kinds import FUNCTION, check, real
 from dolfinx_signorini.base.records import on_first, whole_file
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
 
 def write_checkpoint(
@@ -52,7 +52,8 @@ def write_checkpoint(
     if any(space.mesh != one for space in spaces):
         raise InputError("live on several meshes; write a checkpoint of each", "functions")
     data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
-    gathered = _gathered_mesh(spaces[0].mesh)
+    cells, nodes = gathered_cells(one)
+    data |= {"cells": cells, "points": nodes, "kind": one.topology.cell_name()}
     for name, function in functions.items():
         space = function.function_space
         owned = space.dofmap.index_map.size_local
@@ -65,7 +66,7 @@ def write_checkpoint(
         for name in functions:
             _check_places(data[f"points {name}"], name)
         with whole_file(path) as file:
-            np.savez(file, **data, **gathered)
+            np.savez(file, **data)
 
     on_first(comm, path.parent, write)
 
@@ -151,19 +152,6 @@ def _basis(space: fem.FunctionSpace) -> str:
     """The kind of basis functions, where dofs alone do not tell the function."""
     element = space.element.basix_element
     return "linear" if element.degree == 1 else str(element.lagrange_variant.name)
-
-
-def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
-    """Return cells and points of a mesh with straight edges on rank 0, {} on the others."""
-    geometry = domain.geometry
-    index_map, dim = geometry.index_map(), geometry.dim
-    cells = geometry.dofmap[owned_cells(domain)]
-    numbers = index_map.local_to_global(cells.flatten()).reshape(cells.shape)
-    parts = domain.comm.gather((numbers, geometry.x[: index_map.size_local, :dim]), root=0)
-    if parts is None:
-        return {}
-    joined, points = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return {"cells": joined, "points": points, "kind": domain.topology.cell_name()}
 
 
 def _check_places(points: Array, name: str) -> None:

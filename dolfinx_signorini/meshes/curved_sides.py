@@ -108,7 +108,8 @@ class CurvedSides:
                 message = f"the mesh has vertices at a distance of {farthest:.2g} from this curve"
                 raise InputError(f"{name!r}: {message}", "geometry")
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
-            if farther > max(far, ROUNDING * _size(sided) * one._measure(sided)):
+            measure = comm.allreduce(float(simplex_sizes(corners).sum()))
+            if farther > max(far, ROUNDING * _size(sided) * measure):
                 message = "is followed too roughly by the first mesh, which should be finer there"
                 raise InputError(f"{name!r}: {message}", "geometry")
 
@@ -184,13 +185,6 @@ class CurvedSides:
     def _facets(self, sided: SidedMesh, name: str) -> LocalIndices:
         """The facets of a side that this rank owns."""
         return owned_facets(sided.mesh, sided.facets((name,)))
-
-    def _measure(self, sided: SidedMesh) -> float:
-        """The length or area of the curved sides."""
-        domain = sided.mesh
-        facets = np.concatenate([self._facets(sided, name) for name in self.projections])
-        sizes = simplex_sizes(domain.geometry.x[facet_nodes(domain, facets)])
-        return float(domain.comm.allreduce(float(sizes.sum())))
 
     def _projected(self, sided: SidedMesh, name: str, points: Array) -> Array:
         """The projections of points, shape (points, 3); the call is collective."""

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
 # Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
 OVERLAP = SOLVED**0.5
@@ -29,13 +29,8 @@ def all_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
         The global numbers of the vertices, shape (cells, vertices), and their coordinates, shape
         (cells, vertices, dimension).
     """
-    local = domain.geometry.dofmap[owned_cells(domain)]
-    shape = local.shape
-    ids = domain.geometry.index_map().local_to_global(local.ravel()).reshape(shape)
-    parts = domain.comm.gather((ids, domain.geometry.x[local, : domain.geometry.dim]))
-    if parts is None:
-        return ids[:0], np.empty((0, shape[1], domain.geometry.dim))
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    ids, x = gathered_cells(domain)
+    return ids, x[ids]
 
 
 def cell_defect(ids: Indices, corners: Array) -> str:
