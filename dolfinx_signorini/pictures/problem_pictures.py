@@ -23,7 +23,7 @@ from dolfinx_signorini.pictures.palette import COLOUR_MAP, CONTACT, IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture, add_triangles
 from dolfinx_signorini.pictures.triangles import Triangles, gather_triangles
 
-PICTURES = ("contact", "solution")
+PICTURES = {"contact": "contact pressure", "solution": "solution $u$"}
 TITLE = 180  # characters of a title that are drawn
 
 
@@ -86,7 +86,7 @@ def draw_solution(
         return None
     edges["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
     styles = {**styles, "in contact": IN_CONTACT}
-    figure, axes = draw_plane(drawn, "solution $u$", edges, styles, title)
+    figure, axes = draw_plane(drawn, PICTURES["solution"], edges, styles, title)
     if len(points):
         axes.plot(
             *np.transpose(points),
@@ -157,7 +157,7 @@ def draw_plane(
 
 
 def draw_solid(
-    surface: Triangles, seen: Array, title: str = "", label: str = "solution $u$"
+    surface: Triangles, seen: Array, title: str = "", label: str = PICTURES["solution"]
 ) -> Picture:
     """Return a picture of a function on a solid's boundary, from where some triangles are seen."""
     figure = Picture(figsize=(7.6, 5.4))
