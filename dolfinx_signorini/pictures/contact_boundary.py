@@ -231,7 +231,7 @@ def gather_contact_boundary(
     facets = owned_facets(domain, problem.contact)
     pairs = facet_cells(domain, facets)
     named: Indices = np.full(len(facets), -1)
-    sides = SidedMesh(domain, sides or {}).sides
+    sides = SidedMesh(domain, {} if sides is None else sides).sides
     for number, part in enumerate(sides.values()):
         named[np.isin(facets, part)] = number
     pieces, owners = facet_pieces(space, pairs)

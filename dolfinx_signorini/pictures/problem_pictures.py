@@ -11,7 +11,6 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import by_text, check, indices, optional
 from dolfinx_signorini.meshes.sided_meshes import facet_nodes
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
@@ -40,13 +39,9 @@ def draw_problem(
         sides: Facets by the name of their side.
 
     Raises:
-        InputError: There is no such picture, or the problem is one on a line.
+        InputError: There is no such picture, the problem is one on a line, or the sides have other
+            facets than those of the mesh.
     """
-    check(sides=(sides, optional(by_text)))
-    for name, facets in (sides or {}).items():
-        wrong = indices(facets)
-        if wrong:
-            raise InputError(f"{name!r} {wrong}", "sides")
     if problem.u.function_space.mesh.geometry.dim == 1:
         raise InputError("pictures are known in the plane and in space", "problem")
     if what not in PICTURES:
