@@ -21,6 +21,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.parents import parent_mesh
+from dolfinx_signorini.meshes.polynomials import others
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -293,10 +294,10 @@ def _bulges(ids: Indices, x: Array, sides: Indices) -> dict[int, float]:
         sides: The combination of each facet.
     """
     count, dim = ids.shape
-    others = [[j for j in range(dim) if j != i] for i in range(dim)]
     # Between two facets is a vertex, or an edge in space; altitudes on both sides tell the turn.
-    ridges = np.concatenate([np.sort(ids[:, o], axis=1) for o in others])
-    heights = np.concatenate([_heights(x[:, i], x[:, o]) for i, o in enumerate(others)])
+    opposite = others(dim - 1)
+    ridges = np.concatenate([np.sort(ids[:, o], axis=1) for o in opposite])
+    heights = np.concatenate([_heights(x[:, i], x[:, o]) for i, o in enumerate(opposite)])
     keys = np.column_stack((np.tile(sides, dim), ridges))
     order = np.lexsort(keys.T)
     _, first, number = np.unique(keys[order], axis=0, return_index=True, return_counts=True)

@@ -286,9 +286,7 @@ def _gathered(
         return None
     points, values, corners, sides = found
     order = by_place(points)
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    corners = np.sort(place[corners], axis=1)
+    corners = np.sort(np.argsort(order)[corners], axis=1)
     in_order = np.lexsort(corners.T[::-1])
     corners, sides = corners[in_order], sides[in_order]
     points, values = points[order], values[order]
