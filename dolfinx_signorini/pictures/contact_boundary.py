@@ -163,15 +163,18 @@ class ContactBoundary:
 
     def chains(self) -> list[Indices]:
         """Return the points in order along each connected part of a plane contact boundary."""
+        return [points for points, _ in self.curves()]
+
+    def curves(self) -> list[tuple[Indices, Indices]]:
+        """Return the points and the pieces in order along each part, see `chains`."""
         pieces = self.pieces.copy()
         crowded = np.bincount(pieces.ravel())[pieces] > 2  # where a domain touches itself
         pieces[crowded] = len(self.points) + np.arange(np.count_nonzero(crowded))
-        return [
-            np.append(
-                self.pieces[curve[0, 0], curve[0, 1]], self.pieces[curve[:, 0], 1 - curve[:, 1]]
-            )
-            for curve in edge_chains(pieces)
-        ]
+        found = []
+        for rows, ends in (curve.T for curve in edge_chains(pieces)):
+            points = np.append(self.pieces[rows[0], ends[0]], self.pieces[rows, 1 - ends])
+            found.append((points, rows))
+        return found
 
 
 class ContactRegion(ContactBoundary):
