@@ -21,9 +21,9 @@ from mpi4py import MPI
 from dolfinx_signorini import christof_haubner, friedrichs_keller
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.commands import main as cli
-from dolfinx_signorini.commands.reproduce import FIRST, STEP
 from dolfinx_signorini.problem.signorini import DEFAULT_RTOL
 from dolfinx_signorini.studies.paper.solution import paper_problem
+from dolfinx_signorini.studies.paper.tables import paper_table
 
 PHASES = ("coarse", "mesh", "forms", "assembly", "solve", "errors")
 
@@ -56,8 +56,9 @@ def main() -> None:
     parser.add_argument("--max-n", type=int, default=1001)
     parser.add_argument("--repeats", type=int, default=5)
     args = parser.parse_args()
-    cells = range(FIRST, args.max_n + 1, STEP)
-    reproduce(FIRST)
+    first, second, *_ = map(int, paper_table(1))
+    cells = range(first, args.max_n + 1, second - first)
+    reproduce(first)
     whole, rows, linear = [], [], []
     for _ in range(args.repeats):
         seconds, phases = timed(MPI.COMM_SELF, reproduce, args.max_n)

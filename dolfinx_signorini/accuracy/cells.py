@@ -13,7 +13,7 @@ from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import equispaced
-from dolfinx_signorini.meshes.quadrature import QuadratureRule
+from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
@@ -169,6 +169,6 @@ def total(values: Array, power: float, comm: MPI.Comm) -> float:
 
 
 def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:
-    """Return the rule for the p-th powers of functions of an element."""
+    """Return the rule for the p-th powers of functions of an element, with positive weights."""
     exact = math.ceil(p) * element.degree
-    return QuadratureRule("default", min(exact, max(MAX_DEGREE, 2 * element.degree)))
+    return interior_rule(element.cell_type, min(exact, max(MAX_DEGREE, 2 * element.degree)))

@@ -68,7 +68,7 @@ class Prediction:
 class Marks:
     """How often the cells of a mesh are to be divided:
 
-        divided = mark(sided, remaining, rates, goal=0.5).apply(sided)
+        divided = mark(sided, prediction, goal=0.5, growth=4.0).apply(sided)
 
     Attributes:
         levels: How often each owned cell is to be divided; fractions are bisections, of which as

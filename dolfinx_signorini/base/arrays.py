@@ -11,21 +11,20 @@ Indices: TypeAlias = npt.NDArray[np.int64]  # of rows of other arrays, and globa
 LocalIndices: TypeAlias = npt.NDArray[np.int32]  # of dofs, cells and facets, as DOLFINx has them
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
-PLACES = 9  # digits of a place in a box that are not rounding
 BLOCK = 131_072  # rows of an array that are worked on at a time: little memory for NumPy
 
 
 def by_place(
     points: Sequence[Sequence[float]] | Array,
     first: Sequence[float] | Array | None = None,
-    digits: int = PLACES,
+    digits: int = 9,
 ) -> Indices:
     """Return the order of points by their coordinates, which no rounding and no rank decides.
 
     Args:
         points: Coordinates, shape (points, dimension).
         first: Values that count before the coordinates.
-        digits: The digits of places in the box around the points that count.
+        digits: The digits of places in the box around the points that are not rounding.
     """
     x = np.asarray(points, dtype=np.float64)
     if not len(x):

@@ -71,11 +71,16 @@ def function_with(
         values: A value for each of them, a row for each in a space of vectors, or one for all.
         name: The name of the function.
     """
-    result, size = fem.Function(space, name=name), space.dofmap.bs
-    blocks = result.x.array if size == 1 else result.x.array.reshape(-1, size)
-    blocks[nodes] = values
+    result = fem.Function(space, name=name)
+    at_nodes(result)[nodes] = values
     result.x.scatter_forward()
     return result
+
+
+def at_nodes(function: fem.Function) -> Array:
+    """Return a view of the values of this rank: one for each node, or a row for vectors."""
+    size, values = function.function_space.dofmap.bs, function.x.array
+    return np.asarray(values if size == 1 else values.reshape(-1, size))
 
 
 def marked(space: fem.FunctionSpace, dofs: npt.NDArray[np.integer[Any]]) -> Mask:

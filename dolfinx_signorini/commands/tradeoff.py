@@ -96,6 +96,9 @@ def run(args: argparse.Namespace) -> int:
     }
     check_outputs(comm, args.out, result_files(norms))
     records = Records(comm, args.out / ROWS, settings, keys=("mesh", "degree", "purpose", "ranks"))
+    if args.page and comm.size > 1 and all(row["ranks"] > 1 for row in records.rows):
+        message = "is of rows on one rank, and the folder has none; run without mpirun first"
+        raise InputError(message, "--page")
     meter = Meter(records, make_family, norms, args.repeats, reference)
     rows = meter.measured(configurations)
     rows += _adapted(meter, rows, args.max_unknowns, family.dimension)

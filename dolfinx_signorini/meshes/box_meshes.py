@@ -162,8 +162,9 @@ class _Block:
             owners = places * self._blocks[:, None] // self._cubes[:, None]
             turned = np.roll(self._orders, -way, axis=1)
             matches = (turned[:, None] == self._orders).all(axis=2).argmax(axis=1)
-            cells = len(self._orders) * self._number(places, self._cubes) + matches[orders]
-            found.append(np.stack((cells, self._number(owners, self._blocks))))
+            behind = np.ravel_multi_index(tuple(places), tuple(self._cubes), order="F")
+            ranks = np.ravel_multi_index(tuple(owners), tuple(self._blocks), order="F")
+            found.append(np.stack((len(self._orders) * behind + matches[orders], ranks)))
         cells, owners = np.unique(np.concatenate(found, axis=1), axis=1)
         return cells, owners.astype(np.int32)
 
@@ -183,10 +184,4 @@ class _Block:
     def _box(self, ends: Indices, counts: Indices) -> Indices:
         """The numbers of the places from the low end of the block up to some ends."""
         ranges = [np.arange(*pair) for pair in zip(self._low, ends, strict=True)]
-        places = np.meshgrid(*ranges[::-1], indexing="ij")[::-1]
-        return self._number(np.stack([p.ravel() for p in places]), counts)
-
-    @staticmethod
-    def _number(places: Indices, counts: Indices) -> Indices:
-        """The numbers of places, shape (axes, places)."""
-        return np.cumprod([1, *counts[:-1]]) @ places
+        return np.ravel_multi_index(np.ix_(*ranges), tuple(counts), order="F").ravel(order="F")

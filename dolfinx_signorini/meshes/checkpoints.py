@@ -21,10 +21,11 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import FUNCTION, check, real
+from dolfinx_signorini.base.ranks import at_nodes
 from dolfinx_signorini.base.records import on_first, whole_file
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
 
 def write_checkpoint(
@@ -52,11 +53,12 @@ def write_checkpoint(
     if any(space.mesh != one for space in spaces):
         raise InputError("live on several meshes; write a checkpoint of each", "functions")
     data: dict[str, Any] = {f"number {name}": value for name, value in numbers.items()}
-    gathered = _gathered_mesh(spaces[0].mesh)
+    cells, nodes = gathered_cells(one)
+    data |= {"cells": cells, "points": nodes, "kind": one.topology.cell_name()}
     for name, function in functions.items():
         space = function.function_space
         owned = space.dofmap.index_map.size_local
-        parts = comm.gather((control_points(space)[:owned], _at_nodes(function)[:owned]), root=0)
+        parts = comm.gather((control_points(space)[:owned], at_nodes(function)[:owned]), root=0)
         points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
         data |= {f"points {name}": points, f"values {name}": values}
         data[f"basis {name}"] = _basis(space)
@@ -65,7 +67,7 @@ def write_checkpoint(
         for name in functions:
             _check_places(data[f"points {name}"], name)
         with whole_file(path) as file:
-            np.savez(file, **data, **gathered)
+            np.savez(file, **data)
 
     on_first(comm, path.parent, write)
 
@@ -99,13 +101,13 @@ def read_checkpoint(path: Path | str, functions: Mapping[str, fem.Function]) -> 
         extent = float(np.ptp(points, axis=0).max())
         distances, found = cKDTree(points).query(places)
         same = len(values) == function.function_space.dofmap.index_map.size_global
-        same &= values.shape[1:] == _at_nodes(function).shape[1:]
+        same &= values.shape[1:] == at_nodes(function).shape[1:]
         same &= bool((distances <= SOLVED * extent).all())
         require(comm, same, f"{name!r} lives on another mesh, or in other elements", str(path))
         basis, wanted = str(data.get(f"basis {name}", "")), _basis(function.function_space)
         if basis and basis != wanted:  # files of version 0.1 do not tell
             raise InputError(f"{name!r} has the basis {basis}, not {wanted}", str(path))
-        _at_nodes(function)[:] = values[found]
+        at_nodes(function)[:] = values[found]
     return {
         key.removeprefix("number "): float(value)
         for key, value in data.items()
@@ -141,29 +143,10 @@ def _check_functions(functions: Mapping[str, fem.Function]) -> None:
             raise InputError(f"{name!r} must live on a mesh with straight edges", "functions")
 
 
-def _at_nodes(function: fem.Function) -> Array:
-    """A view of the values of this rank: one for each node, or one row for vectors."""
-    size, values = function.function_space.dofmap.bs, function.x.array
-    return np.asarray(values if size == 1 else values.reshape(-1, size))
-
-
 def _basis(space: fem.FunctionSpace) -> str:
     """The kind of basis functions, where dofs alone do not tell the function."""
     element = space.element.basix_element
     return "linear" if element.degree == 1 else str(element.lagrange_variant.name)
-
-
-def _gathered_mesh(domain: mesh.Mesh) -> dict[str, Any]:
-    """Return cells and points of a mesh with straight edges on rank 0, {} on the others."""
-    geometry = domain.geometry
-    index_map, dim = geometry.index_map(), geometry.dim
-    cells = geometry.dofmap[owned_cells(domain)]
-    numbers = index_map.local_to_global(cells.flatten()).reshape(cells.shape)
-    parts = domain.comm.gather((numbers, geometry.x[: index_map.size_local, :dim]), root=0)
-    if parts is None:
-        return {}
-    joined, points = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return {"cells": joined, "points": points, "kind": domain.topology.cell_name()}
 
 
 def _check_places(points: Array, name: str) -> None:
@@ -175,19 +158,17 @@ def _check_places(points: Array, name: str) -> None:
 
 def _read(path: Path, comm: MPI.Comm) -> dict[str, Any]:
     """Return the arrays of a checkpoint on all ranks; rank 0 reads the file."""
-    found: dict[str, Any] = {}
-    message = ""
-    if comm.rank == 0:
+
+    def read() -> dict[str, Any]:
         try:
             with np.load(path, allow_pickle=False) as file:
                 found = {key: file[key] for key in file.files}
             if not {"cells", "points", "kind"} <= found.keys():
-                message = "is no checkpoint"
+                raise ValueError
         except OSError as error:
-            message = error.strerror or str(error)
+            raise InputError(error.strerror or str(error), str(path)) from None
         except (ValueError, zipfile.BadZipFile, EOFError, AttributeError):
-            message = "is no checkpoint"
-    found, message = comm.bcast((found, message))
-    if message:
-        raise InputError(message, str(path))
-    return found
+            raise InputError("is no checkpoint", str(path)) from None
+        return found
+
+    return on_first(comm, path.parent, read)

@@ -21,6 +21,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.parents import parent_mesh
+from dolfinx_signorini.meshes.polynomials import others
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -108,7 +109,8 @@ class CurvedSides:
                 message = f"the mesh has vertices at a distance of {farthest:.2g} from this curve"
                 raise InputError(f"{name!r}: {message}", "geometry")
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
-            if farther > max(far, ROUNDING * _size(sided) * one._measure(sided)):
+            measure = comm.allreduce(float(simplex_sizes(corners).sum()))
+            if farther > max(far, ROUNDING * _size(sided) * measure):
                 message = "is followed too roughly by the first mesh, which should be finer there"
                 raise InputError(f"{name!r}: {message}", "geometry")
 
@@ -184,13 +186,6 @@ class CurvedSides:
     def _facets(self, sided: SidedMesh, name: str) -> LocalIndices:
         """The facets of a side that this rank owns."""
         return owned_facets(sided.mesh, sided.facets((name,)))
-
-    def _measure(self, sided: SidedMesh) -> float:
-        """The length or area of the curved sides."""
-        domain = sided.mesh
-        facets = np.concatenate([self._facets(sided, name) for name in self.projections])
-        sizes = simplex_sizes(domain.geometry.x[facet_nodes(domain, facets)])
-        return float(domain.comm.allreduce(float(sizes.sum())))
 
     def _projected(self, sided: SidedMesh, name: str, points: Array) -> Array:
         """The projections of points, shape (points, 3); the call is collective."""
@@ -299,10 +294,10 @@ def _bulges(ids: Indices, x: Array, sides: Indices) -> dict[int, float]:
         sides: The combination of each facet.
     """
     count, dim = ids.shape
-    others = [[j for j in range(dim) if j != i] for i in range(dim)]
     # Between two facets is a vertex, or an edge in space; altitudes on both sides tell the turn.
-    ridges = np.concatenate([np.sort(ids[:, o], axis=1) for o in others])
-    heights = np.concatenate([_heights(x[:, i], x[:, o]) for i, o in enumerate(others)])
+    opposite = others(dim - 1)
+    ridges = np.concatenate([np.sort(ids[:, o], axis=1) for o in opposite])
+    heights = np.concatenate([_heights(x[:, i], x[:, o]) for i, o in enumerate(opposite)])
     keys = np.column_stack((np.tile(sides, dim), ridges))
     order = np.lexsort(keys.T)
     _, first, number = np.unique(keys[order], axis=0, return_index=True, return_counts=True)

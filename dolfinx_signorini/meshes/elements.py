@@ -18,7 +18,6 @@ from typing import Any
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
@@ -28,6 +27,8 @@ from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 HIGHEST_DEGREE = 4  # that problems are tested with
 # Of references for these problems. Higher degrees are of no use, and their tables fill the memory.
 LARGEST_DEGREE = 2 * HIGHEST_DEGREE
+
+_element = functools.cache(basix.ufl.element)
 
 
 def bernstein_space(
@@ -69,27 +70,14 @@ def lagrange_space(
         variant: Basix's name of the basis.
         shape: The shape of the values.
     """
-    return fem.functionspace(
-        domain, _lagrange_element(domain.topology.cell_name(), degree, variant, shape)
-    )
-
-
-@functools.cache
-def _lagrange_element(
-    cell: str, degree: int, variant: basix.LagrangeVariant, shape: tuple[int, ...]
-) -> Any:
-    size = shape or None
-    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant, shape=size)
+    cell, size = domain.topology.cell_name(), shape or None
+    element = _element("Lagrange", cell, degree, lagrange_variant=variant, shape=size)
+    return fem.functionspace(domain, element)
 
 
 def constants(domain: mesh.Mesh) -> fem.FunctionSpace:
     """Return the functions that are constant in each cell of a mesh."""
-    return fem.functionspace(domain, _constant_element(domain.topology.cell_name()))
-
-
-@functools.cache
-def _constant_element(cell: str) -> Any:
-    return basix.ufl.element("DG", cell, 0)
+    return fem.functionspace(domain, _element("DG", domain.topology.cell_name(), 0))
 
 
 def is_bernstein(space: fem.FunctionSpace) -> bool:
@@ -214,11 +202,6 @@ def coefficients_of(
     return _changed(space, values, cells, 1)
 
 
-def _along_edge(entries: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The entries of the dofs on edges, shape (edges, dofs), in the order along each edge."""
-    return np.column_stack((entries[:, :1], entries[:, 2:], entries[:, 1:2]))
-
-
 def component_arrays(f: fem.Function) -> list[Array]:
     """Return the coefficients of each component of a function, one for each node, as views.
 
@@ -255,7 +238,7 @@ def facet_pieces(
     """
     dofs, dim = facet_dofs(space, pairs), space.mesh.topology.dim
     if dim == 2:
-        chain = _along_edge(dofs)
+        chain = np.column_stack((dofs[:, :1], dofs[:, 2:], dofs[:, 1:2]))  # along each facet
         parts = [chain[:, i : i + 2] for i in range(chain.shape[1] - 1)]
     else:
         quadrilaterals = space.element.basix_element.cell_type == basix.CellType.hexahedron

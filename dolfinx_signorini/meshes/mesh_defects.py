@@ -6,6 +6,7 @@ other. All here works on the vertices of all cells, on one rank.
 
 import math
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 from dolfinx import mesh
@@ -13,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
 # Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
 OVERLAP = SOLVED**0.5
@@ -29,13 +30,8 @@ def all_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
         The global numbers of the vertices, shape (cells, vertices), and their coordinates, shape
         (cells, vertices, dimension).
     """
-    local = domain.geometry.dofmap[owned_cells(domain)]
-    shape = local.shape
-    ids = domain.geometry.index_map().local_to_global(local.ravel()).reshape(shape)
-    parts = domain.comm.gather((ids, domain.geometry.x[local, : domain.geometry.dim]))
-    if parts is None:
-        return ids[:0], np.empty((0, shape[1], domain.geometry.dim))
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    ids, x = gathered_cells(domain)
+    return ids, x[ids]
 
 
 def cell_defect(ids: Indices, corners: Array) -> str:
@@ -91,10 +87,7 @@ def _folded(corners: Array, cells: Indices, opposite: Indices, neighbours: Indic
     x, pairs = corners[cells], np.arange(len(cells))
     base, apex = x[pairs, (opposite + 1) % x.shape[1]], x[pairs, opposite]
     edges = [x[pairs, (opposite + k) % x.shape[1]] - base for k in range(2, x.shape[1])]
-    if len(edges) == 1:
-        normal = np.stack((-edges[0][:, 1], edges[0][:, 0]), axis=1)
-    else:
-        normal = np.cross(edges[0], edges[1])
+    normal = _normal(*edges)
     height = np.einsum("ci,ci->c", apex - base, normal)
     others = np.einsum("cvi,ci->cv", corners[neighbours] - base[:, None], normal)
     far = others[pairs, np.abs(others).argmax(axis=1)]
@@ -142,12 +135,16 @@ def _near(corners: Array, outer: Indices) -> Iterator[tuple[Indices, Indices]]:
 
 def _normals(x: Array) -> Array:
     """The normals of the facets of cells, shape (cells, facets, dimension)."""
-    if x.shape[2] == 2:
-        edges = x - np.roll(x, 1, axis=1)
-        return np.stack((-edges[..., 1], edges[..., 0]), axis=2)
-    triples = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
-    sides = [np.cross(x[:, j] - x[:, i], x[:, k] - x[:, i]) for i, j, k in triples]
-    return np.stack(sides, axis=1)
+    facets = combinations(range(x.shape[1]), x.shape[2])
+    normals = [_normal(*(x[:, j] - x[:, i] for j in others)) for i, *others in facets]
+    return np.stack(normals, axis=1)
+
+
+def _normal(first: Array, *second: Array) -> Array:
+    """The normals of facets from one edge, or two at a vertex, shape (facets, dimension)."""
+    if not second:
+        return np.stack((-first[:, 1], first[:, 0]), axis=1)
+    return np.asarray(np.cross(first, second[0]), dtype=np.float64)
 
 
 def _crossed(a: Array, b: Array) -> Array:

@@ -21,8 +21,6 @@ from dolfinx_signorini.base.tolerances import SOLVED, UNIT
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.sided_meshes import facet_vertices
 
-INWARD = SOLVED  # of the way to the middle of a cell
-
 
 class Points:
     """Points of cells or facets, with the map from the reference cell to each of the cells:
@@ -75,16 +73,16 @@ class Points:
 
     @property
     def inside(self) -> list[Array]:
-        """The coordinates, moved a trifle towards the middle of each cell."""
+        """The coordinates, moved by `SOLVED` of the way to the middle of each cell."""
         middles = (nodes.mean(axis=1)[:, None] for nodes in self._nodes)
-        return [x + INWARD * (middle - x) for x, middle in zip(self.x, middles, strict=True)]
+        return [x + SOLVED * (middle - x) for x, middle in zip(self.x, middles, strict=True)]
 
     @property
     def at_ends(self) -> bool:
         """Whether some points are on the boundary of a cell, in places that are cells."""
         at, simplices = self._reference, self._nodes[0].shape[1] == self._reference.shape[-1] + 1
         last = at.sum(axis=-1) if simplices else at
-        near = (at < INWARD).any() or (last > 1.0 - INWARD).any()
+        near = (at < SOLVED).any() or (last > 1.0 - SOLVED).any()
         return bool(self.places.ndim == 1 and near)
 
     @functools.cached_property
@@ -231,6 +229,4 @@ def _size(columns: Array) -> Array:
     """The volume that the columns of each matrix span."""
     if columns.shape[-2:] in ((2, 2), (3, 3)):
         return np.abs(determinants(columns))
-    if columns.shape[-1] == columns.shape[-2]:
-        return np.asarray(np.abs(np.linalg.det(columns)))
     return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))

@@ -9,6 +9,13 @@ import numpy as np
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, integer
+from dolfinx_signorini.meshes.polynomials import barycentric
+
+SCHEMES = {
+    "default": basix.QuadratureType.default,
+    "Gauss-Jacobi": basix.QuadratureType.gauss_jacobi,
+    "Xiao-Gimbutas": basix.QuadratureType.xiao_gimbutas,
+}
 
 
 @dataclass(frozen=True)
@@ -33,12 +40,7 @@ class QuadratureRule:
 
     def __post_init__(self) -> None:
         check(degree=(self.degree, integer(0, MAX_DEGREE)))
-        if not isinstance(self.scheme, str) or self.scheme not in (
-            "default",
-            "Gauss-Jacobi",
-            "Xiao-Gimbutas",
-            "vertex",
-        ):
+        if not isinstance(self.scheme, str) or self.scheme not in (*SCHEMES, "vertex"):
             raise InputError(f"unknown {self.scheme!r}", "scheme")
 
     @property
@@ -60,19 +62,13 @@ class QuadratureRule:
         Raises:
             InputError: The scheme is known in forms only.
         """
-        kinds = {
-            "default": basix.QuadratureType.default,
-            "Gauss-Jacobi": basix.QuadratureType.gauss_jacobi,
-            "Xiao-Gimbutas": basix.QuadratureType.xiao_gimbutas,
-        }
-        if self.scheme not in kinds:
-            known = ", ".join(kinds)
+        if self.scheme not in SCHEMES:
+            known = ", ".join(SCHEMES)
             raise InputError(f"{self.scheme!r} is known in forms only; known are {known}", "rule")
-        rule = basix.make_quadrature(cell, self.degree, rule=kinds[self.scheme])
+        rule = basix.make_quadrature(cell, self.degree, rule=SCHEMES[self.scheme])
         points, weights = (np.asarray(part, dtype=np.float64) for part in rule)
         if reverse:
-            barycentric = np.column_stack((1.0 - points.sum(axis=1), points))
-            points = np.ascontiguousarray(barycentric[:, ::-1][:, 1:])
+            points = np.ascontiguousarray(barycentric(points)[:, ::-1][:, 1:])
         return points, weights
 
     def __str__(self) -> str:

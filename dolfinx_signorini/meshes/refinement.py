@@ -184,10 +184,13 @@ class Interpolation:
 
     def __call__(self, u: fem.Function) -> fem.Function:
         """Return the interpolation of a function; the call is collective."""
-        values = [
-            np.einsum("pn,pn->p", self._shares, part[self._sources]) for part in component_arrays(u)
-        ]
-        return _interpolant(self._target, self._dofs, values)
+        result = fem.Function(self._target)
+        for part, values in zip(component_arrays(result), component_arrays(u), strict=True):
+            part[self._dofs] = np.einsum("pn,pn->p", self._shares, values[self._sources])
+        result.x.scatter_forward()
+        for part in component_arrays(result):
+            part[:] = coefficients_of(self._target, part)
+        return result
 
 
 class Transfer:
@@ -215,8 +218,7 @@ class Transfer:
         wanted, first = first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
         x = control_points(fine)[wanted, None, : fine.mesh.topology.dim]
-        places = _in_reference_cell(*_maps(coarse.mesh, cells), x)
-        self.prolong = Interpolation(coarse, Points(coarse.mesh, cells, places), fine, wanted)
+        self.prolong = Interpolation(coarse, _points_at(coarse.mesh, cells, x), fine, wanted)
         self.restrict = self._restriction(parents)
 
     def _restriction(self, parents: LocalIndices) -> Interpolation:
@@ -224,7 +226,7 @@ class Transfer:
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
         cells = np.arange(len(parents), dtype=np.int32)
-        points = _in_reference_cell(*_maps(self.fine.mesh, cells), nodes)
+        points = _points_at(self.fine.mesh, cells, nodes).at
         # The nearest one of the child cells: rounding takes nodes out of cells that are small
         # beside their coordinates, and fitted vertices may leave a node outside of all.
         outside, flat = _outside(points).ravel(), dofs.ravel()
@@ -247,14 +249,15 @@ def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Functio
         move: Moves nodes of the mesh.
     """
     space, geometry = u.function_space, u.function_space.mesh.geometry
-    every = np.arange(len(geometry.dofmap), dtype=np.int32)
-    x, (origins, maps), result = geometry.x.copy(), _maps(space.mesh, every), u.copy()
+    before, result = geometry.x.copy(), u.copy()
     move()
-    moved = (geometry.x != x).any(axis=1)[geometry.dofmap].any(axis=1)
+    after = geometry.x.copy()
+    moved = (after != before).any(axis=1)[geometry.dofmap].any(axis=1)
     cells = np.flatnonzero(moved).astype(np.int32)
     places = points_on_cells(space, cells)[..., : geometry.dim]
-    points = _in_reference_cell(origins[cells], maps[cells], places)
-    values = Points(space.mesh, cells, points).values(u)
+    geometry.x[:] = before  # the places after, in the cells before
+    values = _points_at(space.mesh, cells, places).values(u)
+    geometry.x[:] = after
     for part, component in zip(component_arrays(result), values, strict=True):
         part[space.dofmap.list[cells]] = component
         part[:] = coefficients_of(space, part, cells)
@@ -275,23 +278,10 @@ def prolong_on_cells(
     coarse, fine = (f.function_space for f in pairs[0])
     dofs, around, dim = fine.dofmap.list[cells], parents[cells], fine.mesh.topology.dim
     x = points_on_cells(fine, cells)[..., :dim]
-    points = Points(coarse.mesh, around, _in_reference_cell(*_maps(coarse.mesh, around), x))
+    points = _points_at(coarse.mesh, around, x)
     for old, new in pairs:
         new.x.array[dofs] = points.values(old)[0]
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
-
-
-def _interpolant(
-    space: fem.FunctionSpace, dofs: LocalIndices, values: Sequence[Array]
-) -> fem.Function:
-    """The function with given components at the places of dofs, which are all that ranks own."""
-    result = fem.Function(space)
-    for part, component in zip(component_arrays(result), values, strict=True):
-        part[dofs] = component
-    result.x.scatter_forward()
-    for part in component_arrays(result):
-        part[:] = coefficients_of(space, part)
-    return result
 
 
 def first_places(dofs: LocalIndices) -> tuple[LocalIndices, LocalIndices]:
@@ -302,26 +292,20 @@ def first_places(dofs: LocalIndices) -> tuple[LocalIndices, LocalIndices]:
     return found, first[found]
 
 
-def _maps(domain: mesh.Mesh, cells: LocalIndices) -> tuple[Array, Array]:
-    """Return the first vertices of cells, and the inverses of their maps."""
-    nodes, dim = domain.geometry.dofmap, domain.topology.dim
-    origins: Array = np.asarray(domain.geometry.x[nodes[cells, 0], :dim])
-    return origins, inverses(cell_edges(domain, cells))
-
-
-def _in_reference_cell(origins: Array, maps: Array, points: Array) -> Array:
-    """Return the coordinates of points in the reference cells of straight-sided cells.
+def _points_at(domain: mesh.Mesh, cells: LocalIndices, x: Array) -> Points:
+    """Return points from their coordinates.
 
     Args:
-        origins: The first vertex of each cell, shape (cells, coordinates).
-        maps: The inverses of the maps from the reference cell, see `_maps`.
-        points: The points of each cell, shape (cells, points, coordinates).
+        domain: A mesh with straight-sided cells.
+        cells: The cells of the points.
+        x: The coordinates of the points of each cell, shape (cells, points, coordinates).
     """
-    offsets = points - origins[:, None]
-    result = np.zeros(offsets.shape)
-    for i, j in itertools.product(range(offsets.shape[2]), repeat=2):
-        result[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
-    return result
+    maps, dim = inverses(cell_edges(domain, cells)), domain.topology.dim
+    offsets = x - domain.geometry.x[domain.geometry.dofmap[cells, :1], :dim]
+    at = np.zeros(offsets.shape)
+    for i, j in itertools.product(range(dim), repeat=2):
+        at[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
+    return Points(domain, cells, at)
 
 
 def _outside(places: Array) -> Array:

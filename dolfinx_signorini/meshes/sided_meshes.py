@@ -30,6 +30,7 @@ from dolfinx_signorini.base.kinds import (
     indices,
     integer,
 )
+from dolfinx_signorini.meshes.jacobians import determinants
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,24 @@ def cell_corners(domain: mesh.Mesh, cells: LocalIndices | None = None) -> Array:
     return np.asarray(x[domain.geometry.dofmap[owned_cells(domain) if cells is None else cells]])
 
 
+def gathered_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
+    """Return the cells and the nodes of a mesh on rank 0, and none on other ranks; collective.
+
+    Returns:
+        The global numbers of the nodes of each cell, shape (cells, nodes), and the coordinates of
+        all nodes, shape (nodes, dimension).
+    """
+    geometry, index_map = domain.geometry, domain.geometry.index_map()
+    cells = geometry.dofmap[owned_cells(domain)]
+    numbers = index_map.local_to_global(cells.ravel()).reshape(cells.shape)
+    x = np.asarray(geometry.x[: index_map.size_local, : geometry.dim], dtype=np.float64)
+    parts = domain.comm.gather((numbers, x))
+    if parts is None:
+        return numbers[:0], x[:0]
+    every, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return every, points
+
+
 def cell_edges(domain: mesh.Mesh, cells: LocalIndices) -> Array:
     """Return the edges of cells from their first vertex, shape (cells, coordinates, edges).
 
@@ -198,9 +217,7 @@ def clockwise(domain: mesh.Mesh, cells: LocalIndices) -> Mask:
     """
     if domain.topology.cell_name() != "triangle" or domain.geometry.dim != 2:
         return np.zeros(len(cells), dtype=bool)
-    x = cell_corners(domain, cells)
-    (a, b), (c, d) = (x[:, 1] - x[:, 0]).T, (x[:, 2] - x[:, 0]).T
-    return np.asarray(a * d - b * c < 0.0)
+    return np.asarray(determinants(cell_edges(domain, cells)[..., :2]) < 0.0)
 
 
 def boundary_facets(domain: mesh.Mesh) -> LocalIndices:

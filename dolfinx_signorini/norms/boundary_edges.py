@@ -9,11 +9,11 @@ import numpy.typing as npt
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, facet_vertices
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, facet_nodes
 
 
 class BoundaryEdges:
@@ -38,8 +38,8 @@ class BoundaryEdges:
 
     def __init__(self, domain: mesh.Mesh):
         self.domain = domain
-        self.facets = facet_cells(domain, boundary_facets(domain))
-        ends = self.ends(domain.geometry.dofmap)
+        facets = boundary_facets(domain)
+        self.facets, ends = facet_cells(domain, facets), facet_nodes(domain, facets)
         vertices = domain.geometry.index_map().local_to_global(ends.ravel()).reshape(ends.shape)
         self.x = self.gathered(domain.geometry.x[ends][:, :, :2])
         self.curves = closed_curves(self.gathered(vertices))
@@ -48,15 +48,6 @@ class BoundaryEdges:
     def lengths(self) -> Array:
         """The length of each edge."""
         return np.asarray(np.hypot(*(self.x[:, 1] - self.x[:, 0]).T))
-
-    def ends(self, dofmap: npt.NDArray) -> LocalIndices:
-        """Return the entries of a map at both ends of the boundary facets of this rank.
-
-        Args:
-            dofmap: The dofs of each cell, those at its vertices first.
-        """
-        vertices = facet_vertices(self.domain)[self.facets[:, 1]]
-        return np.asarray(dofmap[self.facets[:, :1], vertices])
 
     def samples(self, expressions: list[Expr], points: npt.NDArray) -> Array:
         """Evaluate expressions at points of every edge.

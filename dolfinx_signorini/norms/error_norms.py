@@ -64,7 +64,6 @@ from dolfinx_signorini.norms.references import Reference
 
 HIGHEST = {1: 31, 2: 20, 3: 12}  # degree of a rule that is chosen here, by dimension
 LARGE = 16.0  # times the mean of the p-th powers: what is more in a cell gets the larger rule
-LEAST = Norm(0.0, 2.0)  # what the values in cells are good for where no norm is asked for
 
 
 def error_norms(
@@ -137,7 +136,8 @@ def sampled_norms(
         FloatingPointError: The error is not a number at some point of the rule.
     """
     error = ErrorAtPoints(u_h, exact, any(norm.derivatives for norm in norms))
-    return _sizes(error, owned_cells(error.domain), norms, rule)
+    found = _integrated(error, owned_cells(error.domain), norms, rule)
+    return {n: norm_of_all(error.domain.comm, values, n.p) for n, values in found.items()}
 
 
 def sufficient_degree(domain: mesh.Mesh, degree: int, norm: Norm) -> int:
@@ -200,7 +200,8 @@ def _mostly(
         The norms, and the largest values at the points of the rule, as `Maxima` takes them.
     """
     comm, tops = error.domain.comm, np.zeros((error.kinds, len(places)))
-    degrees = [sufficient_degree(error.domain, error.degree, norm) for norm in norms or [LEAST]]
+    wanted = norms or [Norm(0.0, 2.0)]  # for the values in cells, where no norm is asked for
+    degrees = [sufficient_degree(error.domain, error.degree, norm) for norm in wanted]
     rule = interior_rule(kind_of(error.domain, places), max(degrees))
     parts = _integrated(error, places, norms, rule, tops=tops)
     count = comm.allreduce(len(places))
@@ -287,14 +288,6 @@ def _controlled(
         sizes = partial(_rounded_sizes, error.of_u_h, places, same, degree)
         result |= controlled(evaluate, sizes, (cell, len(places)), same, degree, comm)
     return result
-
-
-def _sizes(
-    error: ErrorAtPoints, places: LocalIndices, norms: Sequence[Norm], rule: QuadratureRule
-) -> dict[Norm, float]:
-    """Norms over all places of all ranks, by a rule."""
-    found = _integrated(error, places, norms, rule)
-    return {n: norm_of_all(error.domain.comm, values, n.p) for n, values in found.items()}
 
 
 def _rounded_sizes(

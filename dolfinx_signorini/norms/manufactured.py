@@ -25,6 +25,7 @@ from dolfinx_signorini.base.ranks import highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formula_values import values_at
 from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.sided_meshes import (
     SAMPLE,
     cells_with_dofs,
@@ -36,7 +37,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.norms.references import Reference, interpolant
 
-SAMPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # on a facet; its ends are where kinks are
+INTERVALS = 4  # along an edge of a facet between sample points; its ends are where kinks are
 
 
 @dataclass(frozen=True)
@@ -216,9 +217,7 @@ def matching_obstacle(
 
 def _facet_points(domain: mesh.Mesh) -> Array:
     """Sample points of the reference facet."""
-    if domain.topology.dim == 2:
-        return SAMPLES[:, None]
-    return np.array([(a, b) for a in SAMPLES for b in SAMPLES if a + b <= 1.0])
+    return equispaced(domain.topology.dim - 1, INTERVALS)
 
 
 def _on_facets(

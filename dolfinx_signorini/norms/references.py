@@ -27,11 +27,10 @@ from dolfinx_signorini.base.kinds import (
     sequence,
 )
 from dolfinx_signorini.data.formula_values import values_at
+from dolfinx_signorini.meshes.between_meshes import interpolate_between
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE, LARGEST_DEGREE
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import cells_near_ball, owned_cells
-
-PADDING = 1e-3  # how far a point of one mesh may lie outside of the other one by rounding
 
 
 @dataclass(frozen=True)
@@ -146,15 +145,11 @@ def carried(u: fem.Function, domain: mesh.Mesh, degree: int = HIGHEST_DEGREE) ->
     whole, lower = (*u.ufl_shape, dim), source.element.basix_element.degree - 1
     slopes = fem.functionspace(source.mesh, ("DG", lower, whole))
     cells = owned_cells(domain)
-    targets = []
-    for function, shape in ((u, u.ufl_shape), (interpolant(slopes, ufl.grad(u)), whole)):
-        space = fem.functionspace(domain, ("DG", degree, shape))
-        data = fem.create_interpolation_data(space, function.function_space, cells, padding=PADDING)
-        target = fem.Function(space)
-        target.interpolate_nonmatching(function, cells, data)
-        target.x.scatter_forward()
-        targets.append(target)
-    value, slope = targets
+    value, slope = (
+        fem.Function(fem.functionspace(domain, ("DG", degree, shape)))
+        for shape in (u.ufl_shape, whole)
+    )
+    interpolate_between([(u, value), (interpolant(slopes, ufl.grad(u)), slope)], cells)
     return Reference(domain, value, _along_axes(slope))
 
 

@@ -35,6 +35,7 @@ from scipy import linalg
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
+from dolfinx_signorini.meshes.polynomials import rule
 from dolfinx_signorini.norms.orders import SMOOTH
 
 DEGREE = 10  # of the polynomials for U, on pieces of WIDTH at most: nine digits of exponents
@@ -114,8 +115,7 @@ def _pencil(directions: Array, tensors: Array, around: bool) -> list[Array]:
     element = basix.create_element(
         basix.ElementFamily.P, basix.CellType.interval, DEGREE, basix.LagrangeVariant.gll_warped
     )
-    rule = basix.make_quadrature(basix.CellType.interval, 2 * DEGREE + 4)
-    points, weights = map(np.asarray, rule)
+    points, weights = rule(1, 2 * DEGREE + 4)
     order = [0, *range(2, DEGREE + 1), 1]  # along the interval
     table: Array = np.asarray(element.tabulate(1, points))
     values, slopes = table[:, :, order, 0]

@@ -169,15 +169,18 @@ class ContactBoundary:
 
     def chains(self) -> list[Indices]:
         """Return the points in order along each connected part of a plane contact boundary."""
+        return [points for points, _ in self.curves()]
+
+    def curves(self) -> list[tuple[Indices, Indices]]:
+        """Return the points and the pieces in order along each part, see `chains`."""
         pieces = self.pieces.copy()
         crowded = np.bincount(pieces.ravel())[pieces] > 2  # where a domain touches itself
         pieces[crowded] = len(self.points) + np.arange(np.count_nonzero(crowded))
-        return [
-            np.append(
-                self.pieces[curve[0, 0], curve[0, 1]], self.pieces[curve[:, 0], 1 - curve[:, 1]]
-            )
-            for curve in edge_chains(pieces)
-        ]
+        found = []
+        for rows, ends in (curve.T for curve in edge_chains(pieces)):
+            points = np.append(self.pieces[rows[0], ends[0]], self.pieces[rows, 1 - ends])
+            found.append((points, rows))
+        return found
 
 
 class ContactRegion(ContactBoundary):
@@ -237,7 +240,7 @@ def gather_contact_boundary(
     facets = owned_facets(domain, problem.contact)
     pairs = facet_cells(domain, facets)
     named: Indices = np.full(len(facets), -1)
-    sides = SidedMesh(domain, sides or {}).sides
+    sides = SidedMesh(domain, {} if sides is None else sides).sides
     for number, part in enumerate(sides.values()):
         named[np.isin(facets, part)] = number
     pieces, owners = facet_pieces(space, pairs)
@@ -313,9 +316,7 @@ def _gathered(
         return None
     points, values, corners, sides = found
     order = by_place(points)
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    corners = np.sort(place[corners], axis=1)
+    corners = np.sort(np.argsort(order)[corners], axis=1)
     in_order = np.lexsort(corners.T[::-1])
     corners, sides = corners[in_order], sides[in_order]
     points, values = points[order], values[order]

@@ -25,10 +25,10 @@ def draw_contact(boundary: ContactBoundary) -> Picture:
 def _draw_lines(boundary: ContactBoundary) -> Picture:
     figure = Picture(figsize=(7.6, 5.4))
     above, below = both = figure.panels(2, sharex=True)
-    start, chains = 0.0, boundary.chains()
+    start, curves = 0.0, boundary.curves()
     # All curves alike: a short one beside a long one is no less a curve.
-    marker = "." if max(map(len, chains), default=0) <= MARKED else ""
-    for chain in chains:
+    marker = "." if max((len(chain) for chain, _ in curves), default=0) <= MARKED else ""
+    for chain, pieces in curves:
         x = boundary.points[chain]
         s = start + np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(x, axis=0).T))))
         for axes, column, colour in ((above, 1, COLOURS[0]), (below, 2, COLOURS[1])):
@@ -36,7 +36,7 @@ def _draw_lines(boundary: ContactBoundary) -> Picture:
                 axes.axvline(start, color="black", linewidth=0.8, linestyle=":")
             axes.plot(s, boundary.values[chain, column], color=colour, marker=marker)
             _shade(axes, s, boundary.touching[chain])
-        _name_sides(both, boundary, chain, s)
+        _name_sides(both, boundary, pieces, s)
         start = float(s[-1])
     _cut_peak(below, boundary.values[:, 2])
     above.set_ylabel(_gap_label(boundary))
@@ -58,16 +58,11 @@ def _cut_peak(axes: Any, pressure: Array) -> None:
         axes.set_title(f"cut off: the pressure reaches {peak:.2g}", fontsize="medium")
 
 
-def _name_sides(both: Any, boundary: ContactBoundary, chain: Indices, s: Array) -> None:
+def _name_sides(both: Any, boundary: ContactBoundary, pieces: Indices, s: Array) -> None:
     """Write the names of the sides above a curve, with dotted lines where one side ends."""
-    if not boundary.names or len(chain) < 2:
+    if not boundary.names:
         return
-    ends = np.sort(np.stack((chain[:-1], chain[1:]), axis=1), axis=1)
-    count = len(boundary.points)
-    keys = boundary.pieces[:, 0] * count + boundary.pieces[:, 1]
-    order = np.argsort(keys)
-    found = order[np.searchsorted(keys[order], ends[:, 0] * count + ends[:, 1])]
-    sides = boundary.sides[found]
+    sides = boundary.sides[pieces]
     breaks = np.concatenate(([0], np.flatnonzero(np.diff(sides)) + 1, [len(sides)]))
     for first, last in itertools.pairwise(breaks):
         if first > 0:

@@ -16,10 +16,9 @@ from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.pictures.contact_boundary import Solved
 from dolfinx_signorini.pictures.palette import COLOURS
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.pictures.problem_pictures import draw_plane, gather_facets
+from dolfinx_signorini.pictures.problem_pictures import PICTURES, draw_plane, gather_facets
 from dolfinx_signorini.pictures.triangles import Slice, Triangles, gather_triangles
 
-PICTURES = {"contact": "contact pressure", "solution": "solution $u$"}
 LINES = {1.0: ("lower", COLOURS[1]), -1.0: ("upper", COLOURS[2])}
 
 Plane = tuple[str, float]

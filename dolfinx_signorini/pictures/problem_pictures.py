@@ -11,7 +11,6 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import by_text, check, indices, optional
 from dolfinx_signorini.meshes.sided_meshes import facet_nodes
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
@@ -23,7 +22,7 @@ from dolfinx_signorini.pictures.palette import COLOUR_MAP, CONTACT, IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture, add_triangles
 from dolfinx_signorini.pictures.triangles import Triangles, gather_triangles
 
-PICTURES = ("contact", "solution")
+PICTURES = {"contact": "contact pressure", "solution": "solution $u$"}
 TITLE = 180  # characters of a title that are drawn
 
 
@@ -40,13 +39,9 @@ def draw_problem(
         sides: Facets by the name of their side.
 
     Raises:
-        InputError: There is no such picture, or the problem is one on a line.
+        InputError: There is no such picture, the problem is one on a line, or the sides have other
+            facets than those of the mesh.
     """
-    check(sides=(sides, optional(by_text)))
-    for name, facets in (sides or {}).items():
-        wrong = indices(facets)
-        if wrong:
-            raise InputError(f"{name!r} {wrong}", "sides")
     if problem.u.function_space.mesh.geometry.dim == 1:
         raise InputError("pictures are known in the plane and in space", "problem")
     if what not in PICTURES:
@@ -86,7 +81,7 @@ def draw_solution(
         return None
     edges["in contact"] = boundary.points[boundary.pieces[boundary.in_contact]]
     styles = {**styles, "in contact": IN_CONTACT}
-    figure, axes = draw_plane(drawn, "solution $u$", edges, styles, title)
+    figure, axes = draw_plane(drawn, PICTURES["solution"], edges, styles, title)
     if len(points):
         axes.plot(
             *np.transpose(points),
@@ -157,7 +152,7 @@ def draw_plane(
 
 
 def draw_solid(
-    surface: Triangles, seen: Array, title: str = "", label: str = "solution $u$"
+    surface: Triangles, seen: Array, title: str = "", label: str = PICTURES["solution"]
 ) -> Picture:
     """Return a picture of a function on a solid's boundary, from where some triangles are seen."""
     figure = Picture(figsize=(7.6, 5.4))

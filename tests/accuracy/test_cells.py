@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, total, volumes
+from dolfinx_signorini.accuracy.cells import cell_norms, collected, rule_of_powers, total, volumes
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.names import parse_norm
@@ -54,6 +54,19 @@ def test_norms_in_space(comm, name, expected):
     domain = mesh.create_unit_cube(comm, 2, 3, 2)
     f = function(domain, 4, lambda x: x[0] ** 2 * x[1] * x[2])
     assert norm_of(f, name) == pytest.approx(expected, rel=1e-12)
+
+
+def test_powers_have_positive_weights(comm):
+    # Else a sum of powers that are no polynomials may be negative, and its root no number.
+    for domain, dim in ((friedrichs_keller(comm, 2), 2), (mesh.create_unit_cube(comm, 2, 2, 2), 3)):
+        for degree in range(1, 5):
+            element = fem.functionspace(domain, ("Lagrange", degree)).element.basix_element
+            for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 8.0):
+                points, weights = rule_of_powers(element, p).points(element.cell_type)
+                assert (weights > 0.0).all() and (points > 0.0).all()
+                assert (points.sum(axis=1) < 1.0).all()
+                mean = weights @ points[:, 0] ** degree * math.factorial(dim)
+                assert mean == pytest.approx(1.0 / math.comb(degree + dim, dim), rel=1e-12)
 
 
 def test_each_cell_has_its_own_norm(comm):

@@ -20,7 +20,7 @@ from dolfinx_signorini.norms import error_norms as norms_module
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints
-from dolfinx_signorini.norms.references import Reference, discrete, interpolant
+from dolfinx_signorini.norms.references import Reference, carried, discrete, interpolant
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, christof_haubner
 
 EXACT = QuadratureRule("default", 12)
@@ -414,3 +414,24 @@ def test_a_rule_of_forms_alone_is_refused_for_norms():
     )
     with pytest.raises(InputError, match="rule: 'vertex' is known in forms only"):
         error_norms(function, None, ["L2"], rule=QuadratureRule("vertex", 1))
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
+@pytest.mark.parametrize(("fine", "coarse"), [(32, 7), (7, 32)])
+def test_a_reference_reaches_as_far_as_a_mesh_of_a_disc(comm, fine, coarse, size):
+    def disc(n):
+        domain = mesh.create_rectangle(comm, [[-1, -1], [1, 1]], [n, n])
+        x = domain.geometry.x
+        radius = np.hypot(*x.T[:2])
+        x *= size * (np.abs(x).max(axis=1) / np.where(radius > 0.0, radius, 1.0))[:, None]
+        return domain
+
+    def plane(n):
+        u = fem.Function(fem.functionspace(disc(n), ("Lagrange", 1)))
+        u.interpolate(lambda x: 1.0 + x[0] / size)
+        return u
+
+    # Some points of one polygon are outside of the other one; there the function goes on.
+    u = plane(coarse)
+    error = error_norms(u, carried(plane(fine), u.function_space.mesh), ["Linf"])["Linf"]
+    assert error < 1e-9

@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.meshes.between_meshes import interpolate_between
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.refinement import refined
@@ -16,7 +17,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     covering_cells,
     owned_cells,
 )
-from dolfinx_signorini.solvers.transfer import Carrier, interpolate_between
+from dolfinx_signorini.solvers.transfer import Carrier
 
 COMM = MPI.COMM_WORLD
 

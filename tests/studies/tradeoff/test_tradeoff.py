@@ -277,8 +277,8 @@ def test_the_command_on_the_paper(comm: MPI.Comm, folder: Path) -> None:
         assert "uniform P1" in (out / "targets.txt").read_text()
         written = {path.name for path in out.iterdir()} - {"rows.jsonl"}
         assert written == set(result_files(report["settings"]["norms"]))
-    assert main([*arguments, "--page", str(folder / "page.md")]) == 0
-    if comm.rank == 0:
+    assert main([*arguments, "--page", str(folder / "page.md")]) == (0 if comm.size == 1 else 2)
+    if comm.rank == 0 and comm.size == 1:
         page = (folder / "page.md").read_text()
         for norm in report["settings"]["norms"]:
             cheapest_rows = target_table(compared(report["rows"], norm), norm)
@@ -333,6 +333,16 @@ def test_the_command_refuses_nonsense(comm: MPI.Comm, capfd: pytest.CaptureFixtu
         assert main(["tradeoff", *arguments]) == 2
         if comm.rank == 0:
             assert message in capfd.readouterr().err
+
+
+def test_a_page_on_several_ranks_needs_rows_on_one(comm, folder, capfd):
+    if comm.size == 1:
+        pytest.skip("is about several ranks")
+    page = folder / "page.md"
+    assert main(["tradeoff", "--out", str(folder / "out"), "--page", str(page)]) == 2
+    assert not page.exists()
+    if comm.rank == 0:
+        assert "--page: is of rows on one rank" in capfd.readouterr().err
 
 
 def test_the_phases_of_a_run_are_those_of_its_last_solve(comm):

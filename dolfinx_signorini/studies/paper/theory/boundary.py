@@ -17,6 +17,7 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
+from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.norms.boundary_edges import BoundaryEdges
 
 
@@ -57,7 +58,7 @@ class BoundaryCurve:
         self._rows, self._reverse = np.roll(rows, -first), np.roll(reverse, -first)
         self.x = self.edges.x[self._rows, self._reverse]
         index_map = space.dofmap.index_map
-        ends = self.edges.ends(space.dofmap.list)
+        ends = facet_dofs(space, self.edges.facets)[:, :2]
         dofs = index_map.local_to_global(ends.ravel()).reshape(ends.shape)
         self.dofs = self.edges.gathered(dofs)[self._rows, self._reverse]
         low, high = index_map.local_range

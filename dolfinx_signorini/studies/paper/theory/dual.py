@@ -19,11 +19,11 @@ from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.meshes.between_meshes import interpolate_between
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import interpolant
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.transfer import interpolate_between
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 from dolfinx_signorini.studies.paper.theory.boundary import edges_that_meet, ends_of
 from dolfinx_signorini.studies.paper.theory.discretisation import (
