@@ -5,7 +5,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 import ufl
@@ -24,7 +25,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Node(Number):
-    """One operation of a formula, equal to nothing but to this very operation.
+    """One operation of a formula. There is one node for all equal trees:
+
+        parse("x + 1").root is parse("x + 1").root
 
     For example, the product of 2 and the first coordinate:
 
@@ -47,6 +50,11 @@ class Node(Number):
     value: float = 0.0
     size: int = field(init=False)
     depth: int = field(init=False)
+    _known: ClassVar[WeakValueDictionary[tuple[object, ...], "Node"]] = WeakValueDictionary()
+
+    def __new__(cls, op: str, args: tuple["Node", ...] = (), value: float = 0.0) -> "Node":
+        key = op, args, value, math.copysign(1.0, value)  # -0.0 is not 0.0
+        return cls._known.setdefault(key, super().__new__(cls))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))

@@ -25,8 +25,7 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
-from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
-from dolfinx_signorini.data.names import Names, operations
+from dolfinx_signorini.data.formulas import Formula, Node, folded, nodes, number, shortened
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
 
@@ -93,7 +92,7 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
         root = _Reader(terminals).node(expression, (), {})
     except (Unreadable, ArithmeticError, RecursionError):
         return None
-    if operations(root) > MAX_SIZE:
+    if len(nodes(root)) > MAX_SIZE:
         return None
     if root.op == "number":  # the text of a large expression takes longer than all else
         return number(root.value)
@@ -228,10 +227,9 @@ def _terminal(e: Expr, component: Component, finite: bool) -> Node:
 
 def _product(a: Node, b: Node) -> Node:
     """Return a product; s hypot(a/s, b/s) with s >= 0, as of tiny a and b, is hypot(a, b)."""
-    names = Names()
     for scale, distance in ((a, b), (b, a)):
         parts = distance.args if distance.op == "hypot" else ()
-        scaled = [p.op == "/" and names[p.args[1]] == names[scale] for p in parts]
+        scaled = [p.op == "/" and p.args[1] is scale for p in parts]
         if any(scaled) and all(scaled) and enclosed_everywhere(scale).low.min() >= 0.0:
             return Node("hypot", (parts[0].args[0], parts[1].args[0]))
     return a * b
@@ -242,7 +240,6 @@ def _squares(node: Node) -> list[Node]:
     if node.op == "+":
         parts = [_squares(a) for a in node.args]
         return [a for part in parts for a in part] if all(parts) else []
-    names = Names()
-    if node.op == "*" and names[node.args[0]] == names[node.args[1]]:
+    if node.op == "*" and node.args[0] is node.args[1]:
         return [node.args[0]]
     return [node.args[0]] if node.op == "^" and node.args[1].value == 2.0 else []

@@ -25,7 +25,6 @@ from dolfinx_signorini.data.formulas import (
 )
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
-from dolfinx_signorini.data.names import Names
 from dolfinx_signorini.meshes.polynomials import barycentric, equispaced
 
 FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
@@ -227,12 +226,11 @@ class _Side(PerNode[Node]):
 
     def __init__(self, node: Node, side: float):
         super().__init__()
-        self.side, self.names = number(side).root, Names()
-        self.name = self.names[node]
+        self.node, self.side = node, number(side).root
 
     def find(self, node: Node) -> Node:
         margin = node.switch
-        if margin is None or self.name not in [self.names[a] for a in factors(margin, True)]:
+        if margin is None or self.node not in factors(margin, True):
             parts = tuple(map(self, node.args))
             return node if parts == node.args else Node(node.op, parts, node.value)
         sign = self._sign(margin)
@@ -243,7 +241,7 @@ class _Side(PerNode[Node]):
 
     def _sign(self, node: Node) -> Node:
         """The sign of a product that the function is a factor of."""
-        if self.names[node] == self.name:
+        if node is self.node:
             return self.side
         if node.op in ("*", "/"):
             return self._sign(node.args[0]) * self._sign(node.args[1])
