@@ -11,14 +11,14 @@ from collections import defaultdict
 from functools import lru_cache, reduce
 
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes, number
+from dolfinx_signorini.data.coefficients import tensor
+from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node, PerNode, nodes
 
 Product = frozenset[tuple[Node, float]]  # atoms with exponents
 Sum = dict[Product, tuple[float, float]]  # coefficients, and the sizes of what was added for each
 
 MOST = 400  # products
 LINE = Product()
-ZERO = Node("number")
 
 
 @lru_cache(maxsize=4)  # a scene is posed on many meshes
@@ -37,14 +37,8 @@ def load_and_current(
         d: The dimension of the domain.
     """
     slopes = [Derivative(k)(solution.root) for k in range(d)]
-    current = slopes
-    if len(diffusion) == 1:
-        current = [diffusion[0][0].root * slope for slope in slopes]
-    elif diffusion:
-        current = []
-        for row in diffusion:
-            terms = [a.root * s for a, s in zip(row, slopes, strict=True)]
-            current.append(sum(terms, ZERO))
+    rows = (zip(row, slopes, strict=True) for row in tensor(diffusion, d))
+    current = [sum((a * slope for a, slope in row), ZERO) for row in rows]
     load = -sum((Derivative(k)(w) for k, w in enumerate(current)), ZERO)
     if reaction is not None:
         load = load + reaction.root * solution.root
@@ -67,7 +61,7 @@ class Derivative(PerNode[Node]):
 
     def find(self, node: Node) -> Node:
         if node.op in ("number", "coordinate"):
-            return number(float(node.op == "coordinate" and node.value == self.k)).root
+            return ONE if node.op == "coordinate" and node.value == self.k else ZERO
         slopes = map(self, node.operands)
         found: Node = node.operation.slope(node, *node.operands, *node.exponents, *slopes)
         return found
@@ -138,12 +132,12 @@ class _Expansion(PerNode[Sum]):
         """Return the tree of a sum."""
         parts = []
         for term, (factor, _) in terms.items():
-            node = number(factor).root
+            node = Node("number", value=factor)
             for atom, exponent in sorted(term, key=lambda power: self.order(power[0])):
-                power = atom if exponent == 1.0 else Node("^", (atom, number(exponent).root))
-                node = Node("*", (node, power))
+                power = Node("^", (atom, Node("number", value=exponent)))
+                node = Node("*", (node, atom if exponent == 1.0 else power))
             parts.append(node)
-        return reduce(lambda a, b: Node("+", (a, b)), parts) if parts else number(0.0).root
+        return reduce(lambda a, b: Node("+", (a, b)), parts) if parts else ZERO
 
     def _look_at(self, node: Node) -> None:
         """Take down which squares can be replaced."""

@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.data.formulas import Formula, number
+from dolfinx_signorini.data.formulas import ONE, Formula
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import DEGREE, Datum
@@ -87,7 +87,7 @@ def with_reciprocal(entry: Formula) -> list[Formula]:
     """
     if entry.constant is not None:
         return [entry]
-    return [entry, Formula(f"1/({entry.text})", number(1.0).root / entry.root)]
+    return [entry, Formula(f"1/({entry.text})", ONE / entry.root)]
 
 
 def _outermost_choices(term: Expr) -> list[Expr]:

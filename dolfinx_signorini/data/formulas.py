@@ -9,13 +9,21 @@ from typing import Any, ClassVar, Generic, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.arithmetic import Number
-from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, VALUES_ALONE, Operation
+from dolfinx_signorini.data.operations import (
+    COMPARISONS,
+    LINE,
+    OPERATIONS,
+    POSITIVE,
+    VALUES_ALONE,
+    Operation,
+)
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS = {"pi": math.pi}
@@ -64,7 +72,8 @@ class Node(Number):
         """Return a number as a node."""
         return Node("number", value=float(value))
 
-    def made(self, op: str, *args: "Node") -> "Node":
+    @staticmethod
+    def made(op: str, *args: "Node") -> "Node":
         """Return an operation, or of numbers the number if that is finite."""
         if op == "where" and args[1].op == "number" and args[2].is_number(args[1].value):
             return args[1]
@@ -133,8 +142,8 @@ class Node(Number):
     def limits(self) -> tuple[float, float]:
         """Where the domain of the first operand begins and ends."""
         if self.op == "^" and self.args[1].value % 1.0:
-            return 0.0, math.inf
-        return self.operation.limits if self.args else (-math.inf, math.inf)
+            return POSITIVE
+        return self.operation.limits if self.args else LINE
 
     @functools.cached_property
     def switch(self) -> "Node | None":
@@ -147,6 +156,15 @@ class Node(Number):
         assert self.operation.branches is not None
         branches: tuple[Node, Node] = self.operation.branches(*self.args)
         return branches[0 if positive else 1]
+
+
+ZERO, ONE = Node("number"), Node("number", value=1.0)
+
+
+def coordinates(first: int, shape: tuple[int, ...]) -> npt.NDArray[np.object_]:
+    """Return coordinates from a number on, as an array of nodes."""
+    every = range(first, first + math.prod(shape))
+    return np.array([Node("coordinate", value=k) for k in every], dtype=object).reshape(shape)
 
 
 class PerNode(ABC, Generic[T]):

@@ -7,7 +7,6 @@ entries of a diffusion tensor, or the stiffness of an elastic body.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 from typing import Any, TypeAlias
 
 import basix
@@ -17,13 +16,13 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.coefficients import tensor
 from dolfinx_signorini.data.form_data import cells_of
-from dolfinx_signorini.data.formulas import Formula, Node, nodes, number, together
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, nodes, together
 from dolfinx_signorini.data.interfaces.jumps import marks_projections
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
 
-CORNERS = {2: 3, 3: 6}  # vertices of a triangle, edges of a tetrahedron
 Entries: TypeAlias = Any  # an array of nodes, shape (n, d, n, d)
 
 
@@ -68,7 +67,7 @@ class PrincipalPart:
             Shape (cells, corners, n, d, n, d).
         """
         shape = self.entries[0].shape
-        result = np.zeros((*shape, len(cells), CORNERS[self.domain.topology.dim]))
+        result = np.zeros((*shape, len(cells), len(self._corners)))
         for inside, place, values in self._at_corners(cells):
             result[place][inside] += values
         return np.moveaxis(result, (4, 5), (0, 1))
@@ -79,22 +78,26 @@ class PrincipalPart:
         Where coefficients differ, so do their combinations, but for unlikely coincidences.
         """
         weights = mixing(self.entries[0].shape)
-        result = np.zeros((len(cells), CORNERS[self.domain.topology.dim]))
+        result = np.zeros((len(cells), len(self._corners)))
         for inside, place, values in self._at_corners(cells):
             result[inside] += weights[place] * values
         return result
 
-    def _at_corners(self, cells: LocalIndices) -> Iterator[tuple[Mask, tuple[int, ...], Array]]:
-        """Yield the values of each entry, with the cells that have the entry."""
+    @property
+    def _corners(self) -> Array:
+        """The vertices of the reference triangle, or the middles of the tetrahedron's edges."""
         cell, dim = basix.CellType[self.domain.topology.cell_name()], self.domain.topology.dim
         corners = np.asarray(basix.geometry(cell))
-        middles = np.array([corners[list(v)].mean(axis=0) for v in basix.topology(cell)[dim - 2]])
-        points = Points(self.domain, cells, middles)
+        return np.array([corners[list(v)].mean(axis=0) for v in basix.topology(cell)[dim - 2]])
+
+    def _at_corners(self, cells: LocalIndices) -> Iterator[tuple[Mask, tuple[int, ...], Array]]:
+        """Yield the values of each entry, with the cells that have the entry."""
+        points = Points(self.domain, cells, self._corners)
         coordinates = dict(enumerate(points.inside))
         for first, f in self.functions.items():
             zero = np.zeros_like(points.inside[0])
             coordinates |= dict(enumerate([zero] if f is None else points.values(f), start=first))
-        x = np.zeros((len(cells), len(middles), 1 + max(coordinates)))
+        x = np.zeros((len(cells), len(self._corners), 1 + max(coordinates)))
         for k, values in coordinates.items():
             x[:, :, k] = values
         for entries, own in zip(self.entries, self.cells, strict=True):
@@ -122,9 +125,10 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         for place in np.ndindex(entries.shape):
             chosen = [place[0] + size * (1 + place[1]), place[2] + size * (1 + place[3])]
             read = [reading.formula(p, chosen, functions=True) for p in reading.places(i)]
-            if any(formula is None for formula in read):
+            known = [formula.root for formula in read if formula is not None]
+            if len(known) < len(read):
                 return None
-            entries[place] = _sum([formula for formula in read if formula is not None])
+            entries[place] = sum(known, ZERO)
         found.append(entries)
         cells.append(cells_of(space.mesh, integral))
     if not found:
@@ -153,16 +157,5 @@ def diffusion_part(domain: mesh.Mesh, rows: Sequence[Sequence[Formula]]) -> Prin
         domain: The mesh.
         rows: The rows of the tensor; one entry stands for a multiple of the identity, none for 1.
     """
-    dim = domain.geometry.dim
-    zero, roots = number(0.0).root, [[entry.root for entry in row] for row in rows]
-    if len(roots) <= 1:
-        factor = roots[0][0] if roots else number(1.0).root
-        roots = [[factor if i == j else zero for j in range(dim)] for i in range(dim)]
-    entries = np.empty((1, dim, 1, dim), dtype=object)
-    for i in range(dim):
-        entries[0, i, 0, :] = roots[i]
-    return PrincipalPart(domain, (entries,), (None,))
-
-
-def _sum(formulas: Sequence[Formula]) -> Node:
-    return reduce(lambda a, b: a + b, (f.root for f in formulas), number(0.0).root)
+    entries = np.array(tensor(rows, domain.geometry.dim), dtype=object)
+    return PrincipalPart(domain, (entries[None, :, None],), (None,))

@@ -25,7 +25,7 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
-from dolfinx_signorini.data.formulas import Formula, Node, folded, nodes, number, shortened
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, folded, nodes, number, shortened
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
 
@@ -127,7 +127,7 @@ class _Reader:
 
     def __init__(self, terminals: Terminals, values_alone: bool = False):
         self.terminals, self.values_alone = terminals, values_alone
-        self.fold = number(0.0).root.made if values_alone else folded
+        self.fold = Node.made if values_alone else folded
         self.known: dict[tuple[int, Component, Component], Node] = {}
 
     def node(self, expression: Expr, component: Component, indices: dict[int, int]) -> Node:
@@ -141,7 +141,7 @@ class _Reader:
     def _new(self, e: Expr, component: Component, indices: dict[int, int]) -> Node:
         if not isinstance(e, classes.Condition) and e in self.terminals:
             known = np.asarray(self.terminals[e])[component]
-            return known if isinstance(known, Node) else number(float(known)).root
+            return known if isinstance(known, Node) else Node("number", value=float(known))
         operands = e.ufl_operands
         if isinstance(e, classes.Terminal):
             return _terminal(e, component, not self.values_alone)
@@ -156,8 +156,7 @@ class _Reader:
         if isinstance(e, classes.IndexSum):
             i = operands[1][0].count()
             every = range(e.dimension())  # of a tensor where the summand is one
-            terms = (self.node(operands[0], component, indices | {i: k}) for k in every)
-            return reduce(lambda a, b: a + b, terms)
+            return sum((self.node(operands[0], component, indices | {i: k}) for k in every), ZERO)
         if isinstance(e, classes.ListTensor):
             return self.node(operands[component[0]], component[1:], indices)
         if isinstance(e, classes.Conditional):
@@ -171,7 +170,7 @@ class _Reader:
         if op in ("+", "/"):
             return reduce(OPERATIONS[op].value, arguments)
         if op in ("^", "sqrt"):
-            exponent = arguments[1] if op == "^" else number(0.5).root
+            exponent = arguments[1] if op == "^" else Node("number", value=0.5)
             return self._power(arguments[0], exponent)
         if self.values_alone and type(e) in SPECIAL:
             return Node(SPECIAL[type(e)], tuple(arguments))
@@ -222,7 +221,7 @@ def _terminal(e: Expr, component: Component, finite: bool) -> Node:
         raise Unreadable(e)
     if value.imag or (finite and not math.isfinite(value.real)):
         raise Unreadable(e)
-    return number(value.real).root
+    return Node("number", value=value.real)
 
 
 def _product(a: Node, b: Node) -> Node:

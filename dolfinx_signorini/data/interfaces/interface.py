@@ -16,11 +16,11 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import (
+    ZERO,
     Formula,
     Node,
     PerNode,
     evaluated,
-    number,
     together,
 )
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
@@ -226,7 +226,7 @@ class _Side(PerNode[Node]):
 
     def __init__(self, node: Node, side: float):
         super().__init__()
-        self.node, self.side = node, number(side).root
+        self.node, self.side = node, Node("number", value=side)
 
     def find(self, node: Node) -> Node:
         margin = node.switch
@@ -237,7 +237,7 @@ class _Side(PerNode[Node]):
         if sign.op == "number":
             return self(node.chosen(sign.value > 0.0))
         both = self(node.chosen(True)), self(node.chosen(False))
-        return Node("where", (sign > number(0.0).root, *both))
+        return Node("where", (sign > ZERO, *both))
 
     def _sign(self, node: Node) -> Node:
         """The sign of a product that the function is a factor of."""
@@ -248,4 +248,4 @@ class _Side(PerNode[Node]):
         if node.args and node.operation.vanishes == "with" and not is_even(node):
             sign = self._sign(node.args[0])
             return -sign if node.op == "negative" else sign
-        return self(node).made("sign", self(node))
+        return Node.made("sign", self(node))
