@@ -162,5 +162,4 @@ class _Chosen(PerNode[Node]):
     def find(self, node: Node) -> Node:
         if node.switch is not None:
             return self(node.chosen(self.positive[node.switch]))
-        parts = tuple(map(self, node.args))
-        return Node(node.op, parts, node.value) if parts else node
+        return Node(node.op, tuple(map(self, node.args)), node.value)

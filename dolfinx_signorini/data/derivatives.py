@@ -18,7 +18,6 @@ Product = frozenset[tuple[Node, float]]  # atoms with exponents
 Sum = dict[Product, tuple[float, float]]  # coefficients, and the sizes of what was added for each
 
 MOST = 400  # products
-LINE = Product()
 
 
 @lru_cache(maxsize=4)  # a scene is posed on many meshes
@@ -157,7 +156,7 @@ class _Expansion(PerNode[Sum]):
 
     def find(self, node: Node) -> Sum:
         if node.op == "number":
-            return {LINE: (node.value, abs(node.value))} if node.value else {}
+            return {Product(): (node.value, abs(node.value))} if node.value else {}
         if node in self.atoms:
             return self._atom(node)
         if node.op in ("negative", "+", "-"):
