@@ -49,7 +49,7 @@ class Approximation:
         found = approximated(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
 
     Attributes:
-        coefficients: Each polynomial Q in terms of `reference_flux.polynomials`.
+        coefficients: Each polynomial Q in terms of `polynomials`.
         missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
         mean: A bound of the mean of (f - Q) p on each simplex, for polynomials p of the same degree
             with values of at most 1.

@@ -16,7 +16,7 @@ from ufl.classes import Grad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import BLOCK, Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Node, coordinates, nodes, together
@@ -26,7 +26,6 @@ from dolfinx_signorini.meshes.points import Points
 # Of the largest value in a cell: a point that moves inwards as `Points.inside` has it changes the
 # square root of the distance from a vertex by much less.
 JUMP = SOLVED ** (1.0 / 3.0)
-BLOCK = 16_384  # points at a time, whose values stay in the cache of a processor
 
 
 class FormulaAtPoints:

@@ -93,14 +93,10 @@ class Reading:
 
     def total(self, places: Sequence[Place], chosen: Sequence[int], normal: int = 0) -> Formula:
         """Return the sum of the readable ones of some summands; see `formula`."""
-
-        def found() -> Formula:
-            parts = [self.formula(place, chosen, normal) for place in places]
-            known = [formula for formula in parts if formula is not None]
-            text = " + ".join(formula.text for formula in known)
-            return Formula(text, sum((formula.root for formula in known), ZERO))
-
-        return self._once((tuple(places), tuple(chosen), normal), found)
+        parts = [self.formula(place, chosen, normal) for place in places]
+        known = [formula for formula in parts if formula is not None]
+        text = " + ".join(formula.text for formula in known)
+        return Formula(text, sum((formula.root for formula in known), ZERO))
 
     def _has_linear_normals(self, place: Place) -> bool:
         term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
