@@ -5,8 +5,8 @@ entries of a diffusion tensor, or the stiffness of an elastic body.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import basix
@@ -37,14 +37,14 @@ class PrincipalPart:
         domain: The mesh.
         entries: The coefficients in each integral.
         cells: The owned cells of each integral; None for all of them.
-        functions: What stands for the coordinates of formulas behind those of space: functions, by
-            the number of the coordinate that their first component is; None for 0.
+        functions: The functions whose components are the coordinates of formulas behind those of
+            space, each with whether 0 stands in their places.
     """
 
     domain: mesh.Mesh
     entries: tuple[Entries, ...]
     cells: tuple[LocalIndices | None, ...]
-    functions: Mapping[int, fem.Function | None] = field(default_factory=dict)
+    functions: tuple[tuple[fem.Function, bool], ...] = ()
 
     @property
     def size(self) -> int:
@@ -93,13 +93,11 @@ class PrincipalPart:
     def _at_corners(self, cells: LocalIndices) -> Iterator[tuple[Mask, tuple[int, ...], Array]]:
         """Yield the values of each entry, with the cells that have the entry."""
         points = Points(self.domain, cells, self._corners)
-        coordinates = dict(enumerate(points.inside))
-        for first, f in self.functions.items():
-            zero = np.zeros_like(points.inside[0])
-            coordinates |= dict(enumerate([zero] if f is None else points.values(f), start=first))
-        x = np.zeros((len(cells), len(self._corners), 1 + max(coordinates)))
-        for k, values in coordinates.items():
-            x[:, :, k] = values
+        coordinates = list(points.inside)
+        zero = np.zeros_like(coordinates[0])
+        for f, is_zero in self.functions:
+            coordinates += [zero] * math.prod(f.ufl_shape) if is_zero else points.values(f)
+        x = np.stack(coordinates, axis=2)
         for entries, own in zip(self.entries, self.cells, strict=True):
             inside: Mask = np.isin(cells, own) if own is not None else np.ones(len(cells), bool)
             distinct: list[Node] = list(dict.fromkeys(entries.flat))
@@ -135,14 +133,13 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         return None
     leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
     used = {int(n.value) for n in leaves if n.op == "coordinate"}
-    functions, first = dict[int, fem.Function | None](), dim
+    functions, first = [], dim
     for f in a.coefficients():
         last = first + math.prod(f.ufl_shape)
-        if used & set(range(first, last)):
-            # Projections jump between cells, unlike the formula that they stand for.
-            functions[first] = None if marks_projections(f) else f
+        # Projections jump between cells, unlike the formula that they stand for.
+        functions.append((f, marks_projections(f) or not used & set(range(first, last))))
         first = last
-    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)
+    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), tuple(functions))
     try:  # values of functions in other spaces are not known
         part.at_corners(np.empty(0, dtype=np.int32))
     except InputError:
