@@ -14,14 +14,7 @@ from scipy.optimize.elementwise import find_root
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED
 from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.formulas import (
-    ZERO,
-    Formula,
-    Node,
-    PerNode,
-    evaluated,
-    together,
-)
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, PerNode, evaluated, together
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
 from dolfinx_signorini.meshes.polynomials import barycentric, equispaced

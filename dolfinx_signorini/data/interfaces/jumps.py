@@ -36,11 +36,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
 from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, jumps, poles
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import (
-    cell_corners,
-    longest_side,
-    sampled,
-)
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side, sampled
 
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
